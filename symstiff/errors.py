@@ -1,0 +1,8 @@
+"""The one exception that a user's mistake raises; the command line turns it into one line and exit code 2."""
+
+
+class UserError(ValueError):
+    """Input that cannot be used: the message names place, cause and remedy in one line."""
+
+    def __init__(self, message: str) -> None:
+        super().__init__(" ".join(message.split()))
