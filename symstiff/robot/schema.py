@@ -120,7 +120,7 @@ class Joint(_Frozen):
 
     @property
     def range(self) -> tuple[float, float]:
-        """The joint's limits, or a full turn (half a metre for a prismatic joint) where the file gives none."""
+        """The joint's limits; where the file gives none, a full turn, or 0 to 0.5 m if prismatic."""
         if self.limits is not None:
             return self.limits
         return (0.0, 0.5) if self.prismatic else (-math.pi, math.pi)
@@ -164,7 +164,7 @@ class GravityCompensator(_Frozen):
 
 
 class Template(_Frozen):
-    """A user's own compliance template: six rows of six characters, ``*`` for a term, ``0`` or ``.`` for none."""
+    """A user's compliance template: six rows of six characters, ``*`` a term, ``0`` or ``.`` none."""
 
     name: Identifier
     pattern: tuple[str, str, str, str, str, str]
@@ -227,7 +227,8 @@ class Robot(_Frozen):
         for index, link in enumerate(self.links):
             if link.template not in known:
                 raise UserError(
-                    f"link {index}: unknown template {link.template!r}: use beam, full, rigid or a [[template]] of the file"
+                    f"link {index}: unknown template {link.template!r}: "
+                    "use beam, full, rigid or a [[template]] of the file"
                 )
         names = [m.name for m in self.marker]
         if len(set(names)) != len(names) or "tcp" in names:
