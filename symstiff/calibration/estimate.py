@@ -1,0 +1,182 @@
+"""Weighted least squares for elastic parameters, with everything one needs to trust the result."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any, Literal
+
+import numpy as np
+import scipy.stats
+
+from symstiff.calibration.compact import Array, Compact, checked, compact
+from symstiff.calibration.rank import Combination, RankDecision, combinations, decide_rank
+from symstiff.errors import UserError
+
+
+@dataclass(frozen=True, eq=False)
+class Estimate:
+    """Identified parameters with their uncertainty.
+
+    values, std, lower, upper: (P,) in `units` (std infinite where the data do not determine the parameter);
+    covariance: (P, P) of the resolved part; residuals: (M,) measured minus predicted, in m and rad; whitened:
+    (M,) residuals over sigma; s0_squared: whitened residual sum over `dof` (nan without degrees of freedom);
+    unit_variance: the variance factor that std uses, 1 where sigma was given; condition: of the resolved part
+    of the column-scaled matrix; fit_p: probability of a residual sum this large when sigma holds (None
+    without sigma).
+    """
+
+    names: tuple[str, ...]
+    units: tuple[str, ...]
+    values: Array
+    std: Array
+    lower: Array
+    upper: Array
+    covariance: Array
+    residuals: Array
+    whitened: Array
+    s0_squared: float
+    unit_variance: float
+    dof: int
+    condition: float
+    confidence: float
+    fit_p: float | None
+    rank: RankDecision
+    combinations: tuple[Combination, ...]
+    compact: Compact
+
+    @property
+    def correlation(self) -> Array:
+        """(P, P) correlations of the resolved part."""
+        deviation = np.sqrt(np.maximum(np.diag(self.covariance), 0.0))
+        deviation = np.where(deviation > 0, deviation, 1.0)
+        return np.asarray(self.covariance / np.outer(deviation, deviation))
+
+    def correlated(self, at_least: float = 0.95) -> tuple[tuple[str, str, float], ...]:
+        """Pairs of parameters whose estimates move together, strongest first."""
+        table = self.correlation
+        pairs = [
+            (self.names[i], self.names[j], float(table[i, j]))
+            for i in range(len(self.names))
+            for j in range(i)
+            if abs(table[i, j]) >= at_least
+        ]
+        return tuple(sorted(pairs, key=lambda pair: -abs(pair[2])))
+
+    def to_dict(self) -> dict[str, Any]:
+        """A JSON-ready record: parameters, rank decision, fit; null for what is not finite."""
+        keys = ("value", "std", "lower", "upper")
+        columns = zip(self.values, self.std, self.lower, self.upper, strict=True)
+        rows = [{key: plain(v) for key, v in zip(keys, row, strict=True)} for row in columns]
+        named = zip(self.names, self.units, rows, strict=True)
+        return {
+            "parameters": {name: row | {"unit": unit} for name, unit, row in named},
+            "confidence": self.confidence,
+            "rank": self.rank.to_dict(),
+            "combinations": [
+                {"kept": c.kept, "others": c.others, "value": c.value, "std": plain(c.std)}
+                for c in self.combinations
+            ],
+            "condition": plain(self.condition),
+            "rows": len(self.residuals),
+            "degrees_of_freedom": self.dof,
+            "s0_squared": plain(self.s0_squared),
+            "fit_p": None if self.fit_p is None else plain(self.fit_p),
+            "correlated": [{"parameters": [a, b], "correlation": value} for a, b, value in self.correlated()],
+        }
+
+
+def plain(value: float) -> float | None:
+    """A float for JSON, None where it is not finite."""
+    return float(value) if math.isfinite(value) else None
+
+
+def estimate(
+    A: Array,
+    y: Array,
+    sigma: Array | None = None,
+    names: Sequence[str] | None = None,
+    *,
+    units: Sequence[str] | None = None,
+    confidence: float = 0.95,
+    truncate: Literal["noise", "rounding"] = "noise",
+) -> Estimate:
+    """Identify parameters by weighted least squares, through QR and SVD with scaled columns.
+
+    A: (M, P) observation matrix, y: (M,) measured deflections in m and rad; sigma: (M,) their standard
+    deviations, or None for equal ones estimated from the residuals; names, units: (P,), units by
+    the names where absent. truncate: whether directions drowned in noise are dropped like those lost in rounding.
+    Raises UserError for shapes, NaN and deviations that cannot be used. Source: seed eq. (7)–(8), (15)–(20).
+    """
+    names = [f"p{i + 1}" for i in range(np.shape(A)[1])] if names is None else names
+    A, y, sigma, named = checked(A, y, sigma, names)
+    if not 0.0 < confidence < 1.0:
+        raise UserError(f"confidence {confidence:g} is not between 0 and 1: give 0.95 for 95 %")
+    form = compact(A, y, sigma)
+    U, s, Vt = np.linalg.svd(form.R)
+    singular = np.concatenate([s, np.zeros(len(named) - len(s))])
+    known = U.T @ form.z
+    noise = _noise(form, s, known, sigma is not None) if truncate == "noise" else 0.0
+    silent = [name for name, column in zip(named, A.T, strict=True) if not column.any()]
+    decision = decide_rank(form, singular, Vt, named, noise, silent)
+    rank = decision.rank
+    root = (Vt[:rank].T / singular[:rank]) / form.scale[:, None]  # (P, r): covariance = root·rootᵀ
+    values = root @ known[:rank]
+    residuals = y - A @ values
+    whitened = residuals if sigma is None else residuals / sigma
+    dof = len(y) - rank
+    total = float(whitened @ whitened)
+    s0_squared = total / dof if dof > 0 else math.nan
+    unit_variance = 1.0 if sigma is not None else s0_squared
+    covariance = unit_variance * (root @ root.T)
+    std = np.sqrt(np.diag(covariance))
+    std[[name in decision.affected for name in named]] = np.inf
+    half = std * interval_factor(confidence, dof if sigma is None else None)
+    return Estimate(
+        names=named,
+        units=tuple(units) if units is not None else tuple(unit_of(name) for name in named),
+        values=values,
+        std=std,
+        lower=values - half,
+        upper=values + half,
+        covariance=covariance,
+        residuals=residuals,
+        whitened=whitened,
+        s0_squared=s0_squared,
+        unit_variance=unit_variance,
+        dof=dof,
+        condition=float(singular[0] / singular[rank - 1]) if rank else math.inf,
+        confidence=confidence,
+        fit_p=float(scipy.stats.chi2.sf(total, dof)) if sigma is not None and dof > 0 else None,
+        rank=decision,
+        combinations=combinations(decision, named, form.scale, values, covariance),
+        compact=form,
+    )
+
+
+def interval_factor(confidence: float, dof: int | None) -> float:
+    """Half width of a two-sided interval in standard deviations: Student's t, normal for known sigma."""
+    if dof is None:
+        return float(scipy.stats.norm.ppf(0.5 + confidence / 2))
+    return float(scipy.stats.t.ppf(0.5 + confidence / 2, dof)) if dof > 0 else math.inf
+
+
+def unit_of(name: str) -> str:
+    """The unit of a parameter by its name (`k2_26` → rad/N, `c3` → rad/(N*m)); empty for other names."""
+    body, _, axes = name[1:].partition("_")
+    if name[:1] == "c" and name[1:].isdigit():
+        return "rad/(N*m)"
+    if name[:1] == "k" and body.isdigit() and len(axes) == 2 and set(axes) <= set("123456"):
+        rotations = (axes[0] > "3") + (axes[1] > "3")
+        return ("m/N", "rad/N", "rad/(N*m)")[rotations]
+    return ""
+
+
+def _noise(form: Compact, s: Array, known: Array, given: bool) -> float:
+    """Standard deviation of a whitened row: 1 where sigma is given, else from the residuals."""
+    if given:
+        return 1.0
+    rank = int(np.sum(s > s[0] * form.rows * np.finfo(float).eps)) if s.size else 0
+    dof = form.rows - rank
+    return math.sqrt((form.rest + float(np.sum(known[rank:] ** 2))) / dof) if dof > 0 else 0.0
