@@ -1,1 +1,1 @@
-
+"""From measured deflections to parameters: tables, virtual experiments, identification, choice of poses."""

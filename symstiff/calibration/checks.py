@@ -1,0 +1,121 @@
+"""Rows against each other and against the robot: duplicates, contradictory poses, markers, joint limits."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from symstiff.calibration.measurements import Measurements
+from symstiff.errors import UserError
+from symstiff.robot import Robot
+
+_SAME_POSE = 1e-3  # rad or m; commanded configurations of one label agree far better than this
+_FAR_OUTSIDE = 0.1  # of the joint's range
+_SHOWN = 3
+
+
+def check_rows(table: Measurements) -> None:
+    """Refuse duplicate rows, one label for two configurations, and deflections under no load at all."""
+    _one_configuration_a_label(table)
+    _no_duplicates(table)
+    if table.kind == "deflection" and not table.w.any():
+        raise UserError(
+            f"{table.place(0)}: every wrench is zero: deflection data need their loads: "
+            "give columns fx[N] … mz[N*m]"
+        )
+
+
+def _one_configuration_a_label(table: Measurements) -> None:
+    first = _first_rows(table.pose, len(table.labels))
+    apart = np.abs(table.q - table.q[first[table.pose]]).max(axis=1, initial=0.0)
+    if (apart > _SAME_POSE).any():
+        row = int(np.argmax(apart > _SAME_POSE))
+        label = table.labels[table.pose[row]]
+        raise UserError(
+            f"{table.place(row)}: pose {label!r} has other joint values than at "
+            f"{table.place(int(first[table.pose[row]]))}: give each configuration its own label"
+        )
+
+
+def _first_rows(index: np.ndarray, count: int) -> np.ndarray:
+    first = np.zeros(count, dtype=np.intp)
+    first[index[::-1]] = np.arange(len(index))[::-1]
+    return first
+
+
+def _no_duplicates(table: Measurements) -> None:
+    context = np.column_stack([table.repeat, table.branch, table.load_step])
+    first = _first_equal(np.column_stack([table.pose, table.point, table.w, context]))
+    again = np.flatnonzero(first != np.arange(len(first)))
+    if again.size:
+        row = int(again[0])
+        raise UserError(
+            f"{table.place(row)}: duplicate of {table.place(int(first[row]))} "
+            "(same pose, load and point): drop it, or number repeated measurements in a column 'repeat'"
+        )
+
+
+def _first_equal(keys: np.ndarray) -> np.ndarray:
+    """Return for every row the first row that equals it (NaN equals NaN)."""
+    keys = np.ascontiguousarray(np.nan_to_num(keys, nan=-1e300) + 0.0)  # + 0.0: -0.0 equals 0.0
+    packed = keys.view(np.dtype((np.void, keys.dtype.itemsize * keys.shape[1]))).ravel()
+    _, first, inverse = np.unique(packed, return_index=True, return_inverse=True)
+    return np.asarray(first[inverse.ravel()])
+
+
+def check_robot(table: Measurements, robot: Robot) -> list[str]:
+    """Check a table against a robot: joints, their kinds, markers; return warnings, one line each.
+
+    Raises UserError where the table cannot belong to the robot. Warned of: joint values far outside the
+    limits, and the same measurement under two pose labels.
+    """
+    if table.dof != robot.dof:
+        raise UserError(
+            f"{table.place(0)}: {table.dof} joint columns, robot {robot.name} has {robot.dof} joints: "
+            f"give q1 … q{robot.dof}, or name the right robot"
+        )
+    for k, (unit, joint) in enumerate(zip(table.joint_units, robot.joint, strict=True), 1):
+        fits = "m" if joint.prismatic else "rad"
+        if unit != fits:
+            kind, units = ("prismatic", "m or mm") if joint.prismatic else ("revolute", "deg or rad")
+            raise UserError(f"{table.place(0)}: joint {k} of {robot.name} is {kind}: give q{k} in {units}")
+    known = {"tcp", *(m.name for m in robot.marker)}
+    for index, name in enumerate(table.points):
+        rows = np.flatnonzero(table.point == index)
+        if name not in known and rows.size:
+            raise UserError(
+                f"{table.place(int(rows[0]))}: robot {robot.name} has no marker {name!r}: "
+                f"use one of {', '.join(sorted(known))}, or add a [[marker]] to the robot file"
+            )
+    return _outside_limits(table, robot) + _copied(table)
+
+
+def _outside_limits(table: Measurements, robot: Robot) -> list[str]:
+    warnings = []
+    for k, joint in enumerate(robot.joint):
+        low, high = joint.range
+        if joint.limits is None and not joint.prismatic:
+            continue
+        margin = _FAR_OUTSIDE * (high - low)
+        rows = np.flatnonzero((table.q[:, k] < low - margin) | (table.q[:, k] > high + margin))
+        if rows.size:
+            places = "; ".join(table.place(int(row)) for row in rows[:_SHOWN])
+            more = f" and {rows.size - _SHOWN} more" if rows.size > _SHOWN else ""
+            warnings.append(
+                f"q{k + 1} is far outside its limits [{low:g}, {high:g}] at {places}{more}: check its unit, "
+                "sign and zero"
+            )
+    return warnings
+
+
+def _copied(table: Measurements) -> list[str]:
+    if table.kind == "none":
+        return []
+    first = _first_equal(np.column_stack([table.q, table.w, table.point, table.values]))
+    again = np.flatnonzero(table.pose[first] != table.pose)
+    if not again.size:
+        return []
+    row = int(again[0])
+    return [
+        f"{table.place(row)}: same joints, load and measured values as {table.place(int(first[row]))} "
+        f"under another label ({again.size} such rows): a copied pose adds no information"
+    ]

@@ -1,0 +1,191 @@
+"""A measurement table as arrays: one row per pose, load case and measured point; SI units."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, fields, replace
+from typing import TYPE_CHECKING, Any, Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from symstiff.errors import UserError
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+Kind = Literal["deflection", "absolute", "none"]
+Floats = NDArray[np.float64]
+Ints = NDArray[np.intp]
+
+COMPONENTS = ("x", "y", "z", "rx", "ry", "rz")
+CONTEXT = ("time", "temperature", "load_step", "branch", "repeat")
+_ROWS = ("pose", "q", "w", "point", "values", "sigma", *CONTEXT, "file", "line")
+
+
+@dataclass(frozen=True)
+class Measurements:
+    """M rows of a measurement table, a poses table or a trajectory (kind "none": nothing measured).
+
+    Arrays with M rows: ``pose`` and ``point`` index ``labels`` and ``points``; ``q`` (M, n) in rad or m
+    (``joint_units``); ``w`` (M, 6) in N and N·m, at the tool centre point, base axes; ``values`` (M, 6) in
+    m and rad, NaN for components that were not measured; ``sigma`` (M, 6), NaN where unknown; the context
+    ``time`` [s], ``temperature`` [degC], ``load_step``, ``branch`` (+1 up, -1 down) and ``repeat``, NaN where
+    unknown; ``file`` and ``line``, where a row came from (line 0: from no file).
+    """
+
+    labels: tuple[str, ...]
+    pose: Ints
+    q: Floats
+    w: Floats
+    points: tuple[str, ...]
+    point: Ints
+    kind: Kind
+    values: Floats
+    sigma: Floats
+    time: Floats
+    temperature: Floats
+    load_step: Floats
+    branch: Floats
+    repeat: Floats
+    joint_units: tuple[str, ...]
+    files: tuple[str, ...] = ()
+    file: Ints = None  # type: ignore[assignment]
+    line: Ints = None  # type: ignore[assignment]
+
+    def __post_init__(self) -> None:
+        rows = len(self.q)
+        for name in ("file", "line"):
+            if getattr(self, name) is None:
+                object.__setattr__(self, name, np.zeros(rows, dtype=np.intp))
+        for name in _ROWS:
+            array = getattr(self, name)
+            if len(array) != rows:
+                raise ValueError(f"{name} has {len(array)} rows, q has {rows}")
+            if array.flags.writeable:
+                array = array.copy()
+                array.setflags(write=False)
+                object.__setattr__(self, name, array)
+
+    def __len__(self) -> int:
+        return len(self.q)
+
+    @property
+    def dof(self) -> int:
+        """Number of joint columns n."""
+        return int(self.q.shape[1])
+
+    @property
+    def measured(self) -> NDArray[np.bool_]:
+        """(M, 6): which components of which rows were measured."""
+        return np.isfinite(self.values)
+
+    @property
+    def measures(self) -> Literal["pose", "position"]:
+        """ "pose" if any rotation was measured, else "position"."""
+        return "pose" if bool(self.measured[:, 3:].any()) else "position"
+
+    def select(self, rows: Any) -> Measurements:
+        """Return the rows that an index array or a mask selects; labels and points stay as they are."""
+        return replace(self, **{name: getattr(self, name)[rows] for name in _ROWS})
+
+    def place(self, row: int) -> str:
+        """Say where a row came from, for messages: ``data.csv: line 7``."""
+        if not self.files or self.line[row] == 0:
+            return f"row {row + 1}"
+        return f"{self.files[self.file[row]]}: line {self.line[row]}"
+
+    def frame(self) -> pd.DataFrame:
+        """Return the rows as a pandas DataFrame, in the units of the CSV file (rad, mm, N)."""
+        import pandas as pd
+
+        from symstiff.calibration.writing import columns
+
+        return pd.DataFrame(columns(self))
+
+
+def measurements(
+    q: Any,
+    w: Any = None,
+    *,
+    labels: Sequence[str] | None = None,
+    pose: Any = None,
+    points: Sequence[str] = ("tcp",),
+    point: Any = None,
+    kind: Kind = "none",
+    values: Any = None,
+    sigma: Any = None,
+    time: Any = None,
+    temperature: Any = None,
+    load_step: Any = None,
+    branch: Any = None,
+    repeat: Any = None,
+    joint_units: Sequence[str] | None = None,
+) -> Measurements:
+    """Build a table from arrays; what is left out is unknown, zero load, the tool centre point.
+
+    ``q`` is (M, n); without ``pose`` equal rows of ``q`` are one pose, labelled p1, p2, … in order of
+    appearance; ``joint_units`` are "rad" where not given.
+    """
+    q = np.atleast_2d(np.asarray(q, dtype=float))
+    rows, dof = q.shape
+    if pose is None:
+        seen: dict[bytes, int] = {}
+        pose = [seen.setdefault(row.tobytes(), len(seen)) for row in q + 0.0]
+    pose = np.asarray(pose, dtype=np.intp)
+    if labels is None:
+        labels = [f"p{k + 1}" for k in range(int(pose.max(initial=-1)) + 1)]
+    return Measurements(
+        labels=tuple(labels),
+        pose=pose,
+        q=q,
+        w=_rows(w, (rows, 6), 0.0),
+        points=tuple(points),
+        point=np.zeros(rows, dtype=np.intp) if point is None else np.asarray(point, dtype=np.intp),
+        kind=kind,
+        values=_rows(values, (rows, 6), np.nan),
+        sigma=_rows(sigma, (rows, 6), np.nan),
+        joint_units=tuple(joint_units) if joint_units is not None else ("rad",) * dof,
+        time=_rows(time, (rows,), np.nan),
+        temperature=_rows(temperature, (rows,), np.nan),
+        load_step=_rows(load_step, (rows,), np.nan),
+        branch=_rows(branch, (rows,), np.nan),
+        repeat=_rows(repeat, (rows,), np.nan),
+    )
+
+
+def concatenate(tables: Sequence[Measurements]) -> Measurements:
+    """Put tables one after the other; a pose label or point name means the same in all of them.
+
+    Raises UserError where they measure different things or have different joints.
+    """
+    first = tables[0]
+    for table in tables[1:]:
+        for what, a, b in (
+            ("kind of data", first.kind, table.kind),
+            ("joints", ", ".join(first.joint_units), ", ".join(table.joint_units)),
+        ):
+            if a != b:
+                raise UserError(
+                    f"{table.place(0)}: {what} {b!r} where the tables before it have {a!r}: "
+                    f"use one kind of table at a time"
+                )
+    merged: dict[str, Any] = {f.name: getattr(first, f.name) for f in fields(Measurements)}
+    for names, index in (("labels", "pose"), ("points", "point"), ("files", "file")):
+        order: dict[str, int] = {}
+        parts = []
+        for table in tables:
+            lookup = np.array(
+                [order.setdefault(name, len(order)) for name in getattr(table, names)] or [0], dtype=np.intp
+            )
+            parts.append(lookup[getattr(table, index)])
+        merged[names], merged[index] = tuple(order), np.concatenate(parts)
+    for name in _ROWS:
+        if name not in ("pose", "point", "file"):
+            merged[name] = np.concatenate([getattr(table, name) for table in tables])
+    return Measurements(**merged)
+
+
+def _rows(given: Any, shape: tuple[int, ...], default: float) -> Floats:
+    array = np.full(shape, default) if given is None else np.asarray(given, dtype=float)
+    return np.array(np.broadcast_to(array, shape))

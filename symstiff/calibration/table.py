@@ -1,0 +1,253 @@
+"""Measurement and poses tables and trajectories: CSV in, ``Measurements`` out, every mistake with its line.
+
+The stages of reading one file: text (UTF-8, not binary) → rows with line numbers → columns with units
+(``Columns``) → numbers in SI → consistency of the rows (``checks``). The format is the one of the README:
+one row per pose, load case and measured point, units in brackets in the header.
+"""
+
+from __future__ import annotations
+
+import csv
+import io
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Literal
+
+import numpy as np
+
+from symstiff.calibration.checks import check_robot, check_rows
+from symstiff.calibration.columns import Columns, read_header
+from symstiff.calibration.measurements import (
+    COMPONENTS,
+    CONTEXT,
+    Floats,
+    Ints,
+    Kind,
+    Measurements,
+    concatenate,
+    measurements,
+)
+from symstiff.calibration.units import KELVIN
+from symstiff.calibration.writing import write_table
+from symstiff.errors import UserError
+
+__all__ = [
+    "Measurements",
+    "check_robot",
+    "concatenate",
+    "measurements",
+    "read_measurements",
+    "read_poses",
+    "write_table",
+]
+
+_MAX_BYTES = 1_000_000_000
+Paths = str | Path | Sequence[str | Path]
+
+
+def read_measurements(paths: Paths) -> Measurements:
+    """Read one or several measurement tables as one.
+
+    Raises UserError with file and line for whatever the format does not allow; for tables without measured
+    columns; for deflection data in which every wrench is zero.
+    """
+    return _read(paths, "measured")
+
+
+def read_poses(paths: Paths) -> Measurements:
+    """Read poses tables or trajectories: the columns of a measurement table, measured ones may be absent.
+
+    Raises UserError with file and line.
+    """
+    return _read(paths, "poses")
+
+
+def _read(paths: Paths, purpose: Literal["measured", "poses"]) -> Measurements:
+    if isinstance(paths, str | Path):
+        paths = [paths]
+    if not paths:
+        raise UserError("no table given: name at least one CSV file")
+    table = concatenate([read_file(Path(path), purpose) for path in paths])
+    check_rows(table)
+    return table
+
+
+def read_file(path: Path, purpose: Literal["measured", "poses"]) -> Measurements:
+    """Read one CSV file; rows are checked one by one here, against each other in ``check_rows``."""
+    origin = str(path)
+    lines, rows = _cells(_text(path, origin), origin)
+    columns = read_header(rows[0], f"{origin}: line {lines[0]}", purpose)
+    lines, rows = lines[1:], rows[1:]
+    if not rows:
+        raise UserError(f"{origin}: a header and no rows: add at least one row of data")
+    width = len(columns.headers)
+    for line, row in zip(lines, rows, strict=True):
+        if len(row) != width:
+            raise UserError(
+                f"{origin}: line {line}: {len(row)} cells where the header has {width}: "
+                "one comma between cells, a point as decimal mark"
+            )
+    return _Reader(origin, np.array(lines, dtype=np.intp), columns, list(zip(*rows, strict=True))).table()
+
+
+def _text(path: Path, origin: str) -> str:
+    try:
+        if path.stat().st_size > _MAX_BYTES:
+            raise UserError(f"{origin}: larger than {_MAX_BYTES} bytes: split the table into several files")
+        data = path.read_bytes()
+    except OSError as error:
+        raise UserError(f"{origin}: cannot read the table: {error.strerror}: check the path") from error
+    if b"\0" in data:
+        line = data.count(b"\n", 0, data.index(b"\0")) + 1
+        raise UserError(f"{origin}: line {line}: not a text file: save the table as CSV in UTF-8")
+    try:
+        return data.decode("utf-8-sig")
+    except UnicodeDecodeError as error:
+        line = data.count(b"\n", 0, error.start) + 1
+        raise UserError(
+            f"{origin}: line {line}: not text in UTF-8: save the table as CSV in UTF-8"
+        ) from error
+
+
+def _cells(text: str, origin: str) -> tuple[list[int], list[list[str]]]:
+    """Split into rows of cells, with the line each row ends on; empty lines are skipped."""
+    reader = csv.reader(io.StringIO(text, newline=""), strict=True)
+    lines, rows = [], []
+    try:
+        for row in reader:
+            if row and (row[0] or any(cell.strip() for cell in row)):
+                lines.append(reader.line_num)
+                rows.append(row)
+    except csv.Error as error:
+        raise UserError(
+            f"{origin}: line {reader.line_num}: not a row of a CSV table ({error}): check its quotes"
+        ) from error
+    if not rows:
+        raise UserError(f"{origin}: empty file: a table has a header line and rows")
+    return lines, rows
+
+
+class _Reader:
+    """Turns the text columns of one file into arrays."""
+
+    def __init__(
+        self, origin: str, lines: np.ndarray, columns: Columns, cells: list[tuple[str, ...]]
+    ) -> None:
+        self.origin, self.lines, self.columns, self.cells = origin, lines, columns, cells
+
+    def table(self) -> Measurements:
+        rows, dof = len(self.lines), len(self.columns.joints)
+        labels, pose = self._names("pose")
+        points, point = self._names("point") if "point" in self.columns.named else (("tcp",), pose * 0)
+        q = np.empty((rows, dof))
+        for k, name in enumerate(self.columns.joints):
+            q[:, k] = self._numbers(name)
+        w = np.zeros((rows, 6))
+        for k, name in enumerate(("fx", "fy", "fz", "mx", "my", "mz")):
+            if name in self.columns.named:
+                w[:, k] = self._numbers(name)
+        kind: Kind = self.columns.kind
+        values, sigma = np.full((rows, 6), np.nan), np.full((rows, 6), np.nan)
+        for k, component in enumerate(COMPONENTS):
+            name = f"d{component}" if kind == "deflection" else component
+            if kind != "none" and name in self.columns.named:
+                values[:, k] = self._numbers(name)
+            if f"sigma_{component}" in self.columns.named:
+                sigma[:, k] = self._sigma(f"sigma_{component}")
+        context = {name: self._context(name) for name in CONTEXT}
+        return Measurements(
+            labels=labels,
+            pose=pose,
+            q=q,
+            w=w,
+            points=points,
+            point=point,
+            kind=kind,
+            values=values,
+            sigma=sigma,
+            joint_units=self.columns.joint_units,
+            files=(self.origin,),
+            file=np.zeros(rows, dtype=np.intp),
+            line=self.lines,
+            **context,
+        )
+
+    def _fail(self, row: int | np.intp, name: str, what: str) -> UserError:
+        header = self.columns.headers[self.columns.named[name].index]
+        return UserError(f"{self.origin}: line {self.lines[row]}: column {header}: {what}")
+
+    def _names(self, name: str) -> tuple[tuple[str, ...], np.ndarray]:
+        order: dict[str, int] = {}
+        index = np.array(
+            [
+                order.setdefault(cell.strip(), len(order))
+                for cell in self.cells[self.columns.named[name].index]
+            ],
+            dtype=np.intp,
+        )
+        if "" in order:
+            row = int(np.argmax(index == order[""]))
+            raise self._fail(row, name, f"missing value: give every row its {name}")
+        return tuple(order), index
+
+    def _numbers(self, name: str, rows: Ints | None = None) -> Floats:
+        """Return a numeric column (or some rows of it) in SI; every cell must be a plausible number."""
+        column = self.columns.named[name]
+        cells: Sequence[str] = self.cells[column.index]
+        if rows is None:
+            rows = np.arange(len(cells))
+        else:
+            cells = [cells[row] for row in rows]
+        try:
+            if "_" in "".join(cells):  # NumPy reads 1_000 as a number, the format does not
+                raise ValueError
+            raw = np.array(cells, dtype=float)
+        except ValueError:
+            raise self._bad_cell(name, cells, rows) from None
+        if not np.isfinite(raw).all():
+            k = int(np.argmin(np.isfinite(raw)))
+            raise self._fail(
+                rows[k], name, f"{cells[k].strip()!r} is no finite number: correct or drop the row"
+            )
+        values = raw * column.factor
+        too_large = np.abs(values) > column.limit
+        if too_large.any():
+            k = int(np.argmax(too_large))
+            raise self._fail(rows[k], name, f"{cells[k].strip()} {column.complaint}")
+        return np.asarray(values)
+
+    def _bad_cell(self, name: str, cells: Sequence[str], rows: Ints) -> UserError:
+        for row, cell in zip(rows, cells, strict=True):
+            if not cell.strip():
+                return self._fail(row, name, "missing value: fill it in, or drop the row or the column")
+            try:
+                float(cell.replace("_", "?"))
+            except ValueError:
+                shown = cell.strip() if len(cell) <= 30 else cell.strip()[:27] + "..."
+                return self._fail(row, name, f"{shown!r} is no number: use a point as decimal mark, no units")
+        return self._fail(0, name, "cannot be read as numbers")
+
+    def _sigma(self, name: str) -> Floats:
+        values = self._numbers(name)
+        if (values <= 0).any():
+            row = int(np.argmax(values <= 0))
+            raise self._fail(row, name, "a standard deviation is positive: correct it or drop the column")
+        return values
+
+    def _context(self, name: str) -> Floats:
+        """Return a context column; an empty cell means that it is not known for that row."""
+        if name not in self.columns.named:
+            return np.full(len(self.lines), np.nan)
+        column = self.columns.named[name]
+        cells = [cell.strip() for cell in self.cells[column.index]]
+        known = np.flatnonzero([bool(cell) for cell in cells])
+        values = np.full(len(cells), np.nan)
+        if name == "branch":
+            signs = {"up": 1.0, "down": -1.0}
+            for row in known:
+                if cells[row].lower() not in signs:
+                    raise self._fail(row, name, f"{cells[row]!r} is no branch: write up or down")
+                values[row] = signs[cells[row].lower()]
+            return values
+        values[known] = self._numbers(name, known)
+        return values - KELVIN if column.unit == "K" else values
