@@ -105,8 +105,8 @@ def estimate(
     """Identify parameters by weighted least squares, through QR and SVD with scaled columns.
 
     A: (M, P) observation matrix, y: (M,) measured deflections in m and rad; sigma: (M,) their standard
-    deviations, or None for equal ones estimated from the residuals; names, units: (P,), units by
-    the names where absent. truncate: whether directions drowned in noise are dropped like those lost in rounding.
+    deviations, or None for equal ones estimated from the residuals; names, units: (P,), units by the names
+    where absent. truncate: whether directions drowned in noise are dropped like those lost in rounding.
     Raises UserError for shapes, NaN and deviations that cannot be used. Source: seed eq. (7)–(8), (15)–(20).
     """
     names = [f"p{i + 1}" for i in range(np.shape(A)[1])] if names is None else names

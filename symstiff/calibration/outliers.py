@@ -1,0 +1,118 @@
+"""Rows and poses that a robust fit could not reconcile with the rest."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+import scipy.stats
+
+from symstiff.calibration.compact import Array
+
+_UNTESTABLE = 1e-6  # of the noise variance: a residual that the fit itself forces to zero says nothing
+
+
+@dataclass(frozen=True, eq=False)
+class HuberFit:
+    """A Huber fit in the orthonormal basis Q: solution (r,), residual and weights (M,), system QᵀWQ (r, r)."""
+
+    solution: Array
+    residual: Array
+    weights: Array
+    system: Array
+    scale: float
+    iterations: int
+    converged: bool
+
+
+@dataclass(frozen=True)
+class Suspect:
+    """A row or a pose that the others contradict; p_value is of this one test, not of all together."""
+
+    label: str
+    rows: tuple[int, ...]
+    size: float  # rms of the standardised residuals
+    weight: float  # mean Huber weight, 1 where fully used
+    p_value: float
+
+    def __str__(self) -> str:
+        return f"{self.label}: residuals {self.size:.1f} times the noise, weight {self.weight:.2f}"
+
+
+def row_suspects(Q: Array, fit: HuberFit, significance: float) -> tuple[Suspect, ...]:
+    """Rows whose standardised residual a clean data set of this size would show with chance `significance`.
+
+    Q: (M, r) orthonormal whitened observation matrix. The residual's variance counts the fit's own share:
+    full for a row that was used fully, more than the noise for one that was weighed down.
+    """
+    dof = len(Q) - Q.shape[1]
+    if fit.scale <= 0.0 or dof <= 0:
+        return ()
+    inverse, spread = _spread(Q, fit)
+    used = fit.weights * np.einsum("mr,rs,ms->m", Q, inverse, Q, optimize=True)
+    variance = 1.0 - 2.0 * used + np.einsum("mr,rs,ms->m", Q, spread, Q, optimize=True)
+    standard = np.where(
+        variance > _UNTESTABLE, fit.residual / (fit.scale * np.sqrt(np.maximum(variance, _UNTESTABLE))), 0.0
+    )
+    p = 2.0 * scipy.stats.t.sf(np.abs(standard), dof)
+    found = np.flatnonzero(p < significance / len(Q))
+    worst = found[np.argsort(-np.abs(standard[found]), kind="stable")]
+    return tuple(
+        Suspect(f"row {m}", (int(m),), abs(float(standard[m])), float(fit.weights[m]), float(p[m]))
+        for m in worst
+    )
+
+
+def pose_suspects(
+    Q: Array, fit: HuberFit, groups: npt.NDArray[np.int_], labels: Sequence[str] | None, significance: float
+) -> tuple[Suspect, ...]:
+    """Poses whose rows together do not fit: an F test of each pose's residuals with their own covariance.
+
+    groups: (M,) pose index of every row; labels: names by index.
+    """
+    dof = len(Q) - Q.shape[1]
+    if fit.scale <= 0.0 or dof <= 0:
+        return ()
+    inverse, spread = _spread(Q, fit)
+    order = np.argsort(groups, kind="stable")
+    members = np.split(order, np.flatnonzero(np.diff(groups[order])) + 1)
+    found = []
+    for size in sorted({len(rows) for rows in members}):
+        block = np.array([rows for rows in members if len(rows) == size])
+        statistic, free = _pose_statistics(Q[block], fit, block, inverse, spread)
+        p = scipy.stats.f.sf(statistic / np.maximum(free, 1), np.maximum(free, 1), dof)
+        for g in np.flatnonzero(p < significance / len(members)):
+            index = int(groups[block[g, 0]])
+            found.append(
+                Suspect(
+                    f"pose {index if labels is None else labels[index]}",
+                    tuple(int(m) for m in block[g]),
+                    float(np.sqrt(statistic[g] / free[g])),
+                    float(np.mean(fit.weights[block[g]])),
+                    float(p[g]),
+                )
+            )
+    return tuple(sorted(found, key=lambda suspect: -suspect.size))
+
+
+def _spread(Q: Array, fit: HuberFit) -> tuple[Array, Array]:
+    """(QᵀWQ)⁻¹ and the covariance (QᵀWQ)⁻¹·QᵀW²Q·(QᵀWQ)⁻¹ of the weighted solution, in units of the noise."""
+    inverse = np.linalg.inv(fit.system)
+    weighted = fit.weights[:, None] * Q
+    return np.asarray(inverse), np.asarray(inverse @ (weighted.T @ weighted) @ inverse)
+
+
+def _pose_statistics(
+    Qg: Array, fit: HuberFit, block: npt.NDArray[np.int_], inverse: Array, spread: Array
+) -> tuple[Array, npt.NDArray[np.int_]]:
+    """Residuals weighed with their own covariance, (G,), and in how many directions they can vary, (G,)."""
+    weights, residual = fit.weights[block], fit.residual[block] / fit.scale
+    half = (Qg @ inverse @ Qg.transpose(0, 2, 1)) * weights[:, None, :]
+    covariance = np.eye(block.shape[1]) - half - half.transpose(0, 2, 1) + Qg @ spread @ Qg.transpose(0, 2, 1)
+    eigenvalues, vectors = np.linalg.eigh(covariance)
+    free = eigenvalues > _UNTESTABLE
+    along = np.einsum("gmk,gm->gk", vectors, residual)
+    statistic = np.sum(np.where(free, along**2 / np.where(free, eigenvalues, 1.0), 0.0), axis=1)
+    return statistic, np.sum(free, axis=1)

@@ -1,0 +1,152 @@
+"""Robust identification: Huber weights by iteration, the scale by the median, and a report of outliers."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from symstiff.calibration.compact import Array, Compact, checked
+from symstiff.calibration.estimate import Estimate, estimate, interval_factor, plain
+from symstiff.calibration.outliers import HuberFit, Suspect, pose_suspects, row_suspects
+from symstiff.calibration.rank import combinations
+
+HUBER = 1.345  # of the scale: 95 % efficient on normal noise
+_MAD_TO_SIGMA = 1.482602218505602
+_ROUNDS = 200
+
+
+@dataclass(frozen=True, eq=False)
+class RobustEstimate:
+    """A Huber fit: `estimate` holds values and their deviations; weights: (M,) in (0, 1].
+
+    scale: noise of a whitened row by the median absolute residual (1 where sigma was right); rows, poses:
+    suspects, worst first.
+    """
+
+    estimate: Estimate
+    weights: Array
+    scale: float
+    rows: tuple[Suspect, ...]
+    poses: tuple[Suspect, ...]
+    iterations: int
+    converged: bool
+
+    def to_dict(self) -> dict[str, Any]:
+        """A JSON-ready record."""
+
+        def listed(suspects: tuple[Suspect, ...]) -> list[dict[str, Any]]:
+            return [
+                {"label": s.label, "size": s.size, "weight": s.weight, "p_value": s.p_value} for s in suspects
+            ]
+
+        return self.estimate.to_dict() | {
+            "robust": {
+                "scale": plain(self.scale),
+                "iterations": self.iterations,
+                "converged": self.converged,
+                "rows": listed(self.rows),
+                "poses": listed(self.poses),
+            }
+        }
+
+
+def robust_estimate(
+    A: Array,
+    y: Array,
+    sigma: Array | None = None,
+    names: Sequence[str] | None = None,
+    *,
+    groups: npt.ArrayLike | None = None,
+    labels: Sequence[str] | None = None,
+    units: Sequence[str] | None = None,
+    confidence: float = 0.95,
+    tuning: float = HUBER,
+    significance: float = 0.01,
+) -> RobustEstimate:
+    """Identify with Huber's loss on whitened residuals and report which rows and poses do not fit.
+
+    A: (M, P), y, sigma as in `estimate`; groups: (M,) pose index of every row, with labels by index; tuning:
+    residuals beyond tuning·scale count linearly; significance: chance that a clean data set shows any suspect
+    row (and any suspect pose). Raises UserError as `estimate`. Source: Huber, Robust Statistics, ch. 7.
+    """
+    start = estimate(A, y, sigma, names, units=units, confidence=confidence)
+    A, y, sigma, _ = checked(A, y, sigma, start.names)
+    root = resolved_root(start.compact, start.rank.rank)
+    Q = (A if sigma is None else A / sigma[:, None]) @ root
+    fit = _huber(Q, y if sigma is None else y / sigma, tuning)
+    if fit.iterations:
+        start = _with_fit(start, A, y, sigma, root, Q, fit, tuning)
+    rows = row_suspects(Q, fit, significance)
+    poses = () if groups is None else pose_suspects(Q, fit, np.asarray(groups), labels, significance)
+    return RobustEstimate(start, fit.weights, fit.scale, rows, poses, fit.iterations, fit.converged)
+
+
+def resolved_root(form: Compact, rank: int) -> Array:
+    """(P, r) matrix that makes the whitened observation matrix orthonormal: root·rootᵀ is the covariance."""
+    _, s, Vt = np.linalg.svd(form.R)
+    return np.asarray((Vt[:rank].T / s[:rank]) / form.scale[:, None])
+
+
+def _huber(Q: Array, target: Array, tuning: float) -> HuberFit:
+    """Iterate weights and scale in an orthonormal basis, where the weighted system is well conditioned."""
+    rows, rank = Q.shape
+    weights, scale, iterations, converged = np.ones(rows), 0.0, 0, rows <= rank
+    floor = 1e-12 * float(np.sqrt(np.mean(target**2)))
+    system = np.eye(rank)
+    solution = Q.T @ target
+    residual = target - Q @ solution
+    while not converged and iterations < _ROUNDS:
+        scale = _MAD_TO_SIGMA * float(np.median(np.abs(residual))) * np.sqrt(rows / (rows - rank))
+        if scale <= floor:
+            break
+        iterations += 1
+        weights = 1.0 / np.maximum(np.abs(residual) / (tuning * scale), 1.0)
+        system = Q.T @ (weights[:, None] * Q)
+        previous, solution = solution, np.linalg.solve(system, Q.T @ (weights * target))
+        residual = target - Q @ solution
+        # In this basis every coordinate has the noise's standard deviation.
+        converged = bool(np.max(np.abs(solution - previous)) < 1e-5 * scale)
+    return HuberFit(solution, residual, weights, system, scale, iterations, converged or scale <= floor)
+
+
+def _with_fit(
+    start: Estimate,
+    A: Array,
+    y: Array,
+    sigma: Array | None,
+    root: Array,
+    Q: Array,
+    fit: HuberFit,
+    tuning: float,
+) -> Estimate:
+    """The least-squares record with the robust values and Huber's covariance in place of its own."""
+    values = root @ fit.solution
+    residuals = y - A @ values
+    inside = np.abs(fit.residual) <= tuning * fit.scale
+    share, (rows, rank) = float(np.mean(inside)), Q.shape
+    spread = float(np.sum(np.clip(fit.residual, -tuning * fit.scale, tuning * fit.scale) ** 2)) / (
+        rows - rank
+    )
+    correction = 1.0 + rank / rows * (1.0 - share) / share
+    variance = correction**2 * spread / share**2
+    covariance = variance * (root @ root.T)
+    std = np.where(np.isinf(start.std), np.inf, np.sqrt(np.diag(covariance)))
+    half = std * interval_factor(start.confidence, start.dof)
+    return replace(
+        start,
+        values=values,
+        std=std,
+        lower=values - half,
+        upper=values + half,
+        covariance=covariance,
+        residuals=residuals,
+        whitened=fit.residual,
+        s0_squared=float(fit.residual @ fit.residual) / start.dof,
+        unit_variance=variance,
+        fit_p=None,
+        combinations=combinations(start.rank, start.names, start.compact.scale, values, covariance),
+    )
