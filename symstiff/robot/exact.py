@@ -13,8 +13,11 @@ from symstiff.errors import UserError
 if TYPE_CHECKING:
     import sympy
 
-_TOKEN = re.compile(r"\s*(?:(\d+\.?\d*(?:[eE][+-]?\d+)?|\.\d+(?:[eE][+-]?\d+)?)|(pi\b|π)|([-+*/()]))")
+_NUMBER = r"(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?"
+_TOKEN = re.compile(rf"\s*({_NUMBER}|pi\b|π|[-+*/()])", re.ASCII)
+_NON_FINITE = re.compile(r"\s*[+-]?(inf|infinity|nan)\s*", re.IGNORECASE)
 _MAX_TEXT = 200
+_MAX_BITS = 1024  # the greatest number is that of a double
 _MAX_EXPONENT = 300
 
 
@@ -70,100 +73,136 @@ class Exact:
         return rational + sp.Rational(self.pi.numerator, self.pi.denominator) * sp.pi
 
 
+@dataclass(frozen=True)
+class Decimal:
+    """A TOML float as its file writes it: 0.1 is one tenth, and 1e999999999 has not been expanded."""
+
+    text: str
+
+    def __repr__(self) -> str:
+        return self.text
+
+
 def parse_exact(value: Any) -> Exact:
-    """Read an integer, a decimal (as text) or an expression of numbers, pi, ``+ - * / ( )``.
+    """Read an integer, a decimal, or an expression of numbers, pi, ``+ - * / ( )``.
 
     Raises UserError for anything else: a non-finite number, another name, a malformed expression.
     """
-    if isinstance(value, Exact):
-        return value
+    number = _read(value)
+    try:
+        float(number)
+    except OverflowError:
+        raise UserError(f"expected a finite number, found {shown(value)}") from None
+    return number
+
+
+def shown(value: Any) -> str:
+    """A value of a file as a message quotes it: short and printable, whatever it is."""
+    if isinstance(value, dict):
+        return "a table"
+    if isinstance(value, list | tuple):
+        return "an array"
     if isinstance(value, bool):
-        raise UserError(f"expected a number, found {value!r}")
-    if isinstance(value, int):
-        return Exact(Fraction(value))
-    if isinstance(value, float):
-        if not math.isfinite(value):
-            raise UserError(f"expected a finite number, found {value}")
-        return Exact(Fraction(repr(value)))
-    if isinstance(value, Fraction):
-        return Exact(value)
-    if not isinstance(value, str):
-        raise UserError(f'expected a number or an expression like "-pi/2", found {value!r}')
-    return _Parser(value).parse()
+        return str(value).lower()
+    if isinstance(value, int) and value.bit_length() > _MAX_BITS:
+        return "an integer beyond all bounds"
+    text = repr(value)
+    return text if len(text) <= 40 else f"{text[:37]}..."
 
 
-class _Parser:
-    """Recursive descent over ``expr = term {(+|-) term}``, ``term = unary {(*|/) unary}``."""
-
-    def __init__(self, text: str) -> None:
-        self.text = text
-        self.tokens = self._tokens(text)
-        self.position = 0
-
-    def _fail(self) -> UserError:
-        shown = self.text if len(self.text) <= 40 else self.text[:37] + "..."
-        return UserError(
-            f'cannot read {shown!r} as a number: use integers, decimals, pi, + - * / ( ), e.g. "-pi/2"'
-        )
-
-    def _tokens(self, text: str) -> list[str]:
-        stripped = (
-            text.strip().replace("_", "") if re.fullmatch(r"[\d_.+\-eE]+", text.strip()) else text.strip()
-        )
-        if re.fullmatch(r"[+-]?(inf|nan)", stripped):
-            raise UserError(f"expected a finite number, found {stripped}")
-        if not stripped or len(text) > _MAX_TEXT:
-            raise self._fail()
-        tokens, position = [], 0
-        while position < len(stripped):
-            match = _TOKEN.match(stripped, position)
-            if match is None:
-                raise self._fail()
-            tokens.append(match.group(0).strip())
-            position = match.end()
-        return tokens
-
-    def _peek(self) -> str:
-        return self.tokens[self.position] if self.position < len(self.tokens) else ""
-
-    def _next(self) -> str:
-        token = self._peek()
-        self.position += 1
-        return token
-
-    def parse(self) -> Exact:
-        value = self._sum()
-        if self._peek():
-            raise self._fail()
-        return value
-
-    def _sum(self) -> Exact:
-        value = self._product()
-        while self._peek() in ("+", "-"):
-            value = value + self._product() if self._next() == "+" else value - self._product()
-        return value
-
-    def _product(self) -> Exact:
-        value = self._unary()
-        while self._peek() in ("*", "/"):
-            value = value * self._unary() if self._next() == "*" else value / self._unary()
-        return value
-
-    def _unary(self) -> Exact:
-        token = self._next()
-        if token in ("+", "-"):
-            operand = self._unary()
-            return -operand if token == "-" else operand
-        if token == "(":
-            value = self._sum()
-            if self._next() != ")":
-                raise self._fail()
+def _read(value: Any) -> Exact:
+    match value:
+        case Exact():
             return value
-        if token in ("pi", "π"):
+        case Decimal(text):
+            return _expression(text.replace("_", ""))
+        case str():
+            return _expression(value)
+        case bool():
+            raise UserError(f"expected a number, found {shown(value)}")
+        case int() if value.bit_length() <= _MAX_BITS:
+            return Exact(Fraction(value))
+        case Fraction():
+            return Exact(value)
+        case float() if math.isfinite(value):
+            return Exact(Fraction(repr(float(value))))
+        case int() | float():
+            raise UserError(f"expected a finite number, found {shown(value)}")
+    raise UserError(f'expected a number or an expression like "-pi/2", found {shown(value)}')
+
+
+def _expression(text: str) -> Exact:
+    if _NON_FINITE.fullmatch(text):
+        raise UserError(f"expected a finite number, found {text.strip()}")
+    tokens = _tokens(text)
+    try:
+        value = _sum(tokens)
+    except (_MalformedError, RecursionError):
+        raise _unreadable(text) from None
+    if tokens:
+        raise _unreadable(text)
+    return value
+
+
+def _unreadable(text: str) -> UserError:
+    return UserError(
+        f'cannot read {shown(text)} as a number: use integers, decimals, pi, + - * / ( ), e.g. "-pi/2"'
+    )
+
+
+class _MalformedError(Exception):
+    """The tokens are no expression."""
+
+
+def _tokens(text: str) -> list[str]:
+    """The tokens of an expression, last one first: ``pop`` takes the next."""
+    stripped, found, position = text.strip(), [], 0
+    if not stripped or len(text) > _MAX_TEXT:
+        raise _unreadable(text)
+    while position < len(stripped):
+        match = _TOKEN.match(stripped, position)
+        if match is None:
+            raise _unreadable(text)
+        found.append(match.group(1))
+        position = match.end()
+    return found[::-1]
+
+
+def _sum(tokens: list[str]) -> Exact:
+    value = _product(tokens)
+    while tokens and tokens[-1] in "+-":
+        value = value + _product(tokens) if tokens.pop() == "+" else value - _product(tokens)
+    return value
+
+
+def _product(tokens: list[str]) -> Exact:
+    value = _unary(tokens)
+    while tokens and tokens[-1] in "*/":
+        value = value * _unary(tokens) if tokens.pop() == "*" else value / _unary(tokens)
+    return value
+
+
+def _unary(tokens: list[str]) -> Exact:
+    match tokens.pop() if tokens else "":
+        case "+":
+            return _unary(tokens)
+        case "-":
+            return -_unary(tokens)
+        case "(":
+            value = _sum(tokens)
+            if not tokens or tokens.pop() != ")":
+                raise _MalformedError
+            return value
+        case "pi" | "π":
             return Exact(pi=Fraction(1))
-        if not token or token in "*/)":
-            raise self._fail()
-        _, _, exponent = token.lower().partition("e")
-        if exponent and abs(int(exponent)) > _MAX_EXPONENT:
-            raise UserError(f"expected a finite number, found {token}")
-        return Exact(Fraction(token))
+        case "" | "*" | "/" | ")":
+            raise _MalformedError
+        case number:
+            return Exact(Fraction(_bounded(number)))
+
+
+def _bounded(number: str) -> str:
+    _, _, exponent = number.lower().partition("e")
+    if exponent and abs(int(exponent)) > _MAX_EXPONENT:
+        raise UserError(f"expected a finite number, found {shown(Decimal(number))}")
+    return number

@@ -11,9 +11,12 @@ from typing import Any
 from pydantic import ValidationError
 
 from symstiff.errors import UserError
+from symstiff.robot.exact import Decimal
+from symstiff.robot.mistakes import explain, printable
 from symstiff.robot.schema import Robot
 
-_MAX_BYTES = 1_000_000
+_MAX_BYTES = 250_000
+_MAX_LINE = 10_000
 
 
 def library() -> tuple[str, ...]:
@@ -27,33 +30,58 @@ def load(robot: str | Path) -> Robot:
     name = str(robot)
     if name in library():
         return _library_robot(name)
-    path = Path(robot)
-    if not path.exists() and path.suffix != ".toml":
-        raise UserError(f"no robot {name!r}: give a path to a robot file or one of {', '.join(library())}")
-    try:
-        data = path.read_bytes()
-    except OSError as error:
-        raise UserError(f"{name}: cannot read the robot file: {error.strerror}") from error
-    return parse(data, name)
+    return parse(_read(Path(robot)), name)
 
 
 @cache
 def _library_robot(name: str) -> Robot:
-    return parse(
-        (resources.files("symstiff.robot") / "library" / f"{name}.toml").read_bytes(), f"{name}.toml"
-    )
+    file = resources.files("symstiff.robot") / "library" / f"{name}.toml"
+    return parse(file.read_bytes(), f"{name}.toml")
+
+
+def _read(path: Path) -> bytes:
+    name = printable(str(path))
+    try:
+        if path.is_dir():
+            raise UserError(f"{name}: is a directory: give a robot file (.toml)")
+        with path.open("rb") as file:
+            return file.read(_MAX_BYTES + 1)
+    except FileNotFoundError as error:
+        known = ", ".join(library())
+        raise UserError(f"{name}: no such robot: give a path to a robot file, or one of {known}") from error
+    except OSError as error:
+        raise UserError(f"{name}: cannot read the robot file: {error.strerror}") from error
+    except UserError:
+        raise
+    except ValueError as error:  # a NUL or a lone surrogate in the path
+        raise UserError(f"{name}: is no path: {error}") from error
 
 
 def parse(data: bytes, origin: str = "robot file") -> Robot:
     """Validate the bytes of a robot file; ``origin`` stands in messages. Raises UserError."""
+    origin = printable(origin)
     if len(data) > _MAX_BYTES:
         raise UserError(f"{origin}: larger than {_MAX_BYTES} bytes: not a robot file")
     try:
-        table = tomllib.loads(data.decode("utf-8"), parse_float=str)
+        text = data.decode("utf-8-sig")
     except UnicodeDecodeError as error:
-        raise UserError(f"{origin}: not a text file in UTF-8 (byte {error.start})") from error
-    except (tomllib.TOMLDecodeError, ValueError, RecursionError) as error:
-        raise UserError(f"{origin}: not valid TOML: {error}") from error
+        raise UserError(
+            f"{origin}: not a text file in UTF-8 (byte {error.start}): save it as UTF-8"
+        ) from error
+    # Thousands of dotted parts in one key, or of brackets on one line, take the TOML parser minutes.
+    for number, line in enumerate(text.split("\n"), start=1):
+        if len(line) > _MAX_LINE:
+            raise UserError(
+                f"{origin}: line {number} is longer than {_MAX_LINE} characters: not a robot file"
+            )
+    try:
+        table = tomllib.loads(text, parse_float=Decimal)
+    except RecursionError as error:
+        raise UserError(f"{origin}: not valid TOML: arrays or tables nested too deeply") from error
+    except tomllib.TOMLDecodeError as error:
+        raise UserError(f"{origin}: not valid TOML: {printable(str(error), 200)}") from error
+    except ValueError as error:  # an integer of thousands of digits, a date that does not exist
+        raise UserError(f"{origin}: not valid TOML: a number or date out of range") from error
     return from_table(table, origin)
 
 
@@ -61,28 +89,5 @@ def from_table(table: dict[str, Any], origin: str = "robot") -> Robot:
     """Validate a robot given as nested dictionaries. Raises UserError."""
     try:
         return Robot.model_validate(table)
-    except UserError as error:
-        raise UserError(f"{origin}: {error}") from error
     except ValidationError as error:
-        raise UserError(f"{origin}: {explain(error)}") from error
-
-
-def explain(error: ValidationError) -> str:
-    """Say the first mistake of a pydantic error: its key, what is wrong, what to do."""
-    details = error.errors()[0]
-    parts = [str(p) if isinstance(p, str) else f"[{p + 1}]" for p in details["loc"]]
-    key = ".".join(parts).replace(".[", "[")
-    kind, message = details["type"], details["msg"].removeprefix("Value error, ")
-    if kind == "extra_forbidden":
-        message = "unknown key: remove it or correct its spelling"
-    elif kind == "missing":
-        message = "missing: add it"
-    elif kind == "string_pattern_mismatch":
-        message = f"{details['input']!r} is no identifier: use [a-z][a-z0-9_]*"
-    elif kind == "too_short" and key == "joint":
-        message = "a robot has at least one [[joint]]"
-    elif kind == "too_long" and key == "joint":
-        message = f"{details['ctx']['actual_length']} joints: at most {details['ctx']['max_length']}"
-    elif kind == "literal_error":
-        message = f"{details['input']!r}: use {details['ctx']['expected']}"
-    return f"{key}: {message}" if key else message
+        raise UserError(f"{printable(origin)}: {explain(error)}") from error

@@ -5,14 +5,30 @@ from __future__ import annotations
 import math
 from typing import Annotated, Any, Literal
 
-from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, field_validator, model_validator
+from pydantic import (
+    AfterValidator,
+    BaseModel,
+    BeforeValidator,
+    ConfigDict,
+    Field,
+    PlainValidator,
+    field_validator,
+    model_validator,
+)
 
 from symstiff.errors import UserError
-from symstiff.robot.exact import Exact, parse_exact
+from symstiff.robot.exact import Exact, parse_exact, shown
 
 MAX_JOINTS = 64
-_LONGEST = 100.0  # m; anything beyond is a length in millimetres
+_MAX_ROWS = 100  # markers, templates
+_LONGEST = 20.0  # m; anything beyond is a length in millimetres
 _WIDEST = 8 * math.pi  # rad; joint limits beyond four turns are degrees
+_HEAVIEST = 100_000.0  # kg
+_SOFTEST = 1000.0  # rad/(N·m) or m/N; anything beyond is a stiffness
+
+Triple = tuple[Exact, Exact, Exact]
+ZERO = Exact()
+BUILT_IN_TEMPLATES = frozenset({"beam", "full", "rigid"})
 
 
 def _length(value: Any) -> Exact:
@@ -32,9 +48,17 @@ def _angle(value: Any) -> Exact:
 
 
 def _finite(value: Any) -> float:
-    number = float(parse_exact(value))
-    if not math.isfinite(number):
-        raise UserError("expected a finite number")
+    return float(parse_exact(value))
+
+
+def _metres(value: Any) -> float:
+    return float(_length(value))
+
+
+def _mass(value: Any) -> float:
+    number = _finite(value)
+    if not 0 <= number <= _HEAVIEST:
+        raise UserError(f"a mass is between 0 and {_HEAVIEST:g} kg, found {number:g}")
     return number
 
 
@@ -42,16 +66,43 @@ def _compliance(value: Any) -> float:
     number = _finite(value)
     if number < 0:
         raise UserError(f"a compliance is not negative, found {number:g}")
+    return _entry(number)
+
+
+def _entry(value: Any) -> float:
+    number = _finite(value)
+    if abs(number) > _SOFTEST:
+        raise UserError(f'{number:g} looks like a stiffness: give its inverse, e.g. "1/{abs(number):g}"')
     return number
+
+
+def _beam_axis(value: Any) -> Any:
+    if value is None or (isinstance(value, str) and value in ("x", "y", "z")):
+        return value
+    if not isinstance(value, list | tuple) or len(value) != 3:
+        raise UserError(f'use "x", "y", "z" or a direction such as [0.35, 0, 0.675], found {shown(value)}')
+    direction = tuple(parse_exact(component) for component in value)
+    if not any(direction):
+        raise UserError('a beam\'s direction cannot be the zero vector: use "x", "y", "z" or a direction')
+    return direction
+
+
+def _readable(value: str) -> str:
+    if not value.isprintable() or len(value) > 1000:
+        raise UserError("use one line of at most 1000 printable characters")
+    return value
 
 
 Length = Annotated[Exact, BeforeValidator(_length)]
 Angle = Annotated[Exact, BeforeValidator(_angle)]
 Number = Annotated[float, BeforeValidator(_finite)]
+Metres = Annotated[float, BeforeValidator(_metres)]
+Mass = Annotated[float, BeforeValidator(_mass)]
 Compliance = Annotated[float, BeforeValidator(_compliance)]
+Entry = Annotated[float, BeforeValidator(_entry)]
+Text = Annotated[str, AfterValidator(_readable)]
 Identifier = Annotated[str, Field(pattern=r"^[a-z][a-z0-9_]{0,62}$")]
-Triple = tuple[Exact, Exact, Exact]
-ZERO = Exact()
+BeamAxis = Annotated[Literal["x", "y", "z"] | Triple | None, PlainValidator(_beam_axis)]
 
 
 class _Frozen(BaseModel):
@@ -68,36 +119,20 @@ class Placement(_Frozen):
 class Link(_Frozen):
     """The elastic body after a joint: its elastic frame, compliance template, mass and known compliances."""
 
-    beam_axis: Literal["x", "y", "z"] | tuple[Length, Length, Length] | None = None
+    beam_axis: BeamAxis = None
     template: str = "beam"
-    mass: Number = 0.0  # kg
-    com: tuple[Number, Number, Number] = (0.0, 0.0, 0.0)  # m, in DH frame i
-    compliance: dict[str, Number] = {}  # known values by "11" … "66", SI units
-
-    @field_validator("beam_axis")
-    @classmethod
-    def _direction(cls, value: Any) -> Any:
-        if isinstance(value, tuple) and not any(value):
-            raise UserError(
-                'a beam\'s direction cannot be the zero vector: give "x", "y", "z" or a direction'
-            )
-        return value
-
-    @field_validator("mass")
-    @classmethod
-    def _mass(cls, value: float) -> float:
-        if value < 0:
-            raise UserError(f"a mass is not negative, found {value:g} kg")
-        return value
+    mass: Mass = 0.0  # kg
+    com: tuple[Metres, Metres, Metres] = (0.0, 0.0, 0.0)  # m, in DH frame i
+    compliance: dict[str, Entry] = {}  # known values by "11" … "66", SI units
 
     @field_validator("compliance")
     @classmethod
     def _entries(cls, value: dict[str, float]) -> dict[str, float]:
-        for key in value:
+        for key, entry in value.items():
             if len(key) != 2 or not set(key) <= set("123456") or key[0] > key[1]:
-                raise UserError(
-                    f'compliance entry {key!r}: name it by row and column, "11" to "66", row ≤ column'
-                )
+                raise UserError(f'entry {shown(key)}: name it by row and column, "11" to "66", row ≤ column')
+            if key[0] == key[1] and entry < 0:
+                raise UserError(f"entry {key}: a compliance on the diagonal is not negative, found {entry:g}")
         return value
 
 
@@ -148,18 +183,18 @@ class Base(Placement):
 class Marker(_Frozen):
     """A measured point, in frame n [m]."""
 
-    name: Annotated[str, Field(pattern=r"^[A-Za-z][A-Za-z0-9_]*$")]
+    name: Annotated[str, Field(pattern=r"^[A-Za-z][A-Za-z0-9_]{0,62}$")]
     xyz: tuple[Length, Length, Length]
 
 
 class GravityCompensator(_Frozen):
     """A spring between two links that acts on one joint; its geometry [m] and rate [N/m] where known."""
 
-    joint: Annotated[int, Field(ge=1)]
-    L: Number | None = None
-    ax: Number | None = None
-    ay: Number | None = None
-    s0: Number | None = None
+    joint: Annotated[int, Field(ge=1, strict=True)]
+    L: Metres | None = None
+    ax: Metres | None = None
+    ay: Metres | None = None
+    s0: Metres | None = None
     rate: Number | None = None
 
 
@@ -184,15 +219,15 @@ class Robot(_Frozen):
 
     format: Literal[1]
     name: Identifier
-    title: str = ""
+    title: Text = ""
     convention: Literal["standard", "modified"] = "standard"
-    source: str = ""
+    source: Text = ""
     base: Base = Base()
     joint: Annotated[tuple[Joint, ...], Field(min_length=1, max_length=MAX_JOINTS)]
     tool: Placement = Placement()
-    marker: tuple[Marker, ...] = ()
+    marker: Annotated[tuple[Marker, ...], Field(max_length=_MAX_ROWS)] = ()
     gravity_compensator: GravityCompensator | None = None
-    template: tuple[Template, ...] = ()
+    template: Annotated[tuple[Template, ...], Field(max_length=_MAX_ROWS)] = ()
 
     @property
     def dof(self) -> int:
@@ -222,20 +257,43 @@ class Robot(_Frozen):
         raise UserError(f"robot {self.name} has no marker {name!r}: known are {known}")
 
     @model_validator(mode="after")
-    def _consistent(self) -> Robot:
-        known = {"beam", "full", "rigid", *(t.name for t in self.template)}
+    def _templates_known(self) -> Robot:
+        own = [t.name for t in self.template]
+        if len(set(own)) != len(own) or not BUILT_IN_TEMPLATES.isdisjoint(own):
+            raise UserError("template: the names must differ, from each other and from beam, full, rigid")
         for index, link in enumerate(self.links):
-            if link.template not in known:
+            if link.template not in BUILT_IN_TEMPLATES and link.template not in own:
+                place = "base" if index == 0 else f"joint[{index}]"
                 raise UserError(
-                    f"link {index}: unknown template {link.template!r}: "
+                    f"{place}.link.template: unknown template {shown(link.template)}: "
                     "use beam, full, rigid or a [[template]] of the file"
                 )
-        names = [m.name for m in self.marker]
-        if len(set(names)) != len(names) or "tcp" in names:
-            raise UserError("marker names must differ, and tcp is the tool centre point")
-        compensator = self.gravity_compensator
-        if compensator is not None and compensator.joint > self.dof:
-            raise UserError(
-                f"gravity_compensator.joint = {compensator.joint}: the robot has {self.dof} joints"
-            )
         return self
+
+    @model_validator(mode="after")
+    def _markers_differ(self) -> Robot:
+        names = ["tcp", *(m.name for m in self.marker)]
+        for name in names:
+            if names.count(name) > 1:
+                raise UserError(
+                    f"marker: {name!r} stands for two points: names differ, tcp is the tool's tip"
+                )
+        return self
+
+    @model_validator(mode="after")
+    def _compensator_fits(self) -> Robot:
+        if self.gravity_compensator is None:
+            return self
+        number = self.gravity_compensator.joint
+        if number > self.dof or self.joint[number - 1].prismatic:
+            raise UserError(f"gravity_compensator.joint: {number} is no revolute joint of this robot")
+        return self
+
+
+KEYS = sorted(
+    {
+        key
+        for model in (Robot, Base, Joint, Link, Marker, GravityCompensator, Template)
+        for key in model.model_fields
+    }
+)
