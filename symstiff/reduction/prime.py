@@ -1,0 +1,177 @@
+"""Exact arithmetic for the structural engine: programs evaluated, and matrices reduced, modulo a prime.
+
+Random residues stand for joint variables and loads; a random rational point of the unit circle gives an exact
+sine/cosine pair. A rank found so is exact but for a chance of about (degree / prime). A function that no field knows
+(tanh, sign, …) is a random oracle: independent of everything but its argument.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from fractions import Fraction
+from typing import Any
+
+import numpy as np
+import sympy as sp
+
+from symstiff.symbolic.program import Constant
+
+PRIMES = tuple(sp.prevprime(2**31 - 1 - 7919 * k) for k in range(1, 25))
+Residues = Any  # an int, or an int64 array (N,)
+
+
+@dataclass(frozen=True)
+class Angle:
+    """An angle modulo a prime: a value for polynomials, an independent point of the unit circle for trigonometry."""
+
+    value: Residues
+    cosine: Residues
+    sine: Residues
+
+
+class PrimeAlgebra:
+    """Residues modulo a prime below 2³¹; products fit 64 bits."""
+
+    def __init__(self, prime: int) -> None:
+        self.p = prime
+
+    def random(self, rng: np.random.Generator, n: int) -> np.ndarray:
+        """Uniform non-zero residues (n,)."""
+        return rng.integers(1, self.p, n, dtype=np.int64)
+
+    def random_angle(self, rng: np.random.Generator, n: int) -> Angle:
+        """Random points of the unit circle (n,): ((1−t²)/(1+t²), 2t/(1+t²))."""
+        t = self.random(rng, n)
+        return Angle(self.random(rng, n), *self._circle(t))
+
+    def _circle(self, t: Residues) -> tuple[Residues, Residues]:
+        square = t * t % self.p
+        over = self._inverse((1 + square) % self.p)
+        return (1 - square) * over % self.p, 2 * t % self.p * over % self.p
+
+    def _inverse(self, x: Residues) -> Residues:
+        if isinstance(x, int):
+            return pow(x, -1, self.p)
+        return np.array([pow(int(v), -1, self.p) if v else 0 for v in x], dtype=np.int64)
+
+    def fixed_angle(self, value: sp.Expr) -> Angle:
+        """An angle of known value; irrational sines get a rational stand-in that agrees to 1e-12."""
+        c, s = sp.cos(value), sp.sin(value)
+        if not (c.is_Rational and s.is_Rational):
+            half = sp.Rational(*_nearby(float(sp.tan(value / 2))))
+            c, s = (1 - half**2) / (1 + half**2), 2 * half / (1 + half**2)
+        number = self.number(sp.Rational(value)) if value.is_Rational else self._oracle("angle", [hash_of(value)])
+        return Angle(number, self.number(c), self.number(s))
+
+    def number(self, value: sp.Expr) -> Any:
+        """A rational's residue; an irrational constant can only be an angle."""
+        if value.is_Rational:
+            return int(value.p) * pow(int(value.q), -1, self.p) % self.p
+        return self.fixed_angle(value)
+
+    def constant(self, constant: Constant) -> int:
+        """The residue of the constant's rational stand-in."""
+        return self.number(constant.rational)  # type: ignore[no-any-return]
+
+    def sum(self, terms: Sequence[tuple[int, Any]]) -> Any:
+        """Σ ±x; with an angle among them, the sum of angles."""
+        if any(isinstance(x, Angle) for _, x in terms):
+            return self._angle_sum(terms)
+        total = 0
+        for sign, x in terms:
+            total = total + x if sign > 0 else total - x
+        return total % self.p
+
+    def _angle_sum(self, terms: Sequence[tuple[int, Any]]) -> Angle:
+        value, c, s = 0, 1, 0
+        for sign, x in terms:
+            if not isinstance(x, Angle):
+                x = self.fixed_angle(sp.Integer(x))
+            xs = x.sine if sign > 0 else -x.sine
+            value = (value + sign * x.value) % self.p
+            c, s = (c * x.cosine - s * xs % self.p) % self.p, (s * x.cosine % self.p + c * xs) % self.p
+        return Angle(value, c, s)
+
+    def product(self, factors: Sequence[Any]) -> Any:
+        """Π x; a whole multiple of an angle stays an angle."""
+        angles = [x for x in factors if isinstance(x, Angle)]
+        whole = [x for x in factors if isinstance(x, int)]
+        if len(angles) == 1 and len(factors) == 2 and whole and 0 < whole[0] < 1000:
+            return self._angle_sum([(1, angles[0])] * whole[0])
+        total = 1
+        for x in factors:
+            total = total * (x.value if isinstance(x, Angle) else x) % self.p
+        return total
+
+    def power(self, base: Any, exponent: sp.Expr) -> Any:
+        """Whole powers; others are oracles."""
+        x = base.value if isinstance(base, Angle) else base
+        if not exponent.is_Integer:
+            return self._oracle(f"power{exponent}", [x])
+        if exponent < 0:
+            x = self._inverse(x)
+        result: Any = 1
+        for _ in range(abs(int(exponent))):
+            result = result * x % self.p
+        return result
+
+    def call(self, function: str, arguments: Sequence[Any]) -> Any:
+        """Sine and cosine of angles exactly; any other function as an oracle."""
+        x = arguments[0]
+        if function in ("sin", "cos") and isinstance(x, Angle):
+            return x.cosine if function == "cos" else x.sine
+        return self._oracle(function, [a.value if isinstance(a, Angle) else a for a in arguments])
+
+    def _oracle(self, name: str, arguments: Sequence[Any]) -> Any:
+        """A value that depends on name and arguments as a random function would."""
+        state: Any = sum(ord(c) * 257**k for k, c in enumerate(name)) % self.p
+        for x in arguments:
+            for _ in range(4):
+                state = (state * state % self.p * state + x + 1_234_567) % self.p
+        return state
+
+
+def hash_of(value: sp.Expr) -> int:
+    """A number that depends on an expression's text alone (no interpreter's hash)."""
+    return sum(ord(c) * 31**k for k, c in enumerate(str(value))) % (2**31 - 1)
+
+
+def _nearby(value: float) -> tuple[int, int]:
+    fraction = Fraction(value).limit_denominator(3_000_000)
+    return fraction.numerator, fraction.denominator
+
+
+def echelon(matrix: np.ndarray, prime: int) -> tuple[np.ndarray, list[int]]:
+    """Reduced row echelon form modulo a prime: its non-zero rows, and the pivot columns."""
+    m = matrix % prime
+    pivots: list[int] = []
+    row = 0
+    for column in range(m.shape[1]):
+        if row == m.shape[0]:
+            break
+        nonzero = np.flatnonzero(m[row:, column])
+        if nonzero.size == 0:
+            continue
+        chosen = row + int(nonzero[0])
+        if chosen != row:
+            m[[row, chosen]] = m[[chosen, row]]
+        m[row] = m[row] * pow(int(m[row, column]), -1, prime) % prime
+        others = np.flatnonzero(m[:, column])
+        others = others[others != row]
+        m[others] = (m[others] - m[others, column][:, None] * m[row]) % prime
+        pivots.append(column)
+        row += 1
+    return m[:row], pivots
+
+
+def rational(residue: int, modulus: int) -> Fraction | None:
+    """The fraction of small numerator and denominator with this residue (lattice reduction), or None."""
+    bound = int(sp.integer_nthroot(modulus // 2, 2)[0])
+    r0, r1, s0, s1 = modulus, residue % modulus, 0, 1
+    while r1 > bound:
+        quotient = r0 // r1
+        r0, r1, s0, s1 = r1, r0 - quotient * r1, s1, s0 - quotient * s1
+    if s1 == 0 or abs(s1) > bound:
+        return None
+    return Fraction(r1, s1)

@@ -1,0 +1,73 @@
+"""NumPy evaluation of the chain for many configurations at once: the virtual-joint Jacobian, loads, frames."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import lru_cache
+
+import numpy as np
+
+from symstiff.robot.schema import Robot
+from symstiff.symbolic.algebras import evaluate_numpy
+from symstiff.symbolic.chain import ElasticChain, frames
+from symstiff.symbolic.program import Builder, Program
+from symstiff.symbolic.programs import forward_program, q_vector, virtual_jacobian_program
+from symstiff.symbolic.terms import VirtualJoint
+
+
+def virtual_joints(robot: Robot) -> tuple[VirtualJoint, ...]:
+    """All link and joint virtual joints, base to tip: link 0's six, joint 1, link 1's six, …."""
+    return ElasticChain(robot).virtual_joints
+
+
+@dataclass(frozen=True)
+class Kinematics:
+    """N configurations: ``J_theta`` (N, 6, V) at the tool centre point in base axes, tool pose ``T`` (N, 4, 4),
+    frame axes ``R`` (N, n+1, 3, 3) and levers ``rho`` (N, n+1, 3) from each frame's origin to the tool centre point.
+    """
+
+    J_theta: np.ndarray
+    T: np.ndarray
+    R: np.ndarray
+    rho: np.ndarray
+
+    def loads(self, w: np.ndarray) -> np.ndarray:
+        """τ_v = J_vᵀ·W: (N, V) for wrenches (N, 6)."""
+        return np.einsum("nrv,nr->nv", self.J_theta, np.broadcast_to(w, (len(self.T), 6)))
+
+    def point_offset(self, robot: Robot, point: str) -> np.ndarray:
+        """Tool centre point to a marker, base axes (N, 3); zeros for ``tcp``."""
+        if point == "tcp":
+            return np.zeros((len(self.T), 3))
+        local = np.array([float(x) for x in robot.marker_position(point)])
+        return np.einsum("nij,j->ni", self.R[:, -1], local) - self.rho[:, -1]
+
+
+def kinematics(robot: Robot, q: np.ndarray) -> Kinematics:
+    """Evaluate the chain at joint variables ``q`` (N, n) [rad or m]."""
+    jacobian, forward, axes = _programs(robot)
+    q = np.atleast_2d(np.asarray(q, dtype=float))
+    found = evaluate_numpy(axes, q=q)
+    return Kinematics(
+        evaluate_numpy(jacobian, q=q)["J"], evaluate_numpy(forward, q=q)["T"], found["R"], found["rho"]
+    )
+
+
+def forward(robot: Robot, q: np.ndarray) -> np.ndarray:
+    """Pose of the tool centre point in world axes (N, 4, 4)."""
+    return evaluate_numpy(_programs(robot)[1], q=q)["T"]
+
+
+@lru_cache(maxsize=32)
+def _programs(robot: Robot) -> tuple[Program, Program, Program]:
+    chain = ElasticChain(robot)
+    return virtual_jacobian_program(chain), forward_program(chain), _frames_program(chain)
+
+
+def _frames_program(chain: ElasticChain) -> Program:
+    b = Builder("frames", (q_vector(chain),))
+    f = frames(chain, b)
+    n = chain.dof + 1
+    b.output("R", (n, 3, 3), [axes[k][r] for axes in f.axes for r in range(3) for k in range(3)])
+    b.output("rho", (n, 3), [x for lever in f.levers for x in lever])
+    return b.build()

@@ -1,0 +1,362 @@
+"""Program: a let-bound list of inputs, temporaries and outputs, in order; what every emitter walks.
+
+A Program is mathematics without a language. ``evaluate`` walks it with an *algebra*, which says what numbers, sums,
+products and functions are: NumPy arrays, 50-digit numbers, residues modulo a prime, CasADi graphs, operation counts,
+text of a programming language. One walk, many meanings.
+"""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass, field
+from itertools import count
+from typing import Any, Protocol
+
+import sympy as sp
+
+
+@dataclass(frozen=True)
+class Vector:
+    """A named group of symbols: an argument of the function, in order."""
+
+    name: str
+    symbols: tuple[sp.Symbol, ...]
+
+
+@dataclass(frozen=True)
+class Constant:
+    """An irrational constant: its exact value and a rational stand-in that keeps cos² + sin² = 1 (to 1e-12)."""
+
+    symbol: sp.Symbol
+    exact: sp.Expr
+    rational: sp.Rational
+
+
+@dataclass(frozen=True)
+class Let:
+    """A temporary: ``symbol = expression``."""
+
+    symbol: sp.Symbol
+    expression: sp.Expr
+
+
+@dataclass(frozen=True)
+class Emit:
+    """An output element: ``vector[index] = expression``."""
+
+    vector: str
+    index: int
+    expression: sp.Expr
+
+
+Statement = Let | Emit
+
+
+@dataclass(frozen=True)
+class Program:
+    """Inputs, constants, statements in order, and the sizes of the outputs (row-major shapes)."""
+
+    name: str
+    inputs: tuple[Vector, ...]
+    constants: tuple[Constant, ...]
+    statements: tuple[Statement, ...]
+    outputs: tuple[tuple[str, tuple[int, ...]], ...]
+
+    def size(self, output: str) -> int:
+        """Number of elements of an output."""
+        shape = dict(self.outputs)[output]
+        return int(sp.prod(shape))
+
+    def _repr_latex_(self) -> str:
+        rows = [
+            (s.symbol, s.expression)
+            if isinstance(s, Let)
+            else (sp.Symbol(f"{s.vector}_{{{s.index}}}"), s.expression)
+            for s in self.statements
+        ]
+        shown = [rf"{sp.latex(left)} &= {sp.latex(right)}" for left, right in rows[:40]]
+        if len(rows) > 40:
+            shown.append(rf"&\;\;\vdots \quad ({len(rows) - 40}\text{{ more}})")
+        return r"$$\begin{aligned}" + r"\\".join(shown) + r"\end{aligned}$$"
+
+
+class Algebra(Protocol):
+    """What an interpretation of a Program must supply."""
+
+    def number(self, value: sp.Expr) -> Any:
+        """An exact number."""
+
+    def constant(self, constant: Constant) -> Any:
+        """An irrational constant."""
+
+    def sum(self, terms: Sequence[tuple[int, Any]]) -> Any:
+        """Σ ±x, signs +1 or −1."""
+
+    def product(self, factors: Sequence[Any]) -> Any:
+        """Π x."""
+
+    def power(self, base: Any, exponent: sp.Expr) -> Any:
+        """Base to an exact exponent."""
+
+    def call(self, function: str, arguments: Sequence[Any]) -> Any:
+        """A function by SymPy's class name: sin, cos, sqrt, tanh, sign, Abs, exp, …."""
+
+
+def evaluate(
+    program: Program,
+    inputs: Mapping[str, Sequence[Any]],
+    algebra: Algebra,
+    visit: Callable[[Statement, Any], Any] | None = None,
+) -> dict[str, list[Any]]:
+    """Walk a program in an algebra; ``inputs`` has a sequence a vector. Returns the flat outputs by name.
+
+    ``visit(statement, value)`` may replace the value of a temporary, as an emitter of text does with its name.
+    """
+    values: dict[sp.Symbol, Any] = {c.symbol: algebra.constant(c) for c in program.constants}
+    for vector in program.inputs:
+        values.update(zip(vector.symbols, inputs[vector.name], strict=True))
+    outputs: dict[str, list[Any]] = {name: [None] * program.size(name) for name, _ in program.outputs}
+    for statement in program.statements:
+        value = walk(statement.expression, values, algebra)
+        if visit is not None:
+            value = visit(statement, value)
+        if isinstance(statement, Let):
+            values[statement.symbol] = value
+        else:
+            outputs[statement.vector][statement.index] = value
+    return outputs
+
+
+def walk(expression: sp.Expr, values: Mapping[sp.Symbol, Any], algebra: Algebra) -> Any:
+    """Interpret one SymPy expression in an algebra."""
+    if expression.is_Symbol:
+        return values[expression]
+    if expression.is_Number or expression.is_NumberSymbol:
+        return algebra.number(expression)
+    if expression.is_Add:
+        terms = [split_sign(a) for a in expression.args]
+        terms.sort(key=lambda t: t[0] < 0)
+        return algebra.sum([(sign, walk(e, values, algebra)) for sign, e in terms])
+    if expression.is_Mul:
+        sign, positive = split_sign(expression)
+        if sign < 0:
+            return algebra.sum([(-1, walk(positive, values, algebra))])
+        return algebra.product([walk(a, values, algebra) for a in positive.args])
+    if expression.is_Pow:
+        return algebra.power(walk(expression.base, values, algebra), expression.exp)
+    if expression.is_Function:
+        return algebra.call(type(expression).__name__, [walk(a, values, algebra) for a in expression.args])
+    raise TypeError(f"no interpretation of {type(expression).__name__} in a program")
+
+
+def split_sign(expression: sp.Expr) -> tuple[int, sp.Expr]:
+    """Split ±x into sign and x; only a numeric coefficient's sign counts."""
+    if expression.is_Mul:
+        head = expression.args[0]
+        if head.is_Number and head.is_negative:
+            return -1, -expression
+    elif expression.is_Number and expression.is_negative:
+        return -1, -expression
+    return 1, expression
+
+
+@dataclass
+class Builder:
+    """Collects let-bound statements; equal expressions (up to sign) share one temporary."""
+
+    name: str
+    inputs: tuple[Vector, ...]
+    statements: list[Statement] = field(default_factory=list)
+    constants: list[Constant] = field(default_factory=list)
+    _known: dict[sp.Expr, sp.Symbol] = field(default_factory=dict)
+    _angles: dict[sp.Expr, tuple[sp.Expr, sp.Expr]] = field(default_factory=dict)
+    _outputs: dict[str, tuple[int, ...]] = field(default_factory=dict)
+
+    def let(self, expression: sp.Expr) -> sp.Expr:
+        """Bind an expression to a temporary; returns ± its symbol (atoms come back unchanged)."""
+        if expression.is_Atom:
+            return expression
+        if expression.is_Mul and len(expression.args) == 2 and expression.args[0] is sp.S.NegativeOne:
+            inner = expression.args[1]
+            return expression if inner.is_Atom else -self.let(inner)
+        if expression.could_extract_minus_sign():
+            return -self.let(-expression)
+        if expression.is_Add:
+            expression = sp.Add(*[self._product(a) for a in expression.args])
+            if not expression.is_Add:
+                return self.let(expression)
+            if expression.could_extract_minus_sign():
+                return -self.let(-expression)
+        symbol = self._known.get(expression)
+        if symbol is None:
+            symbol = self._known[expression] = sp.Symbol(f"t{len(self._known)}", real=True)
+            self.statements.append(Let(symbol, expression))
+        return symbol
+
+    def _product(self, expression: sp.Expr) -> sp.Expr:
+        return self.let(expression) if expression.is_Mul or expression.is_Pow else expression
+
+    def vector(self, expressions: Iterable[sp.Expr]) -> tuple[sp.Expr, ...]:
+        """Bind every component."""
+        return tuple(self.let(sp.sympify(e)) for e in expressions)
+
+    def constant(self, exact: sp.Expr, rational: sp.Rational) -> sp.Expr:
+        """Name an irrational constant; a rational one stays a number, a sign goes outside."""
+        if exact.is_Rational:
+            return exact
+        if exact.could_extract_minus_sign():
+            return -self.constant(-exact, -rational)
+        for known in self.constants:
+            if known.exact == exact:
+                return known.symbol
+        symbol = sp.Symbol(f"const{len(self.constants)}", real=True)
+        self.constants.append(Constant(symbol, exact, rational))
+        return symbol
+
+    def rotation(self, cosine: sp.Expr, sine: sp.Expr) -> tuple[sp.Expr, sp.Expr]:
+        """Constants for an exact rotation given by its cosine and sine (rational stand-in agrees to 1e-12)."""
+        if cosine.is_Rational and sine.is_Rational:
+            return cosine, sine
+        if float(cosine) < 0:
+            c, s = self.rotation(-cosine, -sine)
+            return -c, -s
+        half = sp.Rational(*_limited(float(sine) / (1.0 + float(cosine))))
+        square = 1 + half**2
+        return self.constant(cosine, (1 - half**2) / square), self.constant(sine, 2 * half / square)
+
+    def cos_sin(self, angle: sp.Expr, name: str) -> tuple[sp.Expr, sp.Expr]:
+        """Cosine and sine of an angle: exact for a constant, multiples of pi/2 folded, else temporaries c…, s…."""
+        if not angle.free_symbols:
+            return self.rotation(sp.cos(angle), sp.sin(angle))
+        if angle not in self._angles:
+            offset = sp.Add(*[a for a in sp.Add.make_args(angle) if not a.free_symbols])
+            quarter = offset / (sp.pi / 2)
+            if offset != 0 and quarter.is_Integer:
+                self._angles[angle] = _quarter_turns(*self.cos_sin(angle - offset, name), int(quarter) % 4)
+            else:
+                self._angles[angle] = self._trigonometric(angle, name)
+        return self._angles[angle]
+
+    def _trigonometric(self, angle: sp.Expr, name: str) -> tuple[sp.Expr, sp.Expr]:
+        pair = sp.Symbol(f"c{name}", real=True), sp.Symbol(f"s{name}", real=True)
+        argument = angle if angle.is_Symbol else sp.Symbol(f"a{name}", real=True)
+        if not angle.is_Symbol:
+            self.statements.append(Let(argument, angle))
+        self.statements += [Let(pair[0], sp.cos(argument)), Let(pair[1], sp.sin(argument))]
+        return pair
+
+    def output(self, name: str, shape: tuple[int, ...], expressions: Sequence[sp.Expr]) -> None:
+        """Declare an output and its elements in row-major order."""
+        self._outputs[name] = shape
+        for index, expression in enumerate(expressions):
+            self.statements.append(Emit(name, index, self.let(sp.sympify(expression))))
+
+    def build(self) -> Program:
+        """Drop what no output needs, inline what is used once, emit outputs as soon as they can be."""
+        from symstiff.symbolic.signs import with_fewest_signs
+
+        statements = _ordered(with_fewest_signs(_inlined(_needed(self.statements))))
+        used = set().union(*(s.expression.free_symbols for s in statements)) if statements else set()
+        constants = tuple(c for c in self.constants if c.symbol in used)
+        return Program(self.name, self.inputs, constants, _renamed(statements), tuple(self._outputs.items()))
+
+
+def _limited(value: float) -> tuple[int, int]:
+    from fractions import Fraction
+
+    fraction = Fraction(value).limit_denominator(3_000_000)
+    return fraction.numerator, fraction.denominator
+
+
+def _quarter_turns(c: sp.Expr, s: sp.Expr, turns: int) -> tuple[sp.Expr, sp.Expr]:
+    return ((c, s), (-s, c), (-c, -s), (s, -c))[turns]
+
+
+def _needed(statements: Sequence[Statement]) -> list[Statement]:
+    """Keep outputs and what they depend on."""
+    needed: set[sp.Symbol] = set()
+    kept: list[Statement] = []
+    for statement in reversed(statements):
+        if isinstance(statement, Emit) or statement.symbol in needed:
+            needed |= statement.expression.free_symbols
+            kept.append(statement)
+    return kept[::-1]
+
+
+def _inlined(statements: Sequence[Statement]) -> list[Statement]:
+    """Put temporaries that are used once where they are used: products into sums, anything into an output."""
+    uses: Counter[sp.Symbol] = Counter()
+    for statement in statements:
+        uses.update(statement.expression.free_symbols)
+    pending: dict[sp.Symbol, sp.Expr] = {}
+    kept: list[Statement] = []
+    for statement in statements:
+        expression = statement.expression
+        inner = {s: pending.pop(s) for s in expression.free_symbols if s in pending}
+        if inner:
+            if not all(_may_inline(expression, s, e) for s, e in inner.items()):
+                for symbol, value in sorted(inner.items(), key=lambda item: item[0].name):
+                    if not _may_inline(expression, symbol, value):
+                        kept.append(Let(symbol, value))
+                        del inner[symbol]
+            expression = expression.xreplace(inner)
+        if isinstance(statement, Emit):
+            kept.append(Emit(statement.vector, statement.index, expression))
+        elif uses[statement.symbol] == 1 and (expression.is_Mul or expression.is_Add):
+            pending[statement.symbol] = expression
+        else:
+            kept.append(Let(statement.symbol, expression))
+    return kept
+
+
+def _may_inline(parent: sp.Expr, symbol: sp.Symbol, value: sp.Expr) -> bool:
+    """A product may stand in a sum, and anything as the whole of an output (its sign included)."""
+    if parent in (symbol, -symbol):
+        return parent == symbol or value.is_Mul
+    return bool(parent.is_Add and value.is_Mul and symbol not in _factors(parent))
+
+
+def _factors(total: sp.Expr) -> set[sp.Symbol]:
+    """Symbols that stand inside products of a sum (other than with a coefficient ±1)."""
+    inside: set[sp.Symbol] = set()
+    for argument in total.args:
+        if argument.is_Symbol or (argument.is_Mul and len(argument.args) == 2 and argument.args[0] == -1):
+            continue
+        inside |= argument.free_symbols
+    return inside
+
+
+def _ordered(statements: Sequence[Statement]) -> list[Statement]:
+    """Move every output up to the place where its last temporary is known."""
+    place: dict[sp.Symbol, int] = {}
+    lets = [s for s in statements if isinstance(s, Let)]
+    for position, statement in enumerate(lets):
+        place[statement.symbol] = position
+    due: dict[int, list[Emit]] = {}
+    for statement in statements:
+        if isinstance(statement, Emit):
+            last = max((place[s] for s in statement.expression.free_symbols if s in place), default=-1)
+            due.setdefault(last, []).append(statement)
+    ordered: list[Statement] = list(due.get(-1, []))
+    for position, let in enumerate(lets):
+        ordered.append(let)
+        ordered += due.get(position, [])
+    return ordered
+
+
+def _renamed(statements: Sequence[Statement]) -> tuple[Statement, ...]:
+    """Number the temporaries t0, t1, … in order."""
+    names: dict[sp.Symbol, sp.Symbol] = {}
+    renamed: list[Statement] = []
+    numbers = count()
+    for statement in statements:
+        expression = statement.expression.xreplace(names)
+        if isinstance(statement, Let):
+            symbol = statement.symbol
+            if symbol.name[0] == "t" and symbol.name[1:].isdigit():
+                names[symbol] = sp.Symbol(f"t{next(numbers)}", real=True)
+            renamed.append(Let(names.get(symbol, symbol), expression))
+        else:
+            renamed.append(Emit(statement.vector, statement.index, expression))
+    return tuple(renamed)
