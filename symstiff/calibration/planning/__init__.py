@@ -1,0 +1,27 @@
+"""Choice of measurement poses: candidates, criteria, exchange, refinement, workspace maps."""
+
+from symstiff.calibration.planning.candidates import Space
+from symstiff.calibration.planning.frames import Geometry, geometry
+from symstiff.calibration.planning.loads import Load
+from symstiff.calibration.planning.measurement import Measurement, measurement_of
+from symstiff.calibration.planning.parallel import map_blocks
+from symstiff.calibration.planning.plan import Goal, Plan, Search, plan_poses
+from symstiff.calibration.planning.region import Box, HalfSpace, Region, above_floor
+
+__all__ = [
+    "Box",
+    "Geometry",
+    "Goal",
+    "HalfSpace",
+    "Load",
+    "Measurement",
+    "Plan",
+    "Region",
+    "Search",
+    "Space",
+    "above_floor",
+    "geometry",
+    "map_blocks",
+    "measurement_of",
+    "plan_poses",
+]
