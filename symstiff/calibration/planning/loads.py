@@ -15,7 +15,7 @@ _LEVER = 0.5  # m; moment of a wrench candidate per newton, where the user gives
 
 @dataclass(frozen=True)
 class Load:
-    """A load class with its magnitude [N]; ``moment`` [N·m] of wrenches; ``cases`` (k, 6) replace directions."""
+    """A load class with its magnitude [N]; ``moment`` [N·m] of wrenches; ``cases`` (k, 6) fix them."""
 
     kind: Kind = "gravity"
     force: float = 1000.0
