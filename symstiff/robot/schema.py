@@ -31,6 +31,12 @@ ZERO = Exact()
 BUILT_IN_TEMPLATES = frozenset({"beam", "full", "rigid"})
 
 
+def _format(value: Any) -> Any:
+    if type(value) is not int or value != 1:
+        raise UserError(f"{shown(value)}: this program reads format 1: write format = 1")
+    return value
+
+
 def _length(value: Any) -> Exact:
     number = parse_exact(value)
     if abs(float(number)) > _LONGEST:
@@ -217,7 +223,7 @@ class Template(_Frozen):
 class Robot(_Frozen):
     """A serial robot as its file describes it (format 1): metres, radians, exact numbers."""
 
-    format: Literal[1]
+    format: Annotated[Literal[1], BeforeValidator(_format)]
     name: Identifier
     title: Text = ""
     convention: Literal["standard", "modified"] = "standard"
@@ -228,6 +234,9 @@ class Robot(_Frozen):
     marker: Annotated[tuple[Marker, ...], Field(max_length=_MAX_ROWS)] = ()
     gravity_compensator: GravityCompensator | None = None
     template: Annotated[tuple[Template, ...], Field(max_length=_MAX_ROWS)] = ()
+
+    def __hash__(self) -> int:
+        return hash((self.name, len(self.joint)))
 
     @property
     def dof(self) -> int:
