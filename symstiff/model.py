@@ -1,0 +1,349 @@
+"""StiffnessModel: robot, reduced compliances, effects and their values; what is saved, shown, emitted and fitted."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import os
+import tomllib
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from symstiff.effects.base import EffectInstance, EffectParameter, Realisation
+from symstiff.errors import UserError
+from symstiff.reduction.physical import Parameter, physical_stages, terms_of
+from symstiff.robot.loading import from_table
+from symstiff.robot.schema import Robot
+from symstiff.robot.table import to_table
+from symstiff.symbolic.algebras import evaluate_numpy
+from symstiff.symbolic.chain import ElasticChain
+from symstiff.symbolic.program import Program
+from symstiff.symbolic.programs import compliance_program, deflection_program, observation_program
+from symstiff.symbolic.terms import Term
+
+if TYPE_CHECKING:
+    from symstiff.reduction.reduce import Reduction
+
+Context = Mapping[str, np.ndarray]
+
+
+@dataclass(frozen=True)
+class StiffnessModel:
+    """A stiffness model: Δt = Σ_v J_v·Δθ_v over the terms of its compliances and effects.
+
+    compliances: the identifiable parameters π″; effects: what was added to them; values, deviations: by parameter name,
+    SI units (a missing value is zero).
+    """
+
+    robot: Robot
+    compliances: tuple[Parameter, ...]
+    loads: str = "wrench"
+    measure: str = "pose"
+    effects: tuple[EffectInstance, ...] = ()
+    values: Mapping[str, float] = field(default_factory=dict)
+    deviations: Mapping[str, float] = field(default_factory=dict)
+
+    @classmethod
+    def of(cls, reduction: Reduction, values: Mapping[str, float] | None = None) -> StiffnessModel:
+        """The model that a reduction leaves; values default to those the robot file knows."""
+        if values is None:
+            values = reduction.reduced_values(known_values(reduction.robot, reduction.full))
+        experiment = reduction.experiment
+        return cls(reduction.robot, reduction.kept, experiment.loads, experiment.measure, (), dict(values))
+
+    @property
+    def chain(self) -> ElasticChain:
+        """The elastic chain of the robot."""
+        return ElasticChain(self.robot)
+
+    @cached_property
+    def realisations(self) -> tuple[Realisation, ...]:
+        """The effects' parameters and terms on this robot."""
+        return tuple(e.realise(self.robot) for e in self.effects)
+
+    @property
+    def stiffness_parameters(self) -> tuple[str, ...]:
+        """Names of the compliances: the C array ``k``, in order."""
+        replaced = {n for r in self.realisations for n in r.replaces}
+        return tuple(p.name for p in self.compliances if p.name not in replaced)
+
+    @property
+    def effect_parameters(self) -> tuple[EffectParameter, ...]:
+        """The effects' parameters, in order; each once."""
+        found = {p.name: p for r in self.realisations for p in r.parameters}
+        return tuple(p for n, p in found.items() if n not in self.stiffness_parameters)
+
+    @property
+    def parameters(self) -> tuple[str, ...]:
+        """All parameters: compliances, then effects."""
+        return (*self.stiffness_parameters, *(p.name for p in self.effect_parameters))
+
+    @cached_property
+    def units(self) -> dict[str, str]:
+        """SI unit of every parameter."""
+        units = {p.name: p.unit for p in self.compliances}
+        return units | {p.name: p.unit for p in self.effect_parameters}
+
+    @cached_property
+    def terms(self) -> tuple[Term, ...]:
+        """Every term of the model."""
+        kept = set(self.stiffness_parameters)
+        terms = terms_of(tuple(p for p in self.compliances if p.name in kept))
+        return (*terms, *(t for r in self.realisations for t in r.terms))
+
+    @cached_property
+    def _linear(self) -> tuple[str, ...]:
+        """Parameters whose column needs no other parameter's value."""
+        bilinear = {t.parameter for t in self.terms if _bilinear(t)}
+        return tuple(n for n in self.parameters if n not in bilinear)
+
+    @cached_property
+    def deflection_program(self) -> Program:
+        """Δt(q, W; π) by recursion."""
+        return deflection_program(self.chain, self.terms, self.parameters)
+
+    @cached_property
+    def observation_program(self) -> Program:
+        """A(q, W) of the stiffness parameters."""
+        names = self.stiffness_parameters
+        return observation_program(self.chain, [t for t in self.terms if t.parameter in names], names)
+
+    @cached_property
+    def _linear_program(self) -> Program:
+        names = self._linear
+        return observation_program(self.chain, [t for t in self.terms if t.parameter in names], names)
+
+    @cached_property
+    def compliance_program(self) -> Program:
+        """K_C⁻¹(q; π) at small load."""
+        return compliance_program(self.chain, self.terms, self.parameters)
+
+    def vector(self, values: Mapping[str, float] | None = None) -> np.ndarray:
+        """Parameter values in order (missing ones zero)."""
+        source = self.values if values is None else values
+        return np.array([float(source.get(n, 0.0)) for n in self.parameters])
+
+    def deflection(
+        self,
+        q: np.ndarray,
+        w: np.ndarray,
+        values: Mapping[str, float] | None = None,
+        context: Context | None = None,
+    ) -> np.ndarray:
+        """Deflection of the tool centre point (N, 6) [m, rad] for q (N, n), W (N, 6)."""
+        return self._deflection(q, w, self.vector(values), context)
+
+    def _deflection(
+        self, q: np.ndarray, w: np.ndarray, p: np.ndarray, context: Context | None
+    ) -> np.ndarray:
+        extra = _context(self.deflection_program, context)
+        return evaluate_numpy(self.deflection_program, p=p, q=q, w=w, **extra)["dt"]
+
+    def observation(
+        self,
+        q: np.ndarray,
+        w: np.ndarray,
+        context: Context | None = None,
+        values: Mapping[str, float] | None = None,
+    ) -> np.ndarray:
+        """∂Δt/∂π (N, 6, P) in the order of ``parameters``, at ``values`` where the model is not linear in them."""
+        program = self._linear_program
+        linear = evaluate_numpy(program, q=q, w=w, **_context(program, context))["A"]
+        n = max(len(np.atleast_2d(q)), len(np.atleast_2d(w)))
+        matrix = np.empty((n, 6, len(self.parameters)))
+        p, size = self.vector(values), {e.name: e.typical for e in self.effect_parameters}
+        for k, name in enumerate(self.parameters):
+            if name in self._linear:
+                matrix[:, :, k] = linear[:, :, self._linear.index(name)]
+            else:  # bilinear in the parameters: a central difference is exact but for rounding
+                step = np.zeros(len(p))
+                step[k] = size[name]
+                ahead, behind = (self._deflection(q, w, p + s * step, context) for s in (1, -1))
+                matrix[:, :, k] = (ahead - behind) / (2 * size[name])
+        return matrix
+
+    def with_values(
+        self, values: Mapping[str, float], deviations: Mapping[str, float] | None = None
+    ) -> StiffnessModel:
+        """The same model with other values."""
+        return replace(self, values=dict(values), deviations=dict(deviations or {}))
+
+    def with_effect(self, instance: EffectInstance) -> StiffnessModel:
+        """The model grown by an effect."""
+        return replace(self, effects=(*self.effects, instance))
+
+    @cached_property
+    def structure_hash(self) -> str:
+        """SHA-256 of everything but the values: a parameter file fits a model with the same hash."""
+        table = self._table()
+        for key in ("values", "deviations"):
+            table.pop(key, None)
+        for key in ("title", "source", "marker"):
+            table["robot"].pop(key, None)
+        return hashlib.sha256(json.dumps(table, sort_keys=True).encode()).hexdigest()
+
+    def _table(self) -> dict[str, Any]:
+        table: dict[str, Any] = {
+            "format": 1,
+            "loads": self.loads,
+            "measure": self.measure,
+            "parameters": [p.name for p in self.compliances],
+            "values": {n: float(self.values.get(n, 0.0)) for n in self.parameters},
+            "deviations": {n: float(v) for n, v in self.deviations.items()},
+            "effect": [
+                {"effect": e.effect, "where": dict(e.where), "shape": dict(e.shape)} for e in self.effects
+            ],
+            "robot": to_table(self.robot),
+        }
+        return table
+
+    def save(self, path: str | Path) -> None:
+        """Write model.toml, whole or not at all."""
+        import tomli_w
+
+        target = Path(path)
+        temporary = target.with_name(f".{target.name}.part")
+        try:
+            temporary.write_bytes(tomli_w.dumps(self._table()).encode())
+            os.replace(temporary, target)
+        except OSError as error:
+            temporary.unlink(missing_ok=True)
+            raise UserError(f"cannot write {path}: {error.strerror}") from error
+
+    def _repr_latex_(self) -> str:
+        return latex(self.terms)
+
+    def _repr_html_(self) -> str:
+        rows = "".join(
+            f"<tr><td>{n}</td><td>{self.values.get(n, 0.0):.4g}</td><td>{self.units[n]}</td></tr>"
+            for n in self.parameters
+        )
+        head = f"{self.robot.title or self.robot.name}: {len(self.parameters)} parameters, loads {self.loads}"
+        return f"<p>{head}</p><table><tr><th>parameter</th><th>value</th><th>unit</th></tr>{rows}</table>"
+
+
+def _bilinear(term: Term) -> bool:
+    if term.at.kind in ("load", "body"):
+        return True
+    return any(s.name.startswith("dt_") for s in term.factor.free_symbols)
+
+
+def _context(program: Program, context: Context | None) -> dict[str, np.ndarray]:
+    for vector in program.inputs:
+        if vector.name == "context":
+            missing = [s.name for s in vector.symbols if context is None or s.name not in context]
+            if missing:
+                raise UserError(f"the model needs the column {missing[0]}: add it to the table")
+            assert context is not None
+            return {"context": np.stack([np.asarray(context[s.name], float) for s in vector.symbols], -1)}
+    return {}
+
+
+def latex(terms: Sequence[Term]) -> str:
+    """The laws Δθ_v = Σ π·g of a model, one line a virtual joint."""
+    import sympy as sp
+
+    lines: dict[str, Any] = {}
+    for term in terms:
+        law = sp.Symbol(term.parameter) * term.factor
+        lines[term.at.name] = lines.get(term.at.name, 0) + law
+    rows = [
+        rf"\Delta\theta_{{\mathrm{{{n.replace('_', ',')}}}}} &= {sp.latex(law)}" for n, law in lines.items()
+    ]
+    return r"$$\begin{aligned}" + r"\\".join(rows) + r"\end{aligned}$$"
+
+
+def known_values(robot: Robot, parameters: Sequence[Parameter]) -> dict[str, float]:
+    """The compliances that a robot file states, mapped to a parameter set: a joint's goes to the link before it."""
+    from symstiff.symbolic.program import Builder
+
+    chain = ElasticChain(robot)
+    names = {p.name for p in parameters}
+    values = {n: 0.0 for n in names}
+    for i, link in enumerate(robot.links):
+        for entry, value in link.compliance.items():
+            if f"k{i}_{entry}" in names:
+                values[f"k{i}_{entry}"] += value
+    for i, joint in enumerate(robot.joint, start=1):
+        if f"c{i}" in names:
+            values[f"c{i}"] += joint.compliance
+            continue
+        shift = 0 if joint.prismatic else 3
+        axes = chain.elastic_axes(Builder("axes", ()), i - 1)
+        for k, axis in enumerate(axes):
+            name = f"k{i - 1}_{k + 1 + shift}{k + 1 + shift}"
+            if axis[0] == 0 and axis[1] == 0 and name in names:
+                values[name] += joint.compliance
+    return {n: v for n, v in values.items() if v}
+
+
+def joints_only(robot: Robot, loads: str = "wrench", measure: str = "pose") -> StiffnessModel:
+    """The conventional model of rigid links: one compliance a joint (the seed's J models), reduced for the class."""
+    rigid = _without_links(robot)
+    from symstiff.reduction.reduce import reduce
+
+    reduction = reduce(rigid, loads, measure)
+    return StiffnessModel(robot, reduction.kept, loads, measure, (), known_values(rigid, reduction.kept))
+
+
+def _without_links(robot: Robot) -> Robot:
+    table = to_table(robot)
+    base = table.setdefault("base", {})
+    base["link"] = {**base.get("link", {}), "template": "rigid"}
+    for joint in table["joint"]:
+        joint["link"] = {**joint.get("link", {}), "template": "rigid"}
+    return from_table(table, robot.name)
+
+
+def load_model(path: str | Path) -> StiffnessModel:
+    """Read model.toml. Raises UserError."""
+    try:
+        table = tomllib.loads(Path(path).read_bytes().decode("utf-8"))
+    except OSError as error:
+        raise UserError(f"{path}: cannot read the model: {error.strerror}") from error
+    except (UnicodeDecodeError, tomllib.TOMLDecodeError) as error:
+        raise UserError(f"{path}: not a model file: {error}") from error
+    return from_model_table(table, str(path))
+
+
+def from_model_table(table: Mapping[str, Any], origin: str) -> StiffnessModel:
+    """A model from its table. Raises UserError naming what is wrong."""
+    if table.get("format") != 1 or not isinstance(table.get("robot"), dict):
+        raise UserError(f"{origin}: not a model file: format = 1 and a [robot] table are needed")
+    robot = from_table(dict(table["robot"]), f"{origin}: robot")
+    known = {p.name: p for stage in physical_stages(robot) for p in stage.parameters}
+    names = table.get("parameters", [])
+    for name in names:
+        if name not in known:
+            raise UserError(f"{origin}: parameters: {robot.name} has no compliance {name!r}")
+    effects = tuple(
+        EffectInstance(e["effect"], e.get("where", {}), e.get("shape", {})) for e in table.get("effect", [])
+    )
+    model = StiffnessModel(
+        robot,
+        tuple(known[n] for n in names),
+        table.get("loads", "wrench"),
+        table.get("measure", "pose"),
+        effects,
+        _numbers(table, "values", origin),
+        _numbers(table, "deviations", origin),
+    )
+    unknown = sorted(set(model.values) - set(model.parameters))
+    if unknown:
+        raise UserError(f"{origin}: values: the model has no parameter {unknown[0]!r}")
+    return model
+
+
+def _numbers(table: Mapping[str, Any], key: str, origin: str) -> dict[str, float]:
+    entries = table.get(key, {})
+    if not isinstance(entries, dict):
+        raise UserError(f"{origin}: {key}: expected a table of numbers")
+    for name, value in entries.items():
+        if isinstance(value, bool) or not isinstance(value, (int, float)) or not np.isfinite(value):
+            raise UserError(f"{origin}: {key}.{name}: expected a finite number, found {value!r}")
+    return {k: float(v) for k, v in entries.items()}

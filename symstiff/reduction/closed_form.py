@@ -1,0 +1,152 @@
+"""Couplings in closed form: rational functions of the DH lengths, found by exact interpolation.
+
+Every coupling is homogeneous in the lengths, of a degree that its units tell. It is evaluated at random lengths modulo
+a prime, and the numerator and denominator with the fewest monomials that fit are solved for, then confirmed at lengths
+that were not used.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from itertools import combinations_with_replacement
+
+import numpy as np
+import sympy as sp
+
+from symstiff.reduction.physical import terms_of
+from symstiff.reduction.prime import PRIMES, echelon, rational
+from symstiff.reduction.reduce import Reduction
+from symstiff.reduction.structural import ExactEngine
+from symstiff.symbolic.chain import ElasticChain
+from symstiff.symbolic.program import Program, Vector
+from symstiff.symbolic.programs import observation_program
+
+_PRIME = PRIMES[0]
+_CHECKS = 4
+
+
+def closed_form(reduction: Reduction) -> dict[str, dict[str, sp.Expr]]:
+    """Couplings as expressions in a_i, d_i, t_x …; one that no small rational function fits stays a number."""
+    chain = ElasticChain(reduction.robot, symbolic=True)
+    lengths = chain.lengths()
+    names = tuple(p.name for p in reduction.full)
+    program = observation_program(chain, terms_of(reduction.full), names)
+    program = Program(
+        program.name,
+        (*program.inputs, Vector("lengths", lengths)),
+        program.constants,
+        program.statements,
+        program.outputs,
+    )
+    engine = ExactEngine(chain, program, names, reduction.experiment)
+    sampler = _Sampler(engine, reduction, len(lengths))
+    degree = {p.name: p.length_degree for p in reduction.full}
+    found: dict[str, dict[str, sp.Expr]] = {}
+    for eliminated, row in reduction.partition.couplings.items():
+        found[eliminated] = {
+            kept: _fit(sampler, (eliminated, kept), lengths, degree[kept] - degree[eliminated], value)
+            for kept, value in row.items()
+        }
+    return found
+
+
+class _Sampler:
+    """Couplings modulo a prime at random lengths, drawn as they are needed."""
+
+    def __init__(self, engine: ExactEngine, reduction: Reduction, dimension: int) -> None:
+        self.engine, self.dimension = engine, dimension
+        self.rng = np.random.default_rng(11)
+        kept = reduction.parameters
+        self.free = [n for n in engine.names if n not in kept]
+        self.order = [engine.names.index(n) for n in (*kept, *self.free)]
+        self.kept = kept
+        self.points: list[list[int]] = []
+        self.values: list[dict[tuple[str, str], int]] = []
+        self.base = [int(x) for x in self.rng.integers(1, _PRIME, dimension)]
+
+    def at(self, point: Sequence[int]) -> dict[tuple[str, str], int]:
+        """All couplings at one choice of lengths."""
+        form, pivots = echelon(self.engine.matrix(_PRIME, list(point))[:, self.order], _PRIME)
+        assert pivots == list(range(len(self.kept)))
+        return {
+            (e, k): int(form[r, len(self.kept) + c])
+            for c, e in enumerate(self.free)
+            for r, k in enumerate(self.kept)
+        }
+
+    def samples(self, n: int) -> None:
+        """Have at least n samples."""
+        while len(self.points) < n:
+            point = [int(x) for x in self.rng.integers(1, _PRIME, self.dimension)]
+            self.points.append(point)
+            self.values.append(self.at(point))
+
+    def dependence(self, key: tuple[str, str]) -> list[int]:
+        """Indices of the lengths on which a coupling depends."""
+        if not hasattr(self, "_shifted"):
+            self._origin = self.at(self.base)
+            self._shifted = []
+            for k in range(self.dimension):
+                point = list(self.base)
+                point[k] = (point[k] * 3 + 1) % _PRIME
+                self._shifted.append(self.at(point))
+        return [k for k in range(self.dimension) if self._shifted[k][key] != self._origin[key]]
+
+
+def _fit(
+    sampler: _Sampler, key: tuple[str, str], lengths: Sequence[sp.Symbol], degree: int, number: object
+) -> sp.Expr:
+    depends = sampler.dependence(key)
+    if not depends:
+        return sp.Rational(str(number))
+    for below in range(max(0, -degree), max(0, -degree) + 3):
+        above = degree + below
+        top = list(combinations_with_replacement(depends, above))
+        bottom = list(combinations_with_replacement(depends, below))
+        if len(top) + len(bottom) > 160:
+            break
+        expression = _solve(sampler, key, lengths, top, bottom)
+        if expression is not None:
+            return expression
+    return sp.Rational(str(number))
+
+
+def _solve(
+    sampler: _Sampler,
+    key: tuple[str, str],
+    lengths: Sequence[sp.Symbol],
+    top: Sequence[tuple[int, ...]],
+    bottom: Sequence[tuple[int, ...]],
+) -> sp.Expr | None:
+    """Numerator and denominator coefficients as the null vector of N(x) − c·D(x) at the samples."""
+    unknowns = len(top) + len(bottom)
+    sampler.samples(unknowns + _CHECKS)
+    rows = []
+    for point, values in zip(sampler.points, sampler.values, strict=True):
+        above = [_monomial(point, m) for m in top]
+        below = [-values[key] * _monomial(point, m) % _PRIME for m in bottom]
+        rows.append([*above, *below])
+    form, pivots = echelon(np.array(rows, dtype=np.int64), _PRIME)
+    if len(pivots) != unknowns - 1:
+        return None
+    (free,) = set(range(unknowns)) - set(pivots)
+    residues = [0] * unknowns
+    residues[free] = 1
+    for r, p in enumerate(pivots):
+        residues[p] = int(-form[r, free]) % _PRIME
+    fractions = [rational(r, _PRIME) for r in residues]
+    if any(f is None for f in fractions):
+        return None
+    terms = [sp.Rational(f.numerator, f.denominator) for f in fractions if f is not None]
+    numerator = sum(c * sp.prod(lengths[k] for k in m) for c, m in zip(terms, top, strict=False))
+    denominator = sum(
+        c * sp.prod(lengths[k] for k in m) for c, m in zip(terms[len(top) :], bottom, strict=True)
+    )
+    return sp.factor(numerator / denominator)
+
+
+def _monomial(point: Sequence[int], monomial: Sequence[int]) -> int:
+    value = 1
+    for k in monomial:
+        value = value * point[k] % _PRIME
+    return value

@@ -1,0 +1,194 @@
+"""The reduction M1–M5 of a robot's stiffness model for a class of loads and measurements (seed section 3)."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from fractions import Fraction
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+import sympy as sp
+
+from symstiff.errors import UserError
+from symstiff.reduction.physical import Parameter, Stage, physical_stages, terms_of
+from symstiff.reduction.structural import ExactEngine, Experiment, Partition
+from symstiff.robot.exact import parse_exact
+from symstiff.robot.schema import Robot
+from symstiff.symbolic.chain import ElasticChain
+from symstiff.symbolic.program import Builder
+from symstiff.symbolic.programs import observation_program
+from symstiff.symbolic.terms import Term
+
+
+@dataclass(frozen=True)
+class Reduction:
+    """All stages of a reduction, the partition of the last one, and the maps between full and reduced parameters."""
+
+    robot: Robot
+    experiment: Experiment
+    stages: tuple[Stage, ...]
+    partition: Partition
+
+    @property
+    def full(self) -> tuple[Parameter, ...]:
+        """π′: the parameters after M3."""
+        return self.stages[3].parameters
+
+    @property
+    def parameters(self) -> tuple[str, ...]:
+        """π″: the identifiable set, in the order of π′."""
+        return self.partition.kept
+
+    @property
+    def kept(self) -> tuple[Parameter, ...]:
+        """π″ as parameters."""
+        names = set(self.parameters)
+        return tuple(p for p in self.full if p.name in names)
+
+    @property
+    def counts(self) -> tuple[tuple[str, int], ...]:
+        """Steps and numbers of parameters, as the seed's Table 1."""
+        found = [(s.step, len(s.parameters)) for s in self.stages]
+        remaining = len(self.full) - len(self.partition.g2)
+        return (*found, ("M4", remaining), ("M5", self.partition.rank))
+
+    @cached_property
+    def terms(self) -> tuple[Term, ...]:
+        """The terms of the kept parameters."""
+        return terms_of(self.kept)
+
+    @cached_property
+    def projection(self) -> np.ndarray:
+        """P of π″ = P·π′ (rank × len(full)): what every kept parameter stands for."""
+        names = [p.name for p in self.full]
+        matrix = np.zeros((len(self.parameters), len(names)))
+        for r, kept in enumerate(self.parameters):
+            matrix[r, names.index(kept)] = 1.0
+            for eliminated, row in self.partition.couplings.items():
+                if kept in row:
+                    matrix[r, names.index(eliminated)] = float(row[kept])
+        return matrix
+
+    def reduced_values(self, full: Mapping[str, float]) -> dict[str, float]:
+        """Values of π″ that give the deflections of a full set π′ (absent ones zero)."""
+        names = {p.name for p in self.full}
+        unknown = sorted(set(full) - names)
+        if unknown:
+            raise UserError(f"no parameter {unknown[0]!r} after M3 of {self.robot.name}")
+        vector = np.array([full.get(p.name, 0.0) for p in self.full])
+        return dict(zip(self.parameters, (self.projection @ vector).tolist(), strict=True))
+
+    def full_values(
+        self, reduced: Mapping[str, float], constants: Mapping[str, float] | None = None
+    ) -> dict[str, float]:
+        """Values of π′ with the eliminated parameters fixed at constants (M5c; zero where none is given)."""
+        fixed = dict(constants or {})
+        eliminated = [p.name for p in self.full if p.name not in self.parameters]
+        wrong = sorted(set(fixed) - set(eliminated))
+        if wrong:
+            raise UserError(f"{wrong[0]!r} is no eliminated parameter of {self.robot.name}: it cannot be fixed")
+        values = {n: fixed.get(n, 0.0) for n in eliminated}
+        shift = self.reduced_values(values)
+        values |= {n: reduced[n] - shift[n] for n in self.parameters}
+        return {p.name: values[p.name] for p in self.full}
+
+    def as_dict(self) -> dict[str, Any]:
+        """What ``inspect --json`` writes."""
+        p = self.partition
+        return {
+            "robot": self.robot.name,
+            "loads": self.experiment.loads,
+            "measure": self.experiment.measure,
+            "fixed": {f"q{i}": str(v) for i, v in self.experiment.fixed.items()},
+            "stages": [{"step": step, "parameters": n} for step, n in self.counts],
+            "groups": {"G1": list(p.g1), "G2": list(p.g2), "G3": list(p.g3)},
+            "blocks": [list(b) for b in p.blocks],
+            "parameters": list(p.kept),
+            "rank": p.rank,
+            "couplings": {e: {k: shown(c) for k, c in row.items()} for e, row in p.couplings.items()},
+        }
+
+    def _repr_html_(self) -> str:
+        rows = "".join(f"<tr><td>{step}</td><td>{n}</td></tr>" for step, n in self.counts)
+        return (
+            f"<p>{self.robot.title or self.robot.name}: loads {self.experiment.loads}, "
+            f"measured {self.experiment.measure}</p><table><tr><th>step</th><th>parameters</th></tr>{rows}</table>"
+        )
+
+
+def shown(coefficient: Any) -> str:
+    """A coupling as text: a short fraction exactly, an approximated irrational one to 15 digits."""
+    if isinstance(coefficient, Fraction) and coefficient.denominator > 10**15:
+        return f"{float(coefficient):.15g}"
+    return str(coefficient)
+
+
+def reduce(
+    robot: Robot,
+    loads: str = "wrench",
+    measure: str = "pose",
+    fixed: Mapping[int, Any] | None = None,
+    prefer: Sequence[str] = (),
+    avoid: Sequence[str] = (),
+) -> Reduction:
+    """Reduce a robot's complete model to what a class of loads and measurements identifies.
+
+    ``fixed`` holds joints at values [rad, m]; ``prefer`` names parameters to keep first, ``avoid`` to keep last (M5b).
+    Raises UserError for an unknown class, joint or parameter.
+    """
+    experiment = Experiment(loads, measure, _fixed(robot, fixed or {}))
+    stages = physical_stages(robot)
+    full = stages[-1].parameters
+    if not full:
+        raise UserError(f"{robot.name}: every link is rigid and no joint is left: nothing to identify")
+    chain = ElasticChain(robot)
+    names = tuple(p.name for p in full)
+    program = observation_program(chain, terms_of(full), names)
+    engine = ExactEngine(chain, program, names, experiment)
+    return Reduction(robot, experiment, stages, engine.partition(preference(chain, full, prefer, avoid)))
+
+
+def _fixed(robot: Robot, fixed: Mapping[int, Any]) -> dict[int, sp.Expr]:
+    for joint in fixed:
+        if not 1 <= joint <= robot.dof:
+            raise UserError(f"cannot fix q{joint}: {robot.name} has joints 1 to {robot.dof}")
+    return {j: parse_exact(v).sympy() for j, v in sorted(fixed.items())}
+
+
+def preference(
+    chain: ElasticChain, full: Sequence[Parameter], prefer: Sequence[str] = (), avoid: Sequence[str] = ()
+) -> list[str]:
+    """Names in the order in which to keep them (M5b): a user's wishes, then physical sense.
+
+    A joint's compliance, and the rotation of the link before it about its axis, come first; then other rotations,
+    translations, couplings; from the base to the tip.
+    """
+    names = [p.name for p in full]
+    for wish in (*prefer, *avoid):
+        if wish not in names:
+            raise UserError(f"no parameter {wish!r} after M3 of {chain.robot.name}: known are {', '.join(names)}")
+    sense = {p.name: _sense(chain, p) for p in full}
+
+    def key(name: str) -> tuple[int, int, int]:
+        wished = prefer.index(name) - len(prefer) if name in prefer else 0
+        return (wished, name in avoid, sense[name])
+
+    return sorted(names, key=key)
+
+
+def _sense(chain: ElasticChain, p: Parameter) -> int:
+    if p.is_joint or (not p.is_coupling and p.row > 3 and _is_joint_axis(chain, p)):
+        return 0
+    if p.is_coupling:
+        return 3
+    return 1 if p.row > 3 else 2
+
+
+def _is_joint_axis(chain: ElasticChain, p: Parameter) -> bool:
+    """Whether axis ``row`` of the link is the next joint's axis, z of DH frame i."""
+    if p.body >= chain.dof or chain.rows[p.body].prismatic:
+        return False
+    axis = chain.elastic_axes(Builder("axes", ()), p.body)[p.row - 4]
+    return bool(axis[0] == 0 and axis[1] == 0)

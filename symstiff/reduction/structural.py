@@ -1,0 +1,216 @@
+"""M4–M5, exact: which parameters a class of loads and measurements can tell apart, before any measurement.
+
+The observation matrix is evaluated at random points modulo a prime and brought to reduced row echelon form: rank,
+groups and couplings come out without a tolerance; further primes confirm them and lift the couplings to fractions.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from fractions import Fraction
+from typing import Any
+
+import numpy as np
+import sympy as sp
+
+from symstiff.errors import UserError
+from symstiff.reduction.prime import PRIMES, Angle, PrimeAlgebra, echelon, rational
+from symstiff.symbolic.chain import ElasticChain
+from symstiff.symbolic.program import Program, evaluate
+
+LOADS = {"wrench": (1, 2, 3, 4, 5, 6), "force": (1, 2, 3), "gravity": (3,)}
+MEASURES = {"pose": (0, 1, 2, 3, 4, 5), "position": (0, 1, 2)}
+
+
+@dataclass(frozen=True)
+class Experiment:
+    """A class of loads and measurements: which wrench components vary, what is measured, which joints stand still."""
+
+    loads: str = "wrench"
+    measure: str = "pose"
+    fixed: Mapping[int, sp.Expr] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        if self.loads not in LOADS:
+            raise UserError(f"unknown loads {self.loads!r}: use {', '.join(LOADS)}")
+        if self.measure not in MEASURES:
+            raise UserError(f"unknown measure {self.measure!r}: use {', '.join(MEASURES)}")
+
+
+Couplings = dict[str, dict[str, Any]]
+
+
+@dataclass(frozen=True)
+class Partition:
+    """M4a and M5: G1 identifiable, G2 without influence, G3 semi-identifiable, split into coupled groups.
+
+    ``couplings[eliminated][kept]`` is the coefficient with which the kept parameter's column enters the eliminated
+    one's: the kept parameter stands for π_kept + Σ coefficient·π_eliminated.
+    """
+
+    g1: tuple[str, ...]
+    g2: tuple[str, ...]
+    g3: tuple[str, ...]
+    blocks: tuple[tuple[str, ...], ...]
+    kept: tuple[str, ...]
+    couplings: Couplings
+
+    @property
+    def rank(self) -> int:
+        """Rank of the observation matrix."""
+        return len(self.kept)
+
+
+def partition(names: Sequence[str], kept: Sequence[str], couplings: Couplings) -> Partition:
+    """Groups from an echelon form: which eliminated columns are combinations of which kept ones."""
+    zero = [n for n in names if n in couplings and not couplings[n]]
+    coupled = {k for row in couplings.values() for k in row}
+    g1 = [n for n in kept if n not in coupled]
+    g3 = [n for n in names if n in coupled or (n in couplings and couplings[n])]
+    real = {n: row for n, row in couplings.items() if row}
+    in_order = sorted(kept, key=list(names).index)
+    return Partition(
+        tuple(n for n in names if n in g1),
+        tuple(zero),
+        tuple(g3),
+        _blocks(g3, real),
+        tuple(in_order),
+        {n: real[n] for n in names if n in real},
+    )
+
+
+def _blocks(g3: Sequence[str], couplings: Couplings) -> tuple[tuple[str, ...], ...]:
+    """Connected groups of coupled parameters (M5a): the components of the linear matroid."""
+    group = {n: n for n in g3}
+
+    def root(n: str) -> str:
+        while group[n] != n:
+            n = group[n]
+        return n
+
+    for eliminated, row in couplings.items():
+        for kept in row:
+            group[root(kept)] = root(eliminated)
+    found: dict[str, list[str]] = {}
+    for n in g3:
+        found.setdefault(root(n), []).append(n)
+    return tuple(tuple(block) for block in found.values())
+
+
+@dataclass(frozen=True)
+class ExactEngine:
+    """The structural engine for one observation program."""
+
+    chain: ElasticChain
+    program: Program
+    names: tuple[str, ...]
+    experiment: Experiment = Experiment()
+    seed: int = 1
+
+    def matrix(self, prime: int, lengths: Sequence[int] = ()) -> np.ndarray:
+        """The aggregated observation matrix modulo a prime, at enough random configurations."""
+        algebra = PrimeAlgebra(prime)
+        rng = np.random.default_rng([self.seed, prime])
+        rows = MEASURES[self.experiment.measure]
+        n = (5 * len(self.names)) // (4 * len(rows)) + 12
+        inputs: dict[str, list[Any]] = {"q": self._joints(algebra, rng, n), "w": self._wrench(algebra, rng, n)}
+        for vector in self.program.inputs:
+            if vector.name == "lengths":
+                inputs["lengths"] = list(lengths)
+            elif vector.name == "context":
+                inputs["context"] = [algebra.random(rng, n) for _ in vector.symbols]
+        flat = evaluate(self.program, inputs, algebra)["A"]
+        width = len(self.names)
+        matrix = np.zeros((n * len(rows), width), dtype=np.int64)
+        for k, r in enumerate(rows):
+            for c in range(width):
+                matrix[k * n : (k + 1) * n, c] = flat[r * width + c]
+        return matrix % prime
+
+    def _joints(self, algebra: PrimeAlgebra, rng: np.random.Generator, n: int) -> list[Any]:
+        joints: list[Any] = []
+        for i, row in enumerate(self.chain.rows, start=1):
+            fixed = self.experiment.fixed.get(i)
+            if row.prismatic:
+                joints.append(algebra.random(rng, n) if fixed is None else algebra.number(sp.Rational(fixed)))
+            else:
+                joints.append(_angle(algebra, fixed, rng, n))
+        return joints
+
+    def _wrench(self, algebra: PrimeAlgebra, rng: np.random.Generator, n: int) -> list[Any]:
+        acting = LOADS[self.experiment.loads]
+        return [algebra.random(rng, n) if c in acting else 0 for c in range(1, 7)]
+
+    def reduced(self, prime: int, order: Sequence[int], lengths: Sequence[int] = ()) -> tuple[np.ndarray, list[int]]:
+        """Echelon form with columns in the given order; pivots as positions in that order."""
+        return echelon(self.matrix(prime, lengths)[:, list(order)], prime)
+
+    def partition(self, preference: Sequence[str]) -> Partition:
+        """Rank, groups, kept parameters and exact couplings; earlier names in ``preference`` are kept first."""
+        order = [self.names.index(n) for n in preference]
+        lifted = _Lift()
+        for prime in PRIMES:
+            if lifted.add(*self.reduced(prime, order), prime):
+                break
+        couplings: Couplings = {}
+        for position, name in enumerate(preference):
+            if position not in lifted.pivots:
+                couplings[name] = {
+                    preference[lifted.pivots[r]]: c for r, c in lifted.column(position) if c != 0
+                }
+        return partition(self.names, [preference[p] for p in lifted.pivots], couplings)
+
+
+def _angle(algebra: PrimeAlgebra, fixed: sp.Expr | None, rng: np.random.Generator, n: int) -> Angle:
+    return algebra.random_angle(rng, n) if fixed is None else algebra.fixed_angle(fixed)
+
+
+class _Lift:
+    """Combines echelon forms of several primes to fractions, until one more prime confirms all of them."""
+
+    def __init__(self) -> None:
+        self.pivots: list[int] = []
+        self.modulus = 1
+        self.residues: dict[tuple[int, int], int] = {}
+        self.width = 0
+        self._guess: dict[tuple[int, int], Fraction | None] = {}
+
+    def add(self, form: np.ndarray, pivots: list[int], prime: int) -> bool:
+        """Take in one prime; returns whether every fraction found before agrees with it."""
+        fresh = self.modulus == 1 or len(pivots) > len(self.pivots)
+        if fresh:
+            self.pivots, self.modulus, self.width = pivots, 1, form.shape[1]
+            self.residues = {}
+        elif pivots != self.pivots:
+            return False  # an unlucky prime lost rank: leave it out
+        free = [c for c in range(self.width) if c not in self.pivots]
+        agreed = not fresh
+        for r in range(len(self.pivots)):
+            for c in free:
+                agreed &= self._combine((r, c), int(form[r, c]), prime)
+        self.modulus *= prime
+        for key, residue in self.residues.items():
+            self._guess[key] = rational(residue, self.modulus)
+        return agreed
+
+    def _combine(self, key: tuple[int, int], residue: int, prime: int) -> bool:
+        old = self.residues.get(key, 0)
+        guess = self._guess.get(key)
+        agrees = (
+            self.modulus > 1
+            and guess is not None
+            and guess.denominator % prime != 0
+            and guess.numerator * pow(guess.denominator, -1, prime) % prime == residue
+        )
+        step = (residue - old) * pow(self.modulus, -1, prime) % prime
+        self.residues[key] = old + self.modulus * step
+        return agrees
+
+    def column(self, position: int) -> list[tuple[int, Fraction]]:
+        """Coefficients of one free column over the pivots."""
+        return [
+            (r, fraction)
+            for r in range(len(self.pivots))
+            if (fraction := self._guess.get((r, position))) is not None
+        ]
