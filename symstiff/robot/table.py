@@ -4,16 +4,22 @@ from __future__ import annotations
 
 from typing import Any
 
+from pydantic import BaseModel
+
 from symstiff.robot.exact import Exact
 from symstiff.robot.schema import Robot
 
 
 def to_table(robot: Robot) -> dict[str, Any]:
-    """Return the table from which ``from_table`` makes the same robot."""
-    return _plain(robot.model_dump(exclude_none=True, exclude_defaults=True) | {"format": 1})  # type: ignore[no-any-return]
+    """Return the table from which ``from_table`` makes the same robot; what equals its default is left out."""
+    return {"format": 1, **_plain(robot)}
 
 
 def _plain(value: Any) -> Any:
+    if isinstance(value, BaseModel):
+        fields = type(value).model_fields
+        set_values = {name: getattr(value, name) for name in fields}
+        return {n: _plain(v) for n, v in set_values.items() if v is not None and v != fields[n].default}
     if isinstance(value, Exact):
         whole = not value.pi and value.rational.denominator == 1
         return int(value.rational) if whole else str(value)
