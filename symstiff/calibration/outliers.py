@@ -16,7 +16,7 @@ _UNTESTABLE = 1e-6  # of the noise variance: a residual that the fit itself forc
 
 @dataclass(frozen=True, eq=False)
 class HuberFit:
-    """A Huber fit in the orthonormal basis Q: solution (r,), residual and weights (M,), system QᵀWQ (r, r)."""
+    """A Huber fit in the orthonormal basis Q: solution (r,), residual, weights (M,), system QᵀWQ (r, r)."""
 
     solution: Array
     residual: Array

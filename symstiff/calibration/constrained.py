@@ -1,0 +1,138 @@
+"""Identification under physics: some complete admissible parameter set must stand behind the reduced one."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import scipy.stats
+
+from symstiff.calibration.compact import Array
+from symstiff.calibration.estimate import Estimate, plain
+from symstiff.errors import UserError
+from symstiff.reduction.admissible import AdmissibleSet, admissible_set, scales
+from symstiff.reduction.conic import Constraint, dual_matrix, semidefinite, solve
+
+_ACTIVE = 1e-6  # of the nominal size: a block whose least eigenvalue is below touches its bound
+
+
+@dataclass(frozen=True)
+class ActiveBound:
+    """A condition that the data press against.
+
+    slack: least eigenvalue in nominal sizes; multiplier: fall of ½·chi² if the bound gave way by one nominal
+    size (in standard deviations squared), the trace of the condition's multiplier matrix.
+    """
+
+    label: str
+    slack: float
+    multiplier: float
+
+    def __str__(self) -> str:
+        return f"{self.label}: at its bound, multiplier {self.multiplier:.3g}"
+
+
+@dataclass(frozen=True, eq=False)
+class ConstrainedEstimate:
+    """A least-squares fit inside the admissible set.
+
+    values: (r,) reduced parameters; complete: (n,) an admissible set with P·complete = values; chi2, free_chi2:
+    whitened residual sums with and without the conditions, in units of the noise variance; active: bounds pressed
+    against, hardest first; multipliers: by block; implausible_p: chance that noise alone makes the
+    conditions cost as much (small: the data contradict the model, not only the noise).
+    """
+
+    names: tuple[str, ...]
+    values: Array
+    complete_names: tuple[str, ...]
+    complete: Array
+    chi2: float
+    free_chi2: float
+    active: tuple[ActiveBound, ...]
+    multipliers: dict[str, Array]
+    implausible_p: float
+
+    def to_dict(self) -> dict[str, Any]:
+        """A JSON-ready record."""
+        return {
+            "parameters": dict(zip(self.names, map(float, self.values), strict=True)),
+            "complete": dict(zip(self.complete_names, map(float, self.complete), strict=True)),
+            "chi2": plain(self.chi2),
+            "chi2_without_conditions": plain(self.free_chi2),
+            "implausible_p": plain(self.implausible_p),
+            "active": [{"bound": a.label, "slack": a.slack, "multiplier": a.multiplier} for a in self.active],
+        }
+
+
+def constrain(
+    fit: Estimate,
+    P: Array | None = None,
+    complete_names: Sequence[str] | None = None,
+    *,
+    nominal: Mapping[str, float] | None = None,
+    admissible: AdmissibleSet | None = None,
+) -> ConstrainedEstimate:
+    """Minimise the same sum of squares over the reduced sets that have an admissible complete set.
+
+    fit: the free estimate (its triangular form is reused, so rows are not needed again); P: (r, n) with
+    reduced = P·complete, identity where absent; nominal: sizes of the complete parameters. Link matrices
+    positive semidefinite, joints ≥ 0 (`admissible` overrides what the names say). Raises UserError where shapes
+    do not fit. A second-order-cone or semidefinite program in the triangular form: no normal equations.
+    """
+    complete_names = tuple(fit.names if complete_names is None else complete_names)
+    P = np.eye(len(fit.names), len(complete_names)) if P is None else np.asarray(P, dtype=float)
+    if P.shape != (len(fit.names), len(complete_names)):
+        raise UserError(
+            f"mapping of shape {P.shape} does not fit {len(fit.names)} identified and {len(complete_names)} "
+            "complete parameters: give the mapping of the same reduction"
+        )
+    rules = admissible_set(complete_names) if admissible is None else admissible
+    scale = scales(complete_names, nominal or {})
+    form, n = fit.compact, len(complete_names)
+    columns = (form.R * form.scale) @ P * scale  # (k, n)
+    size = max(float(np.linalg.norm(form.z)), 1e-300)
+    k = len(form.z)
+    constraints = [Constraint("zero", np.hstack([columns / size, -np.eye(k)]), form.z / size)]
+    constraints += semidefinite(rules, scale, n + k)
+    # So weak a pull to zero moves no determined parameter; it keeps the undetermined from drifting away.
+    quadratic = np.concatenate([np.full(n, 1e-12), np.ones(k)])
+    solution = solve(quadratic, np.zeros(n + k), constraints)
+    if solution.status != "solved":
+        raise ArithmeticError(f"constrained fit: the conic solver stopped with {solution.status}")
+    x = solution.x[:n]
+    variance = fit.unit_variance if math.isfinite(fit.unit_variance) and fit.unit_variance > 0 else 1.0
+    residual = columns @ x - form.z
+    chi2 = (form.rest + float(residual @ residual)) / variance
+    free_chi2 = float(fit.whitened @ fit.whitened) / variance
+    factor = size**2 / variance
+    duals = zip(rules.blocks, solution.duals[1:], strict=True)
+    multipliers = {block.label: factor * dual_matrix(block, dual) for block, dual in duals}
+    active = _active(rules, scale, scale * x, multipliers)
+    implausible = float(scipy.stats.chi2.sf(max(chi2 - free_chi2, 0.0), len(active))) if active else 1.0
+    return ConstrainedEstimate(
+        fit.names,
+        P @ (scale * x),
+        complete_names,
+        scale * x,
+        chi2,
+        free_chi2,
+        active,
+        multipliers,
+        implausible,
+    )
+
+
+def _active(
+    rules: AdmissibleSet, scale: Array, values: Array, multipliers: Mapping[str, Array]
+) -> tuple[ActiveBound, ...]:
+    """Blocks at their bound whose multiplier costs something, hardest first."""
+    slack = rules.smallest(values, scale)
+    found = [
+        ActiveBound(label, slack[label], float(np.trace(Z)))
+        for label, Z in multipliers.items()
+        if slack[label] < _ACTIVE * max(1.0, float(np.max(np.abs(values / scale)))) and np.trace(Z) > 1e-6
+    ]
+    return tuple(sorted(found, key=lambda bound: -bound.multiplier))

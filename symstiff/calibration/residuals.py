@@ -1,0 +1,162 @@
+"""What is left after compensation: MAX and RMS by axis and position, histograms, held-out poses."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+import scipy.stats
+
+from symstiff.calibration.compact import Array, compact
+from symstiff.errors import UserError
+
+AXES = ("x", "y", "z", "rx", "ry", "rz")
+Ints = npt.NDArray[np.int_]
+
+
+@dataclass(frozen=True)
+class Size:
+    """Largest and root-mean-square magnitude of one kind of residual, m or rad; nan where none was measured."""
+
+    max: float
+    rms: float
+
+
+@dataclass(frozen=True)
+class ResidualTable:
+    """Sizes by axis and of whole positions and rotations (keys: x … rz, positional, rotational)."""
+
+    before: dict[str, Size]
+    after: dict[str, Size]
+
+    @property
+    def compensated(self) -> float:
+        """Share of the positional RMS deflection that the model removes (seed: 0.95); nan without positions."""
+        if "positional" not in self.before or self.before["positional"].rms == 0.0:
+            return math.nan
+        return 1.0 - self.after["positional"].rms / self.before["positional"].rms
+
+    def to_dict(self) -> dict[str, Any]:
+        """A JSON-ready record, in m and rad."""
+
+        def sizes(table: dict[str, Size]) -> dict[str, dict[str, float]]:
+            return {key: {"max": size.max, "rms": size.rms} for key, size in table.items()}
+
+        share = self.compensated
+        return {
+            "before": sizes(self.before),
+            "after": sizes(self.after),
+            "compensated": share if math.isfinite(share) else None,
+        }
+
+
+def residual_table(measured: Array, predicted: Array) -> ResidualTable:
+    """Compare deflections before and after compensation, as the seed's Table 2.
+
+    measured, predicted: (N, 6) or (N, 3), a row per pose, load and point, in m and rad; NaN in `measured` where
+    not measured. A position counts where all three of its axes were measured.
+    """
+    measured, predicted = np.asarray(measured, dtype=float), np.asarray(predicted, dtype=float)
+    if measured.shape != predicted.shape or measured.ndim != 2 or measured.shape[1] not in (3, 6):
+        raise UserError(
+            f"measured {measured.shape} and predicted {predicted.shape}: give (N, 3) or (N, 6) each"
+        )
+    return ResidualTable(sizes(measured), sizes(measured - predicted))
+
+
+def sizes(values: Array) -> dict[str, Size]:
+    """MAX and RMS by axis, and of the norms of translations and rotations; values: (N, 3 or 6), NaN allowed."""
+    found = {}
+    for axis, column in zip(AXES, values.T, strict=False):
+        if np.isfinite(column).any():
+            found[axis] = _size(column)
+    for name, part in (("positional", values[:, :3]), ("rotational", values[:, 3:])):
+        norms = np.linalg.norm(part, axis=1) if part.shape[1] else np.full(0, math.nan)
+        if np.isfinite(norms).any():
+            found[name] = _size(norms)
+    return found
+
+
+@dataclass(frozen=True, eq=False)
+class Histogram:
+    """Residuals of one axis in bins: edges (B + 1,), counts (B,), with mean and deviation in m or rad.
+
+    bias_p: chance of a mean this far from zero without bias; normal_p: of a shape this far from
+    normal (D'Agostino and Pearson); nan with fewer than 20 values.
+    """
+
+    axis: str
+    edges: Array
+    counts: Ints
+    mean: float
+    std: float
+    bias_p: float
+    normal_p: float
+
+
+def histograms(residuals: Array, bins: int = 21) -> tuple[Histogram, ...]:
+    """Distribution of the residuals of every measured axis (seed Figure 3); residuals: (N, 3 or 6), NaN allowed."""
+    found = []
+    for axis, column in zip(AXES, np.asarray(residuals, dtype=float).T, strict=False):
+        values = column[np.isfinite(column)]
+        if len(values) < 2:
+            continue
+        reach = float(np.max(np.abs(values))) or 1.0
+        counts, edges = np.histogram(values, bins=bins, range=(-reach, reach))
+        std = float(np.std(values, ddof=1))
+        testable = len(values) >= 20 and std > 0
+        bias = float(scipy.stats.ttest_1samp(values, 0.0).pvalue) if testable else math.nan
+        normal = float(scipy.stats.normaltest(values).pvalue) if testable else math.nan
+        found.append(Histogram(axis, edges, counts, float(np.mean(values)), std, bias, normal))
+    return tuple(found)
+
+
+def split(groups: Sequence[int] | Ints, share: float = 0.2, seed: int = 0) -> tuple[Ints, Ints]:
+    """Indices of rows to fit and rows to hold out, all rows of a pose together; groups: (M,) pose indices."""
+    groups = np.asarray(groups)
+    poses = np.unique(groups)
+    if len(poses) < 2 or not 0.0 < share < 1.0:
+        raise UserError(
+            f"{len(poses)} pose(s), share {share:g}: holding out needs two poses and a share in (0, 1)"
+        )
+    count = min(max(round(share * len(poses)), 1), len(poses) - 1)
+    out = np.random.default_rng(seed).permutation(poses)[:count]
+    held = np.isin(groups, out)
+    return np.flatnonzero(~held), np.flatnonzero(held)
+
+
+def folds(groups: Sequence[int] | Ints, count: int = 5, seed: int = 0) -> Iterator[tuple[Ints, Ints]]:
+    """Cross-validation by pose: every pose is held out once, in one of `count` folds."""
+    groups = np.asarray(groups)
+    poses = np.random.default_rng(seed).permutation(np.unique(groups))
+    if len(poses) < 2:
+        raise UserError("cross-validation needs at least two poses")
+    for part in np.array_split(poses, min(count, len(poses))):
+        held = np.isin(groups, part)
+        yield np.flatnonzero(~held), np.flatnonzero(held)
+
+
+def held_out_prediction(
+    A: Array, y: Array, sigma: Array | None, groups: Sequence[int] | Ints, count: int = 5, seed: int = 0
+) -> Array:
+    """(M,) predictions of every row by a fit that never saw its pose.
+
+    A: (M, P), y, sigma: (M,); groups: (M,) pose indices. Directions that a fold does not resolve to rounding
+    stay at zero.
+    """
+    A, y = np.asarray(A, dtype=float), np.asarray(y, dtype=float)
+    predicted = np.empty(len(y))
+    for fit, held in folds(groups, count, seed):
+        form = compact(A[fit], y[fit], None if sigma is None else np.asarray(sigma)[fit])
+        solution = np.linalg.lstsq(form.R, form.z, rcond=len(fit) * np.finfo(float).eps)[0]
+        predicted[held] = A[held] @ (solution / form.scale)
+    return predicted
+
+
+def _size(values: Array) -> Size:
+    values = values[np.isfinite(values)]
+    return Size(float(np.max(np.abs(values))), float(np.sqrt(np.mean(values**2))))
