@@ -1,0 +1,150 @@
+"""The candidates' columns side by side, and their orthonormal bases after projection off a model."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from symstiff.discrepancy.problem import Array, Candidate, Index, Problem
+
+NUMERIC_ZERO = 1e-9
+"""Share of a column's squared length below which nothing of it is left outside the model."""
+
+
+@dataclass(frozen=True)
+class Bank:
+    """Columns of all candidates and shapes; entry = one shape of one candidate."""
+
+    candidates: tuple[Candidate, ...]
+    generic: NDArrayBool
+    log_prior: Array
+    columns: Array
+    """(M, K) columns, each of unit length in the units of ``scale``."""
+    scale: Array
+    """(K,) lengths before normalisation."""
+    start: Index
+    """(S,) first column of each entry."""
+    width: Index
+    """(S,) number of columns of each entry."""
+    owner: Index
+    """(S,) candidate of each entry, ascending."""
+    shape: Index
+    """(S,) number of the shape within its candidate."""
+
+    @property
+    def first_entry(self) -> Index:
+        """First entry of every candidate (reduceat offsets)."""
+        return np.searchsorted(self.owner, np.arange(len(self.candidates)))
+
+    def slice(self, entry: int) -> slice:
+        """Columns of an entry."""
+        return slice(int(self.start[entry]), int(self.start[entry] + self.width[entry]))
+
+    def batches(self) -> list[tuple[int, Index]]:
+        """Entries grouped by width: (width, (n, width) column numbers)."""
+        out = []
+        for width in np.unique(self.width):
+            begin = self.start[self.width == width]
+            out.append((int(width), begin[:, None] + np.arange(width)))
+        return out
+
+
+NDArrayBool = np.ndarray[tuple[int, ...], np.dtype[np.bool_]]
+
+
+def build(
+    problem: Problem,
+    candidates: Sequence[Candidate],
+    generic: Sequence[Candidate],
+    generic_share: float = 0.3,
+) -> Bank:
+    """Evaluate every shape of every available candidate once.
+
+    A candidate whose columns are all zero or not finite keeps no entry and drops out of the bank.
+    """
+    blocks: list[Array] = []
+    owner: list[int] = []
+    shape: list[int] = []
+    kept: list[Candidate] = []
+    is_generic: list[bool] = []
+    for candidate, flag in [*((c, False) for c in candidates), *((c, True) for c in generic)]:
+        found = [(s, block) for s, block in _blocks(problem, candidate)]
+        if not found:
+            continue
+        for number, block in found:
+            blocks.append(block)
+            owner.append(len(kept))
+            shape.append(number)
+        kept.append(candidate)
+        is_generic.append(flag)
+    columns = np.hstack(blocks) if blocks else np.zeros((problem.rows, 0))
+    width = np.array([b.shape[1] for b in blocks], dtype=np.intp)
+    length = np.linalg.norm(columns, axis=0)
+    length[length == 0] = 1.0
+    mask = np.array(is_generic, dtype=bool)
+    return Bank(
+        tuple(kept),
+        mask,
+        _log_prior(kept, mask, generic_share),
+        columns / length,
+        length,
+        np.concatenate([[0], np.cumsum(width)[:-1]]).astype(np.intp) if len(width) else width,
+        width,
+        np.array(owner, dtype=np.intp),
+        np.array(shape, dtype=np.intp),
+    )
+
+
+def _blocks(problem: Problem, candidate: Candidate) -> list[tuple[int, Array]]:
+    if candidate.unavailable:
+        return []
+    out = []
+    for number, shape in enumerate(candidate.shapes):
+        block = np.asarray(candidate.columns(shape), dtype=float)
+        block = block.reshape(problem.rows, -1)
+        if block.shape[1] and np.all(np.isfinite(block)) and np.any(block):
+            out.append((number, block))
+    return out
+
+
+def _log_prior(kept: Sequence[Candidate], generic: NDArrayBool, share: float) -> Array:
+    """Every effect weighs the same and divides its weight among its places; unnamed laws divide ``share``."""
+    named = [c.effect for c, g in zip(kept, generic, strict=True) if not g]
+    effects = {e: named.count(e) for e in named}
+    total = int(np.sum(generic))
+    weight = [
+        share / max(total, 1) if g else (1.0 - share) / (len(effects) * effects[c.effect])
+        for c, g in zip(kept, generic, strict=True)
+    ]
+    return np.log(np.array(weight)) if weight else np.zeros(0)
+
+
+def orthonormal(bank: Bank, projected: Array, reference: Array) -> tuple[Array, Array]:
+    """Orthonormalise each entry's projected columns.
+
+    ``projected`` (M, K) are the columns after projection, ``reference`` (K,) their squared lengths before it.
+    Returns Q (M, K), with zero columns for directions of which nothing is left, and the rank of each entry (S,).
+    """
+    Q = np.zeros_like(projected)
+    rank = np.zeros(len(bank.start), dtype=float)
+    for width, cols in bank.batches():
+        members = np.flatnonzero(bank.width == width)
+        block = projected[:, cols.ravel()].reshape(len(projected), len(cols), width)
+        unit = np.sqrt(np.maximum(reference[cols], 1e-300))
+        block = block / unit
+        if width == 1:
+            left = np.einsum("mnw,mnw->n", block, block)
+            ok = left > NUMERIC_ZERO
+            Q[:, cols[:, 0]] = np.where(ok, block[:, :, 0] / np.sqrt(np.where(ok, left, 1.0)), 0.0)
+            rank[members] = ok
+            continue
+        gram = np.einsum("mnw,mnv->nwv", block, block, optimize=True)
+        value, vector = np.linalg.eigh(gram)
+        ok = value > NUMERIC_ZERO
+        turned = vector * np.where(ok, 1.0 / np.sqrt(np.where(ok, value, 1.0)), 0.0)[:, None, :]
+        made = np.matmul(block.transpose(1, 0, 2), turned)
+        Q[:, cols.ravel()] = made.transpose(1, 0, 2).reshape(len(projected), -1)
+        rank[members] = ok.sum(axis=1)
+    return Q, rank

@@ -1,0 +1,92 @@
+"""From a problem to the scan on which everything else works: bank, noise, projection."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from symstiff.discrepancy import noise as noises
+from symstiff.discrepancy.bank import Bank, build
+from symstiff.discrepancy.laws import unnamed_laws
+from symstiff.discrepancy.problem import Array, Candidate, Problem
+from symstiff.discrepancy.scan import Scan, evidence, extend, open_scan, prune
+
+
+@dataclass(frozen=True)
+class Prepared:
+    """The scan with the noise that it rests on."""
+
+    scan: Scan
+    bank: Bank
+    report: noises.NoiseReport
+    residual: Array
+    """(M,) of the current model, data's unit, at the likeliest noise."""
+
+
+def prepare(problem: Problem, candidates: Sequence[Candidate]) -> Prepared:
+    """Two rounds: homogeneous noise finds what stands out, and the noise is fitted to what is left after it.
+
+    Otherwise a large missing effect would pass for noise that differs between axes or between poses.
+    """
+    bank = build(problem, candidates, unnamed_laws(problem))
+    noise = noises.start(problem)
+    own = 0.0
+    growth: dict[str, float] = {}
+    for _ in range(2):
+        scan = prune(open_scan(bank, noise, problem.y, problem.A))
+        clean = _without_the_obvious(scan)
+        residual = _data_residual(clean)
+        own = _own_share(problem, clean, residual)
+        noise, growth = noises.refine(problem, noises.start(problem), residual, clean.freedom, own)
+    scan = prune(open_scan(bank, noise, problem.y, problem.A))
+    clean = _without_the_obvious(scan)
+    scan = replace(scan, layers=tuple(la for la in scan.layers))
+    report = noises.report(
+        problem, noise, _within_residual(clean), clean.best.rss / max(clean.freedom, 1), clean.freedom,
+        clean.best.ratio, growth,
+    )  # fmt: skip
+    return Prepared(scan, bank, report, _data_residual(scan))
+
+
+def _without_the_obvious(scan: Scan, most: int = 3, least: float = 4.0) -> Scan:
+    """The scan after the few candidates that stand out beyond doubt, named or not."""
+    for _ in range(most):
+        found = evidence(scan)
+        if not len(found.score) or found.score.max() < least:
+            break
+        scan = extend(scan, (int(found.best_entry[int(np.argmax(found.score))]),))
+    return scan
+
+
+def _data_residual(scan: Scan) -> Array:
+    layer = scan.best
+    return np.asarray(scan.noise.apply(layer.colour, layer.y[:, None])[:, 0] * scan.noise.spread)
+
+
+def _within_residual(scan: Scan) -> Array:
+    """Residual with the shared error predicted and removed, data's unit."""
+    layer = scan.best
+    return np.asarray(layer.y * scan.noise.spread)
+
+
+def _own_share(problem: Problem, scan: Scan, residual: Array) -> float:
+    """Part of the shared error that each marker has for itself, by moments of the residual's pose means."""
+    channels = len(np.unique(problem.channel))
+    if channels == len(np.unique(problem.axis)) or scan.best.ratio == 0.0:
+        return 0.0
+    z = residual / scan.noise.spread
+    cell = problem.pose * (problem.channel.max() + 1) + problem.channel
+    between = _mean_square(z, cell)
+    common = _mean_square(z, problem.pose * (problem.axis.max() + 1) + problem.axis)
+    return float(np.clip(1.0 - common / max(between, 1e-12), 0.0, 0.9))
+
+
+def _mean_square(z: Array, label: Array) -> float:
+    """Mean of products of different rows of the same label: the variance that they share."""
+    _, number = np.unique(label, return_inverse=True)
+    total = np.bincount(number.reshape(-1), z)
+    square = np.bincount(number.reshape(-1), z**2)
+    count = np.bincount(number.reshape(-1))
+    return float(np.sum(total**2 - square) / max(np.sum(count * (count - 1)), 1))

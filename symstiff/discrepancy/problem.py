@@ -1,0 +1,131 @@
+"""What the statistics are given: rows of data, columns of the model, and candidates that yield columns."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+from symstiff.errors import UserError
+
+Array = NDArray[np.float64]
+Index = NDArray[np.intp]
+Shape = Mapping[str, float]
+
+
+@dataclass(frozen=True)
+class Problem:
+    """Measured rows, the model's columns and the context of every row.
+
+    Rows are scalars: one component of one measured point in one load case of one pose. Optional arrays may be
+    None where the data do not hold them. Positions in metres, rotations in radians, loads in N and N·m.
+    """
+
+    y: Array
+    """(M,) measured deflection or position."""
+    A: Array
+    """(M, P) columns of the current model; any scale, any rank."""
+    pose: Index
+    """(M,) number of the pose."""
+    case: Index
+    """(M,) number of the load case within its pose; rows that agree in pose, case and channel are repeats."""
+    channel: Index
+    """(M,) number of the measured component: marker and axis together."""
+    axis: Index
+    """(M,) number of the axis, shared by the markers; 0-2 translations, 3-5 rotations."""
+    sigma: Array | None = None
+    """(M,) stated standard deviation."""
+    load: Array | None = None
+    """(M,) load as a factor of the largest load of its pose."""
+    J: Array | None = None
+    """(M, V) row of the virtual-joint Jacobian."""
+    tau: Array | None = None
+    """(M, V) load on the virtual joints."""
+    virtual_joints: tuple[str, ...] = ()
+    """V names, such as ``joint 3`` or ``link 2 axis 4``."""
+    joint_of: tuple[int, ...] = ()
+    """V numbers: 0-based column of ``q`` that the virtual joint turns about, -1 for links."""
+    q: Array | None = None
+    """(M, n) joint variables."""
+    time: Array | None = None
+    temperature: Array | None = None
+    branch: Array | None = None
+    """(M,) +1 loading, -1 unloading."""
+    spread: Mapping[str, Array] = field(default_factory=dict)
+    """Positive quantities that the noise may grow with, (M,) each: distance, load."""
+
+    def __post_init__(self) -> None:
+        rows = len(self.y)
+        if self.A.ndim != 2 or len(self.A) != rows:
+            raise UserError(f"diagnosis: model columns have shape {self.A.shape}, data have {rows} rows")
+        if not np.all(np.isfinite(self.y)) or not np.all(np.isfinite(self.A)):
+            raise UserError(
+                "diagnosis: data or model columns hold a value that is not finite: remove those rows"
+            )
+        if self.sigma is not None and not np.all(self.sigma > 0):
+            raise UserError("diagnosis: a stated sigma is zero or negative: give positive values or none")
+
+    @property
+    def rows(self) -> int:
+        """Number of rows M."""
+        return len(self.y)
+
+    @property
+    def poses(self) -> int:
+        """Number of poses."""
+        return len(np.unique(self.pose))
+
+
+@dataclass(frozen=True)
+class Parameter:
+    """A coefficient of a candidate: name, unit and the physical range outside which nobody would believe it."""
+
+    name: str
+    unit: str = ""
+    low: float = -np.inf
+    high: float = np.inf
+
+
+@dataclass(frozen=True)
+class Candidate:
+    """An effect at a place, as columns that would be added to the model."""
+
+    effect: str
+    where: Mapping[str, object]
+    parameters: tuple[Parameter, ...]
+    columns: Callable[[Shape], Array]
+    """shape values -> (M, k), one column a parameter."""
+    shapes: tuple[Shape, ...] = ({},)
+    """Profile grid of the parameters that are not linear."""
+    group: str = ""
+    """Structural group: candidates of one group cannot be told apart by any data of this kind."""
+    unavailable: str = ""
+    """Why these data cannot show the effect (a column is missing, another kind of data); empty if they can."""
+
+    @property
+    def key(self) -> str:
+        """Stable text that identifies effect and place."""
+        return self.effect + "@" + ",".join(f"{k}={self.where[k]}" for k in sorted(self.where))
+
+
+@dataclass(frozen=True)
+class Options:
+    """Settings of a diagnosis; the defaults are those of the benchmark."""
+
+    alpha: float = 0.035
+    """Family-wise level of the candidate tests."""
+    alpha_strata: float = 0.008
+    """Level of the tests that name nothing (strata, smooth laws outside the catalogue)."""
+    alpha_sufficient: float = 0.02
+    """Level at which what is left after adding a candidate makes it insufficient."""
+    draws: int = 400
+    folds: int = 5
+    max_effects: int = 3
+    seed: int = 20260
+    tolerated_share: float = 0.07
+    """Share of the signal that a candidate of the right place may miss because its shape is only close."""
+    name_at: float = 0.6
+    """Share of the admissible evidence from which the leader is named rather than listed."""
+    held_out: bool = True

@@ -1,0 +1,336 @@
+"""Every candidate tested at once after projection off the model, on the data and on simulated noise alike.
+
+The noise's scale and the share of the approach error are profiled or averaged in every test, so that a wrongly
+stated sigma changes nothing here.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from scipy import linalg, optimize, stats
+from scipy.special import logsumexp
+
+from symstiff.discrepancy.bank import Bank, orthonormal
+from symstiff.discrepancy.noise import Noise
+from symstiff.discrepancy.problem import Array, Index
+
+EXPECTED = (12.0, 48.0, 200.0, 1000.0)
+"""Noncentralities that an effect is expected to have; the evidence averages over them."""
+
+
+@dataclass(frozen=True)
+class Layer:
+    """All that belongs to one ratio of approach error to noise."""
+
+    ratio: float
+    whiten: tuple[Array, ...]
+    colour: tuple[Array, ...]
+    y: Array
+    """(M,) whitened residual after the model."""
+    outside: Array
+    """(M, K) whitened bank, projected off the model."""
+    length2: Array
+    """(K,) squared lengths of the whitened bank before projection."""
+    basis: Array
+    """(M, P') orthonormal basis of the model."""
+    Q: Array
+    """(M, K) orthonormal bases of the entries outside the model."""
+    rank: Array
+    """(S,)"""
+    rss: float
+    determinant: float
+    """log|V| + log|A' V^-1 A| (restricted likelihood)."""
+
+
+@dataclass(frozen=True)
+class Scan:
+    """A model with the candidates projected off it."""
+
+    bank: Bank
+    noise: Noise
+    layers: tuple[Layer, ...]
+    freedom: int
+    """M - rank of the model."""
+
+    @property
+    def log_likelihood(self) -> Array:
+        """(R,) restricted profile log-likelihood of each ratio."""
+        return _log_likelihood(self, np.array([layer.rss for layer in self.layers]))
+
+    @property
+    def best(self) -> Layer:
+        """The layer of the likeliest ratio."""
+        return self.layers[int(np.argmax(self.log_likelihood))]
+
+
+def open_scan(bank: Bank, noise: Noise, y: Array, A: Array) -> Scan:
+    """Whiten by every ratio and project data and candidates off the model's column space."""
+    layers = []
+    basis = column_space(A / noise.spread[:, None])
+    rank = P = basis.shape[1]
+    own = np.column_stack([y, bank.columns]) / noise.spread[:, None]
+    for ratio in noise.ratios:
+        whiten = noise.root(ratio, -0.5)
+        data = noise.apply(whiten, np.column_stack([own[:, 0], basis, own[:, 1:]]))
+        layer = _layer(
+            bank, ratio, whiten, noise.root(ratio, 0.5), data[:, 0], data[:, 1 : 1 + P], data[:, 1 + P :],
+            noise.log_determinant(ratio),
+        )  # fmt: skip
+        layers.append(layer)
+    return Scan(bank, noise, tuple(layers), len(y) - rank)
+
+
+def column_space(A: Array, tolerance: float = 1e-9) -> Array:
+    """Orthonormal basis (M, rank) of the columns of A (M, P), each scaled to unit length first."""
+    length = np.linalg.norm(A, axis=0)
+    used = A[:, length > 0] / length[length > 0]
+    if used.shape[1] == 0:
+        return np.zeros((len(A), 0))
+    U, s, _ = np.linalg.svd(used, full_matrices=False)
+    return np.asarray(U[:, s > tolerance * s[0]])
+
+
+def _layer(
+    bank: Bank, ratio: float, whiten: tuple[Array, ...], colour: tuple[Array, ...],
+    y: Array, A: Array, columns: Array, determinant: float,
+) -> Layer:  # fmt: skip
+    basis, s, _ = np.linalg.svd(A, full_matrices=False)
+    outside = columns - basis @ (basis.T @ columns)
+    residual = y - basis @ (basis.T @ y)
+    length2 = np.einsum("mk,mk->k", columns, columns)
+    Q, rank = orthonormal(bank, outside, length2)
+    rss = float(residual @ residual)
+    determinant += 2.0 * float(np.log(s).sum())
+    return Layer(ratio, whiten, colour, residual, outside, length2, basis, Q, rank, rss, determinant)
+
+
+def extend(scan: Scan, entries: tuple[int, ...]) -> Scan:
+    """The scan after the columns of some entries have joined the model."""
+    if not entries:
+        return scan
+    layers = []
+    gained = 0
+    for layer in scan.layers:
+        added = np.hstack([layer.outside[:, scan.bank.slice(e)] for e in entries])
+        U, s, _ = np.linalg.svd(added, full_matrices=False)
+        U, s = U[:, s > 1e-7 * s[0]], s[s > 1e-7 * s[0]]
+        outside = layer.outside - U @ (U.T @ layer.outside)
+        residual = layer.y - U @ (U.T @ layer.y)
+        Q, rank = orthonormal(scan.bank, outside, layer.length2)
+        layers.append(
+            replace(
+                layer, y=residual, outside=outside, basis=np.hstack([layer.basis, U]), Q=Q, rank=rank,
+                rss=float(residual @ residual), determinant=layer.determinant + 2.0 * float(np.log(s).sum()),
+            )
+        )  # fmt: skip
+        gained = len(s)
+    return Scan(scan.bank, scan.noise, tuple(layers), scan.freedom - gained)
+
+
+def prune(scan: Scan, within: float = 5.0) -> Scan:
+    """Keep the ratios that are within some log-likelihood of the best, with or without the best candidate."""
+    squares = explained(scan)
+    top = squares.max(axis=1) if squares.size else np.zeros(len(scan.layers))
+    rss = np.array([layer.rss for layer in scan.layers])
+    value = scan.log_likelihood
+    after = _log_likelihood(scan, rss - top)
+    keep = (value > value.max() - within) | (after > after.max() - within)
+    return replace(scan, layers=tuple(la for la, k in zip(scan.layers, keep, strict=True) if k))
+
+
+def _log_likelihood(scan: Scan, rss: Array) -> Array:
+    """Restricted log-likelihood with the scale profiled; rss (R, ...) -> (R, ...)."""
+    determinant = np.array([layer.determinant for layer in scan.layers])
+    shape = (-1,) + (1,) * (rss.ndim - 1)
+    return np.asarray(-0.5 * scan.freedom * np.log(np.maximum(rss, 1e-300)) - 0.5 * determinant.reshape(shape))
+
+
+def explained(scan: Scan) -> Array:
+    """(R, S) sum of squares that each entry explains of the residual."""
+    return np.stack([_sum_entries(scan.bank, (layer.Q.T @ layer.y)[:, None] ** 2)[:, 0] for layer in scan.layers])
+
+
+def _sum_entries(bank: Bank, squares: Array) -> Array:
+    return np.add.reduceat(squares, bank.start, axis=0) if len(bank.start) else np.zeros((0, squares.shape[1]))
+
+
+def log_bayes(explained: Array, rss: Array, rank: Array, freedom: int) -> Array:
+    """Evidence of a linear effect of given rank against none, by the field's g-prior, scale integrated.
+
+    log BF = (n-k)/2 log(1+g) - n/2 log(1 + g(1-R²)), averaged over g = EXPECTED/k; arrays broadcast.
+    """
+    k = np.maximum(rank, 1.0)
+    left = np.clip(1.0 - explained / np.maximum(rss, 1e-300), 1e-12, 1.0)
+    n = float(freedom)
+    total = np.full(np.broadcast_shapes(left.shape, k.shape), -np.inf)
+    for expected in EXPECTED:
+        g = expected / k
+        total = np.logaddexp(total, 0.5 * (n - k) * np.log1p(g) - 0.5 * n * np.log1p(g * left))
+    return np.asarray(np.where(rank > 0, total - np.log(len(EXPECTED)), -np.inf))
+
+
+def entry_evidence(scan: Scan, squares: Array, rss: Array) -> Array:
+    """Evidence of each entry, averaged over the ratios: squares (R, S, B), rss (R, B) -> (S, B)."""
+    weight = _log_likelihood(scan, rss)
+    weight = weight - logsumexp(weight, axis=0)
+    total = np.full(squares.shape[1:], -np.inf)
+    for r, layer in enumerate(scan.layers):
+        total = np.logaddexp(
+            total, weight[r] + log_bayes(squares[r], rss[r], layer.rank[:, None], scan.freedom)
+        )
+    return total
+
+
+def candidate_evidence(bank: Bank, entries: Array) -> Array:
+    """Average over a candidate's shapes: (S, B) -> (candidates, B)."""
+    if not len(bank.start):
+        return np.zeros((0, entries.shape[1]))
+    first = bank.first_entry
+    count = np.diff(np.append(first, len(bank.start)))
+    return np.asarray(np.logaddexp.reduceat(entries, first, axis=0) - np.log(count)[:, None])
+
+
+@dataclass(frozen=True)
+class Evidence:
+    """Evidence on the data."""
+
+    entry: Array
+    """(S,)"""
+    candidate: Array
+    """(candidates,) without the prior."""
+    score: Array
+    """(candidates,) with the catalogue-size penalty."""
+    best_entry: Index
+    """(candidates,)"""
+
+
+def evidence(scan: Scan) -> Evidence:
+    """Evidence for every candidate given the data."""
+    squares = explained(scan)[:, :, None]
+    rss = np.array([[layer.rss] for layer in scan.layers])
+    entry = entry_evidence(scan, squares, rss)
+    candidate = candidate_evidence(scan.bank, entry)[:, 0]
+    entry = entry[:, 0]
+    first = scan.bank.first_entry
+    last = np.append(first[1:], len(entry))
+    best = np.array([a + int(np.argmax(entry[a:b])) for a, b in zip(first, last, strict=True)], dtype=np.intp)
+    return Evidence(entry, candidate, candidate + scan.bank.log_prior, best)
+
+
+@dataclass(frozen=True)
+class Null:
+    """Distribution of the greatest score when nothing is missing."""
+
+    named: Array
+    """(B,) sorted maxima over the catalogue."""
+    generic: Array
+    """(B,) sorted maxima over the laws that have no name."""
+
+    def p_named(self, score: float) -> float:
+        """Family-wise p-value of a candidate's score."""
+        return tail(self.named, score)
+
+    def p_generic(self, score: float) -> float:
+        """Family-wise p-value of an unnamed law's score."""
+        return tail(self.generic, score)
+
+
+def null(scan: Scan, draws: int, seed: int, allowed: Array | None = None) -> Null:
+    """Parametric bootstrap of the maximum over candidates and shapes at the likeliest noise.
+
+    ``allowed`` (candidates,) masks candidates out of both maxima.
+    """
+    rng = np.random.default_rng(seed)
+    best = scan.best
+    rows = len(best.y)
+    mask = np.ones(len(scan.bank.candidates), bool) if allowed is None else allowed.astype(bool)
+    named, generic = [], []
+    chunk = max(1, min(draws, int(3e7 // max(len(scan.bank.start), rows, 1))))
+    for begin in range(0, draws, chunk):
+        z = rng.standard_normal((rows, min(chunk, draws - begin)))
+        score = simulated_scores(scan, scan.noise.apply(best.colour, z))
+        named.append(_maximum(score, mask & ~scan.bank.generic))
+        generic.append(_maximum(score, mask & scan.bank.generic))
+    return Null(np.sort(np.concatenate(named)), np.sort(np.concatenate(generic)))
+
+
+def simulated_scores(scan: Scan, errors: Array) -> Array:
+    """Scores of all candidates for residuals (M, B) in units of the noise's spread: (candidates, B)."""
+    squares, rss = [], []
+    for layer in scan.layers:
+        e = scan.noise.apply(layer.whiten, errors)
+        e = e - layer.basis @ (layer.basis.T @ e)
+        squares.append(_sum_entries(scan.bank, (layer.Q.T @ e) ** 2))
+        rss.append(np.einsum("mb,mb->b", e, e))
+    entry = entry_evidence(scan, np.stack(squares), np.stack(rss))
+    return candidate_evidence(scan.bank, entry) + scan.bank.log_prior[:, None]
+
+
+def _maximum(score: Array, mask: Array) -> Array:
+    return np.max(score[mask], axis=0) if np.any(mask) else np.full(score.shape[1], -np.inf)
+
+
+def tail(sample: Array, value: float) -> float:
+    """P(maximum >= value): counted, and beyond the upper twentieth by an exponential tail.
+
+    Twice the evidence grows like a chi-square, whose tail is close to exponential.
+    """
+    n = len(sample)
+    if n == 0 or not np.isfinite(sample[-1]):
+        return 1.0
+    cut = max(20, n // 20)
+    level = sample[-cut]
+    if value <= level:
+        return float((1 + np.sum(sample >= value)) / (n + 1))
+    excess = float(np.clip(np.mean(sample[-cut:] - level), 0.5, 1.6))
+    return float((cut + 1) / (n + 1) * np.exp(-(value - level) / excess))
+
+
+def critical(sample: Array, alpha: float) -> float:
+    """Score that the maximum exceeds with probability alpha."""
+    return float(np.quantile(sample, 1.0 - alpha)) if len(sample) and np.isfinite(sample[-1]) else np.inf
+
+
+def detectable_noncentrality(score: float, log_prior: float, rank: float, freedom: int, power: float = 0.8) -> float:
+    """Noncentrality at which an effect of this rank exceeds ``score`` with the given power."""
+
+    def gap(square: float) -> float:
+        value = log_bayes(np.array(square), np.array(freedom + square - rank), np.array(rank), freedom)
+        return float(value) + log_prior - score
+
+    high = 50.0
+    while gap(high) < 0 and high < 1e6:
+        high *= 2.0
+    square = optimize.brentq(gap, 1e-9, high) if gap(1e-9) < 0 else 1e-9
+    low, top = 0.0, 4.0 * square + 50.0
+    return float(optimize.brentq(lambda lam: stats.ncx2.sf(square, rank, max(lam, 1e-9)) - power, low, top))
+
+
+def coefficients(scan: Scan, A: Array, y: Array, entries: tuple[int, ...]) -> tuple[Array, Array, Array]:
+    """Joint least squares of model and entries at the likeliest ratio.
+
+    Returns estimates (P + k,), their standard deviations, and the fitted values (M,) in the data's unit.
+    Directions of the model that the data do not hold are left at their least-norm value, with infinite
+    standard deviation where they touch a parameter.
+    """
+    layer = scan.best
+    D = scan.noise.spread[:, None]
+    chosen = [scan.bank.columns[:, scan.bank.slice(e)] for e in entries]
+    X = np.hstack([A, *chosen])
+    W = scan.noise.apply(layer.whiten, np.column_stack([y, X]) / D)
+    length = np.linalg.norm(W[:, 1:], axis=0)
+    length[length == 0] = 1.0
+    U, s, Vt = linalg.svd(W[:, 1:] / length, full_matrices=False)
+    keep = s > 1e-9 * s[0]
+    beta = Vt[keep].T @ ((U[:, keep].T @ W[:, 0]) / s[keep])
+    residual = W[:, 0] - W[:, 1:] @ (beta / length)
+    scale2 = float(residual @ residual) / max(len(y) - int(keep.sum()), 1)
+    variance = np.einsum("kp,k->p", Vt[keep] ** 2, scale2 / s[keep] ** 2)
+    lost = np.einsum("kp->p", Vt[~keep] ** 2) > 1e-6
+    deviation = np.where(lost, np.inf, np.sqrt(variance))
+    estimate = beta / length
+    fitted = X @ estimate
+    unit = np.concatenate([np.ones(A.shape[1]), *(scan.bank.scale[scan.bank.slice(e)] for e in entries)])
+    return estimate / unit, deviation / length / unit, fitted
