@@ -1,0 +1,218 @@
+"""The virtual experiment: equilibria with and without the load, then what a real device would have read."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any, Literal
+
+import numpy as np
+
+from symstiff.calibration.measurements import Measurements, measurements
+from symstiff.calibration.simulation.chain import Chain, Floats, chain_of, posture
+from symstiff.calibration.simulation.equilibrium import Mechanism, States, Weight, equilibrium
+from symstiff.calibration.simulation.nominal import linear_compliance
+from symstiff.calibration.simulation.phenomena import Additions, build
+from symstiff.calibration.simulation.truth import Device, Noise, Truth, load_truth
+from symstiff.errors import UserError
+
+Kind = Literal["deflection", "absolute"]
+
+
+@dataclass(frozen=True)
+class Experiment:
+    """A truth made ready to run: the mechanism and what the device does to its readings."""
+
+    truth: Truth
+    mechanism: Mechanism
+    additions: tuple[Additions, ...]
+
+
+def prepare(truth: Truth) -> Experiment:
+    """Assemble the mechanism of a truth. Raises UserError for effects that do not fit the robot."""
+    chain = chain_of(truth.robot)
+    compliance = linear_compliance(chain, dict(truth.compliance))
+    additions = []
+    for effect in truth.effects:
+        added = build(effect, chain, compliance)
+        additions.append(added)
+        if added.compliance is not None:
+            compliance = compliance + added.compliance
+    mechanism = Mechanism(
+        chain=chain,
+        compliance=compliance,
+        laws=tuple(law for a in additions for law in a.laws),
+        torques=tuple(torque for a in additions for torque in a.torques),
+        wrenches=tuple(wrench for a in additions for wrench in a.wrenches),
+        weights=(*_link_weights(truth), *(weight for a in additions for weight in a.weights)),
+    )
+    return Experiment(truth, mechanism, tuple(additions))
+
+
+def _link_weights(truth: Truth) -> tuple[Weight, ...]:
+    if not truth.weights:
+        return ()
+    return tuple(
+        Weight(i, link.mass, tuple(link.mass * x for x in link.com), truth.weights == "behind")  # type:
+        ignore[arg-type] for i, link in enumerate(truth.robot.links)
+        if link.mass
+    )
+
+
+def run_simulation(
+    truth_path: str | Path, poses_path: str | Path, noise_mm: float | None, seed: int, output: str | Path
+) -> Measurements:
+    """Run ``symstiff simulate``: read truth and poses, simulate, write the table; return it.
+
+    ``noise_mm`` replaces the truth's ``noise.sigma_mm`` where given. Nothing is written on a mistake
+    (UserError).
+    """
+    from symstiff.calibration.table import read_poses, write_table
+
+    truth = load_truth(truth_path)
+    if noise_mm is not None:
+        if not (math.isfinite(noise_mm) and noise_mm >= 0):
+            raise UserError(f"noise {noise_mm} mm: a standard deviation is a number from 0 upwards")
+        truth = replace(truth, noise=replace(truth.noise, sigma_mm=(noise_mm,) * 3))
+    table = simulate(truth, read_poses(poses_path), seed)
+    write_table(table, output)
+    return table
+
+
+def simulate(truth: Truth, design: Measurements, seed: int) -> Measurements:
+    """Return what an experiment at the rows of ``design`` would have measured; the same seed, the same data.
+
+    Raises UserError where the design does not fit the robot or no equilibrium exists.
+    """
+    from symstiff.calibration.checks import check_robot
+
+    check_robot(design, truth.robot)
+    kind: Kind = truth.kind or ("absolute" if design.kind == "absolute" else "deflection")
+    if kind == "deflection" and not design.w.any():
+        raise UserError(
+            "every wrench is zero: give the poses table loads (fx[N] …), or measure absolute positions"
+        )
+    experiment, design = prepare(truth), _in_environment(truth, design)
+    approach, noise = (np.random.default_rng(s) for s in np.random.SeedSequence(seed).spawn(2))
+    group = _groups(design)
+    errors = approach.standard_normal((int(group.max()) + 1, truth.robot.dof + 3))[group]
+    values = _clean(experiment, design, kind, errors[:, 3:] * truth.noise.approach_mrad * 1e-3)
+    values[:, :3] += errors[:, :3] * np.array(truth.noise.approach_mm) * 1e-3
+    deviation = _deviation(truth.noise, truth.device, experiment.mechanism.chain, design)
+    values += deviation * noise.standard_normal(values.shape)
+    if truth.noise.quantum_mm > 0:
+        quantum = truth.noise.quantum_mm * 1e-3
+        values[:, :3] = np.round(values[:, :3] / quantum) * quantum
+    sigma = np.where(deviation > 0, deviation * truth.noise.stated, np.nan)
+    if truth.noise.stated <= 0:
+        sigma[:] = np.nan
+    if truth.components == "position":
+        values[:, 3:] = sigma[:, 3:] = np.nan
+    return replace(design, kind=kind, values=values, sigma=sigma, files=(), file=None, line=None)  # type:
+    ignore[arg-type]
+
+
+def clean_response(truth: Truth, q: Any, w: Any, context: Mapping[str, Any] | None = None) -> Floats:
+    """Noise-free values (M, 6) at joints ``q`` (M, n) under wrenches ``w`` (M, 6): m, rad.
+
+    ``context`` may hold ``kind``, and any of ``points``, ``point``, ``labels``, ``pose``, ``time``,
+    ``temperature`` and ``branch`` as in ``measurements``.
+    """
+    given = dict(context or {})
+    kind: Kind = given.pop("kind", None) or truth.kind or "deflection"
+    units = ["m" if j.prismatic else "rad" for j in truth.robot.joint]
+    table = _in_environment(truth, measurements(q, w, joint_units=units, **given))
+    return _clean(prepare(truth), table, kind, np.zeros(table.q.shape))
+
+
+def _clean(experiment: Experiment, table: Measurements, kind: Kind, approach: Floats) -> Floats:
+    """Readings without noise; ``approach`` (M, n) is added to the joints of the measured state."""
+    unknown = {"nan": 0.0}
+    states = States(
+        q=table.q + approach,
+        w=table.w,
+        loaded=np.ones(len(table)),
+        time=np.nan_to_num(table.time, **unknown),
+        temperature=np.nan_to_num(table.temperature, nan=20.0),
+        branch=np.nan_to_num(table.branch, **unknown),
+    )
+    chain = experiment.mechanism.chain
+    points = np.array([chain.point(name) for name in table.points])[table.point]
+    position, rotation = _settle(experiment.mechanism, states, points)
+    if kind == "deflection":
+        start, attitude = _settle(experiment.mechanism, replace(states, q=table.q).unloaded(), points)
+        values = np.concatenate(
+            [position - start, _rotation_vector(rotation @ attitude.transpose(0, 2, 1))], axis=1
+        )
+    else:
+        values = _seen_from(experiment.truth.device, position, rotation)
+    for added in experiment.additions:
+        for reading in added.readings:
+            values = reading(states, values, kind)
+        for labels, shift in added.shifts:
+            hit = np.isin(np.array(table.labels), np.array(labels))[table.pose]
+            values[hit, :3] += shift
+    return values
+
+
+def _settle(mechanism: Mechanism, states: States, points: Floats) -> tuple[Floats, Floats]:
+    """Positions (M, 3) of points and attitudes (M, 3, 3) of frame n in equilibrium; equal rows are solved once."""
+    keys = np.column_stack(
+        [states.q, states.w, states.loaded, states.time, states.temperature, states.branch]
+    )
+    packed = np.ascontiguousarray(keys + 0.0).view(np.dtype((np.void, 8 * keys.shape[1]))).ravel()
+    _, first, inverse = np.unique(packed, return_index=True, return_inverse=True)
+    inverse = inverse.ravel()
+    once = states.select(first)
+    now = posture(mechanism.chain, once.q, equilibrium(mechanism, once))
+    rotation, position = now.after[0][inverse, -1], now.after[1][inverse, -1]
+    return position + np.einsum("nij,nj->ni", rotation, points), rotation
+
+
+def _rotation_vector(rotation: Floats) -> Floats:
+    """Rotation vectors (M, 3) of rotations (M, 3, 3)."""
+    from scipy.spatial.transform import Rotation
+
+    return np.asarray(Rotation.from_matrix(rotation).as_rotvec())
+
+
+def _seen_from(device: Device, position: Floats, rotation: Floats) -> Floats:
+    """World positions and attitudes in the device's frame."""
+    from scipy.spatial.transform import Rotation
+
+    turn = Rotation.from_euler("xyz", device.rpy).as_matrix()  # fixed axes: Rz(yaw)·Ry(pitch)·Rx(roll)
+    return np.concatenate(
+        [(position - np.array(device.xyz)) @ turn, _rotation_vector(turn.T @ rotation)], axis=1
+    )
+
+
+def _in_environment(truth: Truth, table: Measurements) -> Measurements:
+    """Fill time and temperature by the truth's schedule where the design has none of its own."""
+    plan = truth.environment
+    if plan is None:
+        return table
+    time = np.where(np.isnan(table.time), plan.start + plan.interval * np.arange(len(table)), table.time)
+    warmth = plan.temperature - plan.warming * np.expm1(-time / max(plan.T, 1e-9))
+    return replace(
+        table, time=time, temperature=np.where(np.isnan(table.temperature), warmth, table.temperature)
+    )
+
+
+def _groups(table: Measurements) -> np.ndarray:
+    """Number the approaches: rows of one pose and repeat share theirs."""
+    keys = np.column_stack([table.pose, np.nan_to_num(table.repeat, nan=-1.0)])
+    return np.asarray(np.unique(keys, axis=0, return_inverse=True)[1]).ravel()
+
+
+def _deviation(noise: Noise, device: Device, chain: Chain, table: Measurements) -> Floats:
+    """Standard deviations (M, 6) of one reading: m, rad."""
+    points = np.array([chain.point(name) for name in table.points])[table.point]
+    position = posture(chain, table.q, np.zeros((len(table), chain.size))).at(points)
+    distance = np.linalg.norm(position - np.array(device.xyz), axis=1)
+    own = np.concatenate([noise.sigma_mm, noise.sigma_mrad]) * 1e-3
+    result = np.broadcast_to(own, (len(table), 6)).copy()
+    if noise.growth_ppm > 0:
+        result[:, :3] = np.hypot(result[:, :3], (noise.growth_ppm * 1e-6 * distance)[:, None])
+    return result

@@ -1,0 +1,192 @@
+"""The registry of what a truth may contain: effects by name and shape, each with its parameters.
+
+A shape says what it adds to the mechanism (a compliance, a law, an inner torque, a change of the wrench, a
+weight) or to what the device reads. ``amplitudes`` are the parameters that scale the effect; they must be
+given. Shapes are deliberately richer than the catalogue that identification searches.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field, replace
+from typing import Any
+
+import numpy as np
+
+from symstiff.calibration.simulation.chain import Chain, Floats
+from symstiff.calibration.simulation.equilibrium import Law, States, Torque, Weight, Wrench
+from symstiff.errors import UserError
+
+Reading = Callable[[States, Floats, str], Floats]
+"""``reading(states, values, kind)``: what the device makes of the values (M, 6) of kind deflection or absolute."""
+
+PLACES = ("joint", "joints", "link", "load", "measurement", "tool", "robot", "rows")
+
+
+@dataclass(frozen=True)
+class Additions:
+    """What one effect adds."""
+
+    compliance: Floats | None = None
+    laws: tuple[Law, ...] = ()
+    torques: tuple[Torque, ...] = ()
+    wrenches: tuple[Wrench, ...] = ()
+    weights: tuple[Weight, ...] = ()
+    readings: tuple[Reading, ...] = ()
+    shifts: tuple[tuple[tuple[str, ...], Floats], ...] = ()  # pose labels, shift (3,) of their data
+
+
+@dataclass(frozen=True)
+class Site:
+    """Where an effect sits in a chain: the value of its ``where`` key, and the linear compliance so far."""
+
+    chain: Chain
+    where: Any
+    compliance: Floats
+
+
+Builder = Callable[[Site, dict[str, Any]], Additions]
+
+
+@dataclass(frozen=True)
+class Shape:
+    """One effect in one shape: its place, its parameters with defaults, and how to build it."""
+
+    effect: str
+    shape: str
+    place: str
+    amplitudes: tuple[str, ...]
+    defaults: Mapping[str, Any]
+    build: Builder
+
+
+SHAPES: dict[tuple[str, str], Shape] = {}
+
+
+def phenomenon(
+    effect: str, shape: str, place: str, *amplitudes: str, **defaults: Any
+) -> Callable[[Builder], Builder]:
+    """Register a shape of an effect; the first shape registered is the effect's default."""
+
+    def register(build: Builder) -> Builder:
+        SHAPES[effect, shape] = Shape(effect, shape, place, amplitudes, defaults, build)
+        return build
+
+    return register
+
+
+@dataclass(frozen=True)
+class Effect:
+    """One entry of a truth: what, where, in which shape, how much; ``values`` holds amplitudes and options."""
+
+    effect: str
+    where: Any = None
+    shape: str = ""
+    values: Mapping[str, Any] = field(default_factory=dict)
+
+    def scaled(self, factor: float) -> Effect:
+        """Return the effect with its amplitudes multiplied; all else as it is."""
+        known = shape_of(self).amplitudes
+        return replace(
+            self, values={k: _scaled(v, factor) if k in known else v for k, v in self.values.items()}
+        )
+
+
+def _scaled(value: Any, factor: float) -> Any:
+    if isinstance(value, Mapping):
+        return {key: _scaled(v, factor) for key, v in value.items()}
+    if isinstance(value, list | tuple | np.ndarray):
+        return [_scaled(v, factor) for v in value]
+    return value * factor
+
+
+def shape_of(effect: Effect) -> Shape:
+    """Find the shape an effect names. Raises UserError with the known names."""
+    shapes = [s for (name, _), s in SHAPES.items() if name == effect.effect]
+    if not shapes:
+        known = ", ".join(dict.fromkeys(name for name, _ in SHAPES))
+        raise UserError(f"unknown effect {effect.effect!r}: use one of {known}")
+    if not effect.shape:
+        return shapes[0]
+    for shape in shapes:
+        if shape.shape == effect.shape:
+            return shape
+    raise UserError(
+        f"effect {effect.effect}: unknown shape {effect.shape!r}: use one of {', '.join(s.shape for s in shapes)}"
+    )
+
+
+def build(effect: Effect, chain: Chain, compliance: Floats) -> Additions:
+    """Turn an entry of a truth into what it adds to a mechanism. Raises UserError for what does not fit."""
+    shape = shape_of(effect)
+    label = f"effect {effect.effect} ({shape.shape})"
+    unknown = set(effect.values) - {*shape.amplitudes, *shape.defaults}
+    if unknown:
+        known = ", ".join((*shape.amplitudes, *shape.defaults)) or "none"
+        raise UserError(f"{label}: unknown parameter {sorted(unknown)[0]!r}: known are {known}")
+    for name in shape.amplitudes:
+        if name not in effect.values and name not in shape.defaults:
+            raise UserError(f"{label}: missing {name}: give its size")
+    where = _where(effect.where, shape.place, chain, label)
+    values = {**shape.defaults, **effect.values}
+    for name, value in values.items():
+        values[name] = _checked(value, shape.defaults.get(name), f"{label}: {name}")
+    try:
+        return shape.build(Site(chain, where, compliance), values)
+    except (TypeError, ValueError, IndexError) as error:
+        if isinstance(error, UserError):
+            raise UserError(f"{label}: {error}") from error
+        raise UserError(f"{label}: parameters do not fit together: {error}") from error
+
+
+def _where(where: Any, place: str, chain: Chain, label: str) -> Any:
+    if place in ("load", "measurement", "tool", "robot", "rows"):
+        return None
+    given = where.get(place) if isinstance(where, Mapping) else None
+    expected = "[j, k]" if place == "joints" else "a number"
+    low, high = (0, chain.dof) if place == "link" else (1, chain.dof)
+    numbers = given if place == "joints" and isinstance(given, list | tuple) else [given]
+    fits = all(isinstance(k, int) and not isinstance(k, bool) and low <= k <= high for k in numbers)
+    if not fits or (place == "joints" and len(numbers) != 2):
+        raise UserError(
+            f"{label}: where = {{{place} = {expected}}} with {low} to {high} expected, found {where!r}"
+        )
+    return tuple(numbers) if place == "joints" else given
+
+
+def _checked(value: Any, default: Any, label: str) -> Any:
+    """Numbers finite, lists as arrays, entries as they are."""
+    if isinstance(value, Mapping):
+        return {str(key): float(_checked(v, None, f"{label}.{key}")) for key, v in value.items()}
+    if isinstance(value, str) or (isinstance(value, list | tuple) and any(isinstance(v, str) for v in value)):
+        if isinstance(default, str | tuple) or default is None:
+            return value
+        raise UserError(f"{label}: expected a number, found {value!r}")
+    try:
+        numbers = np.asarray(value, dtype=float)
+    except (TypeError, ValueError):
+        raise UserError(f"{label}: expected a number or a list of numbers, found {value!r}") from None
+    if not np.isfinite(numbers).all():
+        raise UserError(f"{label}: expected finite numbers, found {value!r}")
+    return float(numbers) if numbers.ndim == 0 else numbers
+
+
+def smooth_sign(x: Floats, width: float) -> Floats:
+    """tanh(x/width): +1 and −1 away from zero."""
+    return np.tanh(x / max(width, 1e-12))
+
+
+def saturation(t: Floats, rate: float) -> Floats:
+    """1 − exp(−t/T), zero before t = 0."""
+    return -np.expm1(-np.maximum(t, 0.0) / max(rate, 1e-12))
+
+
+def rotation_matrix(vector: Floats) -> Floats:
+    """Rotation (3, 3) by a rotation vector [rad]."""
+    angle = float(np.linalg.norm(vector))
+    if angle == 0.0:
+        return np.eye(3)
+    x, y, z = vector / angle
+    k = np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]])
+    return np.asarray(np.eye(3) + math.sin(angle) * k + (1 - math.cos(angle)) * (k @ k))

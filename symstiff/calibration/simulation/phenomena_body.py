@@ -1,0 +1,166 @@
+"""Effects in links, base and tool: compliance blocks, geometry, weights, growth with temperature, slip."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from symstiff.calibration.simulation.chain import Floats, link_slice
+from symstiff.calibration.simulation.equilibrium import States, Weight
+from symstiff.calibration.simulation.phenomena import (
+    Additions,
+    Site,
+    phenomenon,
+    rotation_matrix,
+    saturation,
+)
+from symstiff.errors import UserError
+
+Values = dict[str, Any]
+
+
+def block_of(entries: dict[str, float]) -> Floats:
+    """Return the symmetric 6×6 compliance with the given entries, keys "11" to "66"."""
+    block = np.zeros((6, 6))
+    for key, value in entries.items():
+        if len(key) != 2 or not set(key) <= set("123456"):
+            raise UserError(f'entry {key!r}: name it by row and column, "11" to "66"')
+        row, column = int(key[0]) - 1, int(key[1]) - 1
+        block[row, column] = block[column, row] = value
+    return block
+
+
+def _at(site: Site, link: int, block: Floats) -> Additions:
+    full = np.zeros_like(site.compliance)
+    full[link_slice(link), link_slice(link)] = block
+    return Additions(compliance=full)
+
+
+@phenomenon("link_compliance", "entries", "link", "entries")
+@phenomenon("link_asymmetry", "entries", "link", "entries")
+def _entries(site: Site, p: Values) -> Additions:
+    return _at(site, site.where, block_of(p["entries"]))
+
+
+@phenomenon("link_asymmetry", "tilted", "link", "angle", axis=(1.0, 0.0, 0.0))
+def _tilted(site: Site, p: Values) -> Additions:
+    """The link's principal axes stand at an angle [rad] to its elastic frame."""
+    turn = np.kron(np.eye(2), rotation_matrix(p["axis"] / np.linalg.norm(p["axis"]) * p["angle"]))
+    old = site.compliance[link_slice(site.where), link_slice(site.where)]
+    return _at(site, site.where, turn @ old @ turn.T - old)
+
+
+@phenomenon("base_compliance", "entries", "robot", "entries")
+def _base(site: Site, p: Values) -> Additions:
+    return _at(site, 0, block_of(p["entries"]))
+
+
+@phenomenon("base_compliance", "rocking", "robot", "c", direction=(0.0, 1.0, 0.0), height=0.0)
+def _rocking(site: Site, p: Values) -> Additions:
+    """The base rocks about a horizontal line below frame 0: turn and shift at once, one degree of freedom."""
+    axis = site.chain.elastic[0].T @ (p["direction"] / np.linalg.norm(p["direction"]))
+    up = site.chain.elastic[0].T @ np.array([0.0, 0.0, 1.0])
+    motion = np.concatenate([np.cross(axis, up) * p["height"], axis])
+    return _at(site, 0, p["c"] * np.outer(motion, motion))
+
+
+@phenomenon("tool_compliance", "entries", "robot", "entries")
+def _tool(site: Site, p: Values) -> Additions:
+    return _at(site, site.chain.dof, block_of(p["entries"]))
+
+
+@phenomenon("geometric_error", "constant", "link", "shift")
+def _geometry(site: Site, p: Values) -> Additions:
+    """Constant error at the link's six virtual joints [m, rad]."""
+    shift = np.broadcast_to(p["shift"], 6)
+    part = link_slice(site.where)
+
+    def law(states: States, tau: Floats, theta: Floats) -> None:
+        theta[:, part] += shift
+
+    return Additions(laws=(law,))
+
+
+@phenomenon("link_weight", "lumped", "link", "mass", com=(0.0, 0.0, 0.0))
+def _weight(site: Site, p: Values) -> Additions:
+    moment = tuple(float(x) for x in p["mass"] * p["com"])
+    return Additions(weights=(Weight(site.where, p["mass"], moment),))  # type: ignore[arg-type]
+
+
+@phenomenon("link_weight", "behind_springs", "link", "mass", com=(0.0, 0.0, 0.0))
+def _weight_behind(site: Site, p: Values) -> Additions:
+    """The weight also bends the link's own springs."""
+    moment = tuple(float(x) for x in p["mass"] * p["com"])
+    return Additions(weights=(Weight(site.where, p["mass"], moment, behind=True),))  # type: ignore[arg-type]
+
+
+def _payload(site: Site, p: Values, only_loaded: bool) -> Additions:
+    moment = tuple(float(x) for x in np.broadcast_to(p["dmc"], 3) + p["dm"] * site.chain.tool)
+    weight = Weight(site.chain.dof, p["dm"], moment, True, only_loaded)  # type: ignore[arg-type]
+    return Additions(weights=(weight,))
+
+
+phenomenon("payload_error", "tool", "tool", "dm", "dmc", dm=0.0, dmc=0.0)(
+    lambda site, p: _payload(site, p, False)
+)
+phenomenon("payload_error", "load", "tool", "dm", "dmc", dm=0.0, dmc=0.0)(
+    lambda site, p: _payload(site, p, True)
+)
+
+
+def _growth(site: Site, p: Values, kind: str) -> Additions:
+    """The link grows along its elastic axes, in the loaded state against the start of the session."""
+    part = slice(7 * site.where, 7 * site.where + 3)
+    size = np.broadcast_to(p["rate"], 3)
+
+    def law(states: States, tau: Floats, theta: Floats) -> None:
+        theta[:, part] += (clock(states, p, kind) * states.loaded)[:, None] * size
+
+    return Additions(laws=(law,))
+
+
+def clock(states: States, p: Values, kind: str) -> Floats:
+    """What a drift grows with: time, temperature above a reference, or 1 − exp(−t/T)."""
+    if kind == "time":
+        return states.time
+    return saturation(states.time, p["T"]) if kind == "exponential" else states.temperature - p["reference"]
+
+
+phenomenon("thermal_drift", "link_time", "link", "rate")(lambda site, p: _growth(site, p, "time"))
+phenomenon("thermal_drift", "link_temperature", "link", "rate", reference=20.0)(
+    lambda site, p: _growth(site, p, "temperature")
+)
+phenomenon("thermal_drift", "link_exponential", "link", "rate", T=1800.0)(
+    lambda site, p: _growth(site, p, "exponential")
+)
+
+phenomenon("large_deflection", "geometry", "robot")(lambda site, p: Additions())
+
+
+# Outside the catalogue: for blind tests of "unexplained".
+
+
+@phenomenon("configuration_dependent_link", "sine", "link", "fraction", joint=1.0, order=1.0, phase=0.0)
+def _configuration_dependent(site: Site, p: Values) -> Additions:
+    """The link's whole compliance changes by fraction·sin(order·q_joint + phase)."""
+    part, j = link_slice(site.where), int(p["joint"]) - 1
+    block = site.compliance[part, part]
+
+    def law(states: States, tau: Floats, theta: Floats) -> None:
+        change = p["fraction"] * np.sin(p["order"] * states.q[:, j] + p["phase"])
+        theta[:, part] += change[:, None] * (tau[:, part] @ block)
+
+    return Additions(laws=(law,))
+
+
+@phenomenon("base_slip", "threshold", "robot", "c", axis=5.0, threshold=2000.0, width=50.0)
+def _slip(site: Site, p: Values) -> Additions:
+    """The base gives way about one elastic axis once the load passes a threshold."""
+    v = int(p["axis"]) - 1
+
+    def law(states: States, tau: Floats, theta: Floats) -> None:
+        excess = p["width"] * np.logaddexp(0.0, (np.abs(tau[:, v]) - p["threshold"]) / p["width"])
+        theta[:, v] += p["c"] * np.sign(tau[:, v]) * excess
+
+    return Additions(laws=(law,))

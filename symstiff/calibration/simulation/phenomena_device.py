@@ -1,0 +1,108 @@
+"""Effects in the load and in the measurement: force sensor, frames, drift, bad poses."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from symstiff.calibration.simulation.chain import Floats
+from symstiff.calibration.simulation.equilibrium import States
+from symstiff.calibration.simulation.phenomena import (
+    Additions,
+    Site,
+    phenomenon,
+    rotation_matrix,
+    saturation,
+)
+from symstiff.calibration.simulation.phenomena_body import clock
+
+Values = dict[str, Any]
+
+
+def _bias(site: Site, p: Values, drifting: bool) -> Additions:
+    bias = np.broadcast_to(p["bias"], 6)
+
+    def wrench(states: States, w: Floats) -> Floats:
+        share = states.loaded * (saturation(states.time, p["T"]) if drifting else 1.0)
+        return w + share[:, None] * bias
+
+    return Additions(wrenches=(wrench,))
+
+
+phenomenon("force_sensor_bias", "constant", "load", "bias")(lambda site, p: _bias(site, p, False))
+phenomenon("force_sensor_bias", "drifting", "load", "bias", T=1800.0)(lambda site, p: _bias(site, p, True))
+
+
+@phenomenon("force_sensor_misalignment", "rotation", "load", "rotation")
+def _misaligned(site: Site, p: Values) -> Additions:
+    turn = rotation_matrix(np.broadcast_to(p["rotation"], 3)).T
+
+    def wrench(states: States, w: Floats) -> Floats:
+        return np.concatenate([w[:, :3] @ turn, w[:, 3:] @ turn], axis=1)
+
+    return Additions(wrenches=(wrench,))
+
+
+@phenomenon("frame_misalignment", "rotation", "measurement", "rotation", shift=(0.0, 0.0, 0.0))
+def _frame(site: Site, p: Values) -> Additions:
+    """The device's axes are turned; absolute positions are also shifted."""
+    turn = rotation_matrix(np.broadcast_to(p["rotation"], 3))
+    shift = np.broadcast_to(p["shift"], 3)
+
+    def reading(states: States, values: Floats, kind: str) -> Floats:
+        result = np.concatenate([values[:, :3] @ turn.T, values[:, 3:] @ turn.T], axis=1)
+        if kind == "absolute":
+            result[:, :3] += shift
+        return np.asarray(result)
+
+    return Additions(readings=(reading,))
+
+
+def _drift(p: Values, kind: str) -> Additions:
+    rate = np.broadcast_to(p["rate"], 3)
+
+    def reading(states: States, values: Floats, data: str) -> Floats:
+        result = values.copy()
+        result[:, :3] += clock(states, p, kind)[:, None] * rate
+        return result
+
+    return Additions(readings=(reading,))
+
+
+phenomenon("thermal_drift", "time", "measurement", "rate")(lambda site, p: _drift(p, "time"))
+phenomenon("thermal_drift", "temperature", "measurement", "rate", reference=20.0)(
+    lambda site, p: _drift(p, "temperature")
+)
+phenomenon("thermal_drift", "exponential", "measurement", "rate", T=1800.0)(
+    lambda site, p: _drift(p, "exponential")
+)
+
+
+@phenomenon("bad_poses", "shift", "rows", "shift", poses=())
+def _bad(site: Site, p: Values) -> Additions:
+    """All data of the named poses are shifted [m]."""
+    return Additions(shifts=((tuple(map(str, p["poses"])), np.broadcast_to(p["shift"], 3)),))
+
+
+# Outside the catalogue: for blind tests of "unexplained".
+
+
+@phenomenon("force_sensor_gain", "axes", "load", "gain")
+def _gain(site: Site, p: Values) -> Additions:
+    """The sensor's axes have wrong gains: the true load is w·(1 + gain), axis by axis."""
+    gain = 1.0 + np.broadcast_to(p["gain"], 6)
+    return Additions(wrenches=(lambda states, w: w * gain,))
+
+
+@phenomenon("device_scale", "axes", "measurement", "scale")
+def _scale(site: Site, p: Values) -> Additions:
+    """The device's axes have wrong scales."""
+    scale = 1.0 + np.broadcast_to(p["scale"], 3)
+
+    def reading(states: States, values: Floats, kind: str) -> Floats:
+        result = values.copy()
+        result[:, :3] *= scale
+        return result
+
+    return Additions(readings=(reading,))
