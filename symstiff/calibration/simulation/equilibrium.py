@@ -59,7 +59,7 @@ Law = Callable[[States, Floats, Floats], None]
 """``law(states, tau, theta)``: adds its share to ``theta`` (N, V) for loads ``tau`` (N, V)."""
 
 Torque = Callable[[States, Floats, Floats], None]
-"""``torque(states, theta, tau)``: adds loads of springs inside the robot, at coordinates ``theta``, to ``tau``."""
+"""``torque(states, theta, tau)``: adds to ``tau`` what springs inside the robot exert at ``theta``."""
 
 Wrench = Callable[[States, Floats], Floats]
 """``wrench(states, w)``: what really acts when ``w`` (N, 6) is believed to."""
@@ -67,13 +67,19 @@ Wrench = Callable[[States, Floats], Floats]
 
 @dataclass(frozen=True)
 class Weight:
-    """A body's weight: mass [kg] and first moment [kg·m] in DH frame ``link``; ahead of or behind its springs."""
+    """A body's weight: mass [kg], first moment [kg·m] in DH frame ``link``, ahead of or behind its springs."""
 
     link: int
     mass: float
     moment: tuple[float, float, float]
     behind: bool = False
     only_loaded: bool = False
+
+
+def weight_at(link: int, mass: float, com: Floats, behind: bool = False, only_loaded: bool = False) -> Weight:
+    """Return the weight of a mass [kg] at ``com`` (3,) [m] in DH frame ``link``."""
+    x, y, z = (float(mass * c) for c in com)
+    return Weight(link, mass, (x, y, z), behind, only_loaded)
 
 
 @dataclass(frozen=True)

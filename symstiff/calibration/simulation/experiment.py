@@ -12,7 +12,13 @@ import numpy as np
 
 from symstiff.calibration.measurements import Measurements, measurements
 from symstiff.calibration.simulation.chain import Chain, Floats, chain_of, posture
-from symstiff.calibration.simulation.equilibrium import Mechanism, States, Weight, equilibrium
+from symstiff.calibration.simulation.equilibrium import (
+    Mechanism,
+    States,
+    Weight,
+    equilibrium,
+    weight_at,
+)
 from symstiff.calibration.simulation.nominal import linear_compliance
 from symstiff.calibration.simulation.phenomena import Additions, build
 from symstiff.calibration.simulation.truth import Device, Noise, Truth, load_truth
@@ -52,11 +58,13 @@ def prepare(truth: Truth) -> Experiment:
 
 
 def _link_weights(truth: Truth) -> tuple[Weight, ...]:
+    """Weights of the robot file's links, as the truth wants them."""
     if not truth.weights:
         return ()
+    behind = truth.weights == "behind"
     return tuple(
-        Weight(i, link.mass, tuple(link.mass * x for x in link.com), truth.weights == "behind")  # type:
-        ignore[arg-type] for i, link in enumerate(truth.robot.links)
+        weight_at(i, link.mass, np.array(link.com), behind)
+        for i, link in enumerate(truth.robot.links)
         if link.mass
     )
 
@@ -111,7 +119,7 @@ def simulate(truth: Truth, design: Measurements, seed: int) -> Measurements:
     if truth.components == "position":
         values[:, 3:] = sigma[:, 3:] = np.nan
     return replace(design, kind=kind, values=values, sigma=sigma, files=(), file=None, line=None)  # type:
-    ignore[arg-type]
+    ignore[arg - type]
 
 
 def clean_response(truth: Truth, q: Any, w: Any, context: Mapping[str, Any] | None = None) -> Floats:
@@ -129,14 +137,13 @@ def clean_response(truth: Truth, q: Any, w: Any, context: Mapping[str, Any] | No
 
 def _clean(experiment: Experiment, table: Measurements, kind: Kind, approach: Floats) -> Floats:
     """Readings without noise; ``approach`` (M, n) is added to the joints of the measured state."""
-    unknown = {"nan": 0.0}
     states = States(
         q=table.q + approach,
         w=table.w,
         loaded=np.ones(len(table)),
-        time=np.nan_to_num(table.time, **unknown),
+        time=np.nan_to_num(table.time),
         temperature=np.nan_to_num(table.temperature, nan=20.0),
-        branch=np.nan_to_num(table.branch, **unknown),
+        branch=np.nan_to_num(table.branch),
     )
     chain = experiment.mechanism.chain
     points = np.array([chain.point(name) for name in table.points])[table.point]
@@ -158,7 +165,7 @@ def _clean(experiment: Experiment, table: Measurements, kind: Kind, approach: Fl
 
 
 def _settle(mechanism: Mechanism, states: States, points: Floats) -> tuple[Floats, Floats]:
-    """Positions (M, 3) of points and attitudes (M, 3, 3) of frame n in equilibrium; equal rows are solved once."""
+    """Positions (M, 3) of points and attitudes (M, 3, 3) of frame n; equal rows are solved once."""
     keys = np.column_stack(
         [states.q, states.w, states.loaded, states.time, states.temperature, states.branch]
     )

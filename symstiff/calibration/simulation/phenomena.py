@@ -19,7 +19,7 @@ from symstiff.calibration.simulation.equilibrium import Law, States, Torque, Wei
 from symstiff.errors import UserError
 
 Reading = Callable[[States, Floats, str], Floats]
-"""``reading(states, values, kind)``: what the device makes of the values (M, 6) of kind deflection or absolute."""
+"""``reading(states, values, kind)``: what the device makes of values (M, 6), deflections or absolute."""
 
 PLACES = ("joint", "joints", "link", "load", "measurement", "tool", "robot", "rows")
 
@@ -78,7 +78,7 @@ def phenomenon(
 
 @dataclass(frozen=True)
 class Effect:
-    """One entry of a truth: what, where, in which shape, how much; ``values`` holds amplitudes and options."""
+    """One entry of a truth: what, where, which shape, how much; ``values``: amplitudes and options."""
 
     effect: str
     where: Any = None
@@ -113,7 +113,8 @@ def shape_of(effect: Effect) -> Shape:
         if shape.shape == effect.shape:
             return shape
     raise UserError(
-        f"effect {effect.effect}: unknown shape {effect.shape!r}: use one of {', '.join(s.shape for s in shapes)}"
+        f"effect {effect.effect}: unknown shape {effect.shape!r}: "
+        f"use one of {', '.join(s.shape for s in shapes)}"
     )
 
 

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from symstiff.calibration.simulation.chain import Floats, link_slice
-from symstiff.calibration.simulation.equilibrium import States, Weight
+from symstiff.calibration.simulation.equilibrium import States, Weight, weight_at
 from symstiff.calibration.simulation.phenomena import (
     Additions,
     Site,
@@ -84,21 +84,19 @@ def _geometry(site: Site, p: Values) -> Additions:
 
 @phenomenon("link_weight", "lumped", "link", "mass", com=(0.0, 0.0, 0.0))
 def _weight(site: Site, p: Values) -> Additions:
-    moment = tuple(float(x) for x in p["mass"] * p["com"])
-    return Additions(weights=(Weight(site.where, p["mass"], moment),))  # type: ignore[arg-type]
+    return Additions(weights=(weight_at(site.where, p["mass"], p["com"]),))
 
 
 @phenomenon("link_weight", "behind_springs", "link", "mass", com=(0.0, 0.0, 0.0))
 def _weight_behind(site: Site, p: Values) -> Additions:
     """The weight also bends the link's own springs."""
-    moment = tuple(float(x) for x in p["mass"] * p["com"])
-    return Additions(weights=(Weight(site.where, p["mass"], moment, behind=True),))  # type: ignore[arg-type]
+    return Additions(weights=(weight_at(site.where, p["mass"], p["com"], behind=True),))
 
 
 def _payload(site: Site, p: Values, only_loaded: bool) -> Additions:
-    moment = tuple(float(x) for x in np.broadcast_to(p["dmc"], 3) + p["dm"] * site.chain.tool)
-    weight = Weight(site.chain.dof, p["dm"], moment, True, only_loaded)  # type: ignore[arg-type]
-    return Additions(weights=(weight,))
+    """A mass at the tool centre point, and a first moment beside it, in the axes of frame n."""
+    x, y, z = (float(m) for m in np.broadcast_to(p["dmc"], 3) + p["dm"] * site.chain.tool)
+    return Additions(weights=(Weight(site.chain.dof, p["dm"], (x, y, z), True, only_loaded),))
 
 
 phenomenon("payload_error", "tool", "tool", "dm", "dmc", dm=0.0, dmc=0.0)(

@@ -25,7 +25,7 @@ def _bias(site: Site, p: Values, drifting: bool) -> Additions:
 
     def wrench(states: States, w: Floats) -> Floats:
         share = states.loaded * (saturation(states.time, p["T"]) if drifting else 1.0)
-        return w + share[:, None] * bias
+        return np.asarray(w + share[:, None] * bias)
 
     return Additions(wrenches=(wrench,))
 

@@ -1,4 +1,4 @@
-"""Effects in the joints: elasticity that is not a constant, gaps, friction, transmission and its neighbours."""
+"""Effects in the joints: elasticity that is not a constant, gaps, friction, transmission, neighbours."""
 
 from __future__ import annotations
 

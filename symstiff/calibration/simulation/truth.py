@@ -15,7 +15,7 @@
     [[effect]]                           # as many as wanted; effects of the catalogue, and others
     effect = "backlash"
     where = {joint = 3}
-    shape = "tanh"                       # optional: an effect has several (symstiff.calibration.simulation.SHAPES)
+    shape = "tanh"                       # optional: an effect has several (see SHAPES)
     gap = 2e-4                           # the shape's parameters, SI units
 
     [noise]                              # every key optional
@@ -23,9 +23,9 @@
     sigma_mrad = 0.05                    # of measured rotations
     growth_ppm = 5.0                     # added in quadrature: ppm of the distance from the device
     approach_mm = 0.01                   # shift common to all rows of one pose (and repeat); or [x, y, z]
-    approach_mrad = 0.0                  # error of every joint, common to the loaded rows of one pose (and repeat)
+    approach_mrad = 0.0                  # error of every joint, common to the loaded rows of one pose
     quantum_mm = 0.0                     # readings are rounded to this
-    stated = 1.0                         # sigma columns: the true standard deviation times this; 0 leaves them out
+    stated = 1.0                         # sigma columns: the true deviation times this; 0: none
 
     [device]
     xyz = [3.0, -2.0, 1.0]               # placement of the measuring device in the world
