@@ -1,5 +1,4 @@
-"""Static equilibrium of the elastic robot: θ = law(τ), τ the loads on the deflected chain, many states at
-once.
+"""Static equilibrium of the elastic robot: θ = law(τ), τ the loads on the deflected chain, many at once.
 
 The load stands at the tool centre point and moves with it; weights hang at their centres of mass. Rows that
 are nearly linear settle under fixed-point steps (each gains about log10(size/deflection) digits); what does
@@ -67,7 +66,7 @@ Wrench = Callable[[States, Floats], Floats]
 
 @dataclass(frozen=True)
 class Weight:
-    """A body's weight: mass [kg], first moment [kg·m] in DH frame ``link``, ahead of or behind its springs."""
+    """A body's weight: mass [kg], first moment [kg·m] in DH frame ``link``, ahead of its springs or behind."""
 
     link: int
     mass: float

@@ -118,8 +118,8 @@ def simulate(truth: Truth, design: Measurements, seed: int) -> Measurements:
         sigma[:] = np.nan
     if truth.components == "position":
         values[:, 3:] = sigma[:, 3:] = np.nan
-    return replace(design, kind=kind, values=values, sigma=sigma, files=(), file=None, line=None)  # type:
-    ignore[arg - type]
+    nowhere = np.zeros(len(design), dtype=np.intp)
+    return replace(design, kind=kind, values=values, sigma=sigma, files=(), file=nowhere, line=nowhere)
 
 
 def clean_response(truth: Truth, q: Any, w: Any, context: Mapping[str, Any] | None = None) -> Floats:
