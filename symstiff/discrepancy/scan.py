@@ -10,7 +10,6 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy import linalg, optimize, stats
-from scipy.special import logsumexp
 
 from symstiff.discrepancy.bank import Bank, orthonormal
 from symstiff.discrepancy.noise import Noise
@@ -172,15 +171,28 @@ def log_bayes(explained: Array, rss: Array, rank: Array, freedom: int) -> Array:
 
 
 def entry_evidence(scan: Scan, squares: Array, rss: Array) -> Array:
-    """Evidence of each entry, averaged over the ratios: squares (R, S, B), rss (R, B) -> (S, B)."""
+    """Evidence of each entry at its likeliest ratio: squares (R, S, B), rss (R, B) -> (S, B)."""
     weight = _log_likelihood(scan, rss)
-    weight = weight - logsumexp(weight, axis=0)
+    weight = weight - weight.max(axis=0)
     total = np.full(squares.shape[1:], -np.inf)
     for r, layer in enumerate(scan.layers):
-        total = np.logaddexp(
-            total, weight[r] + log_bayes(squares[r], rss[r], layer.rank[:, None], scan.freedom)
-        )
+        share = squares[r] / np.maximum(rss[r], 1e-300)
+        for rank in np.unique(layer.rank):
+            rows = np.flatnonzero(layer.rank == rank)
+            value = weight[r] + _tabulated(share[rows], float(rank), scan.freedom)
+            total[rows] = np.maximum(total[rows], value)
     return total
+
+
+def _tabulated(share: Array, rank: float, freedom: int) -> Array:
+    """log_bayes by interpolation in log(1 - R²): many draws need it at few ranks."""
+    if share.size < 4000 or rank == 0:
+        return log_bayes(share, np.ones_like(share), np.array(rank), freedom)
+    left = -np.log1p(-np.clip(share, 0.0, 1 - 1e-12))
+    grid = np.linspace(0.0, float(left.max()) + 1e-12, 400)
+    return np.asarray(
+        np.interp(left, grid, log_bayes(-np.expm1(-grid), np.ones(400), np.array(rank), freedom))
+    )
 
 
 def candidate_evidence(bank: Bank, entries: Array) -> Array:
@@ -189,7 +201,16 @@ def candidate_evidence(bank: Bank, entries: Array) -> Array:
         return np.zeros((0, entries.shape[1]))
     first = bank.first_entry
     count = np.diff(np.append(first, len(bank.start)))
-    return np.asarray(np.logaddexp.reduceat(entries, first, axis=0) - np.log(count)[:, None])
+    if np.all(count == 1):
+        return entries
+    top = np.maximum.reduceat(entries, first, axis=0)
+    several = np.flatnonzero(count > 1)
+    for c in several:
+        block = entries[first[c] : first[c] + count[c]]
+        base = np.where(np.isfinite(top[c]), top[c], 0.0)
+        with np.errstate(divide="ignore"):
+            top[c] = base + np.log(np.mean(np.exp(block - base), axis=0))
+    return np.asarray(top)
 
 
 @dataclass(frozen=True)

@@ -1,181 +1,199 @@
-"""Which set of effects, if any, accounts for the data: sets of one, then two, then three, each held to sufficiency."""
+"""Sets of effects: their evidence, what they leave unexplained, and who could take a member's place."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field
 
 import numpy as np
-from scipy.special import logsumexp
 
-from symstiff.discrepancy.bank import Bank
 from symstiff.discrepancy.problem import Array, Options
 from symstiff.discrepancy.scan import Evidence, Null, Scan, evidence, explained, extend, null
 
-PAIR_PRIOR = 0.1
-"""Prior weight of one more effect against none more."""
+ONE_MORE = float(np.log(0.1))
+"""Log prior weight of one more effect against none more."""
+SAME_SIGNAL = 0.85
+"""Share of an unnamed law's signal inside a set's space from which both describe the same thing."""
 
 
 @dataclass(frozen=True)
-class Accepted:
-    """A set of candidates with the columns that were added for it."""
+class Proposal:
+    """A set of candidates, each at one shape, not yet added to the model."""
 
     members: tuple[int, ...]
-    """Candidates."""
     entries: tuple[int, ...]
-    scan: Scan
-    """With the entries in the model."""
-    evidence: Evidence
-    """Of what could still be added."""
     score: float
-    """Log evidence of the set with prior."""
-    explained: float
-    """Sum of squares explained, in units of the noise variance left."""
+    """Log evidence with the prior."""
 
 
 @dataclass(frozen=True)
 class Judged:
     """A set with its tests."""
 
-    model: Accepted
+    members: tuple[int, ...]
+    entries: tuple[int, ...]
+    score: float
+    scan: Scan
+    """With the entries in the model."""
+    left: Evidence
+    """Of what could still be added."""
+    explained: float
+    """Sum of squares explained, in units of the noise variance left."""
     p_left_named: float
     p_left_unnamed: float
     missed_share: float
     rival: float
-    """Log evidence of the best rival without a name, minus this set's."""
+    """Score of the best set in which an unnamed law of another form takes a member's place, minus this score."""
     rival_candidate: int
     sufficient: bool
     p_members: tuple[float, ...]
     """Family-wise p-value of each member given the others."""
 
 
-def root(scan: Scan) -> Accepted:
-    """The empty set."""
-    return Accepted((), (), scan, evidence(scan), 0.0, 0.0)
+@dataclass
+class Workshop:
+    """The start, the options, and scans and null distributions already made (a cache, nothing else)."""
+
+    start: Scan
+    allowed: Array
+    options: Options
+    scans: dict[tuple[int, ...], tuple[Scan, Evidence]] = field(default_factory=dict)
+    nulls: dict[tuple[tuple[int, ...], tuple[int, ...]], Null] = field(default_factory=dict)
+
+    def look(self, entries: tuple[int, ...]) -> tuple[Scan, Evidence]:
+        """The scan with some entries in the model, and the evidence of everything else."""
+        key = tuple(sorted(entries))
+        if key not in self.scans:
+            scan = extend(self.start, key)
+            self.scans[key] = (scan, evidence(scan))
+        return self.scans[key]
+
+    def null(self, members: tuple[int, ...], entries: tuple[int, ...]) -> Null:
+        """Null distribution of the maximum over all candidates that are not in the set."""
+        key = (tuple(sorted(members)), tuple(sorted(entries)))
+        if key not in self.nulls:
+            draws = self.options.draws * (1 if members else 2)
+            self.nulls[key] = null(self.look(entries)[0], draws, self.options.seed, self.free(members))
+        return self.nulls[key]
+
+    def free(self, members: tuple[int, ...]) -> Array:
+        """Mask (candidates,) of those that may still be added."""
+        free = np.array(self.allowed, dtype=bool)
+        free[list(members)] = False
+        return np.asarray(free)
+
+    def score(self, members: tuple[int, ...], entries: tuple[int, ...], generic: bool) -> Array:
+        """Scores (candidates,) of the named or the unnamed ones that may still be added, -inf for the others."""
+        found = self.look(entries)[1]
+        bank = self.start.bank
+        return np.where(self.free(members) & (bank.generic == generic), found.score, -np.inf)
 
 
-def grow(model: Accepted, candidate: int) -> Accepted:
-    """The set with one more candidate at its best shape."""
-    entry = int(model.evidence.best_entry[candidate])
-    scan = extend(model.scan, (entry,))
-    scale2 = scan.best.rss / max(scan.freedom, 1)
-    return Accepted(
-        (*model.members, candidate),
-        (*model.entries, entry),
-        scan,
-        evidence(scan),
-        model.score + float(model.evidence.score[candidate]) + (np.log(PAIR_PRIOR) if model.members else 0.0),
-        model.explained + (model.scan.best.rss - scan.best.rss) / max(scale2, 1e-300),
-    )
+def proposals(shop: Workshop, bases: list[Proposal], breadth: int = 24) -> list[Proposal]:
+    """Sets with one more member than their base, best first, each set once."""
+    made: dict[frozenset[int], Proposal] = {}
+    for base in bases:
+        score = shop.score(base.members, base.entries, False)
+        best = shop.look(base.entries)[1].best_entry
+        for candidate in np.argsort(score)[::-1][:breadth]:
+            if not np.isfinite(score[candidate]):
+                break
+            members = (*base.members, int(candidate))
+            total = base.score + float(score[candidate]) + (ONE_MORE if base.members else 0.0)
+            key = frozenset(members)
+            if key not in made or made[key].score < total:
+                made[key] = Proposal(members, (*base.entries, int(best[candidate])), total)
+    return sorted(made.values(), key=lambda p: -p.score)
 
 
-def polish(start: Scan, model: Accepted) -> Accepted:
-    """Choose each member's shape again, given the others."""
-    if len(model.members) < 2:
-        return model
-    built = root(start)
-    entries = list(model.entries)
-    for place, member in enumerate(model.members):
+def polish(shop: Workshop, proposal: Proposal) -> Proposal:
+    """Choose each member's shape again, given the others, and count the evidence along the better path."""
+    if len(proposal.members) < 2:
+        return proposal
+    entries = list(proposal.entries)
+    for place, member in enumerate(proposal.members):
         others = tuple(e for i, e in enumerate(entries) if i != place)
-        entries[place] = int(evidence(extend(start, others)).best_entry[member])
-    for member, entry in zip(model.members, entries, strict=True):
-        best = np.array(built.evidence.best_entry)
-        best[member] = entry
-        built = grow(replace(built, evidence=replace(built.evidence, best_entry=best)), member)
-    return built if built.explained > model.explained else model
+        entries[place] = int(shop.look(others)[1].best_entry[member])
+    score = proposal.score
+    for place, member in enumerate(proposal.members):
+        others = tuple(e for i, e in enumerate(entries) if i != place)
+        if len(others) == 1:
+            first = proposal.members[1 - place]
+            path = float(shop.look(())[1].score[first]) + float(shop.look(others)[1].score[member]) + ONE_MORE
+            score = max(score, path)
+    return Proposal(proposal.members, tuple(entries), score)
 
 
-def judge(start: Scan, model: Accepted, allowed: Array, options: Options, seed: int) -> Judged:
-    """Is the set sufficient, and is each member needed?"""
-    bank = model.scan.bank
-    free = _free(bank, model.members, allowed)
-    distribution = null(model.scan, options.draws, seed, free)
-    score = np.where(free, model.evidence.score, -np.inf)
-    p_named = distribution.p_named(_top(score, ~bank.generic))
-    p_unnamed = distribution.p_generic(_top(score, bank.generic))
-    missed = _missed_share(model, free)
-    rival, who = _rival(start, model, allowed)
-    lack = min(p_named, p_unnamed) < options.alpha_sufficient
-    enough = (not lack) or missed < options.tolerated_share
-    p_members = tuple(
-        _needed(start, model, i, allowed, options, seed + 1 + i) for i in range(len(model.members))
+def judge(shop: Workshop, proposal: Proposal) -> Judged:
+    """Is the set sufficient, is each member needed, and does an unnamed law do better?"""
+    options = shop.options
+    members, entries = proposal.members, proposal.entries
+    scan, left = shop.look(entries)
+    distribution = shop.null(members, entries)
+    named = float(np.max(shop.score(members, entries, False), initial=-np.inf))
+    unnamed = float(np.max(shop.score(members, entries, True), initial=-np.inf))
+    p_named, p_unnamed = distribution.p_named(named), distribution.p_generic(unnamed)
+    scale2 = scan.best.rss / max(scan.freedom, 1)
+    gained = (shop.start.best.rss - scan.best.rss) / max(scale2, 1e-300)
+    missed = _missed_share(shop, proposal, scan, gained)
+    rival, who = _rival(shop, proposal)
+    lack = (p_named < options.alpha_sufficient and named + ONE_MORE > 0) or (
+        p_unnamed < 0.5 * options.alpha_sufficient
     )
-    return Judged(model, p_named, p_unnamed, missed, rival, who, enough, p_members)
+    p_members = tuple(_needed(shop, proposal, i) for i in range(len(members)))
+    return Judged(
+        members, entries, proposal.score, scan, left, gained, p_named, p_unnamed, missed, rival, who,
+        (not lack) or missed < options.tolerated_share, p_members,
+    )  # fmt: skip
 
 
-def _free(bank: Bank, members: tuple[int, ...], allowed: Array) -> Array:
-    free = allowed.astype(bool).copy()
-    free[list(members)] = False
-    return free
-
-
-def _top(score: Array, mask: Array) -> float:
-    return float(np.max(score[mask])) if np.any(mask) else -np.inf
-
-
-def _missed_share(model: Accepted, free: Array) -> float:
+def _missed_share(shop: Workshop, proposal: Proposal, scan: Scan, gained: float) -> float:
     """Share of the explainable signal that the set leaves to the best further candidate, noise deducted."""
-    bank = model.scan.bank
-    layer_number = int(np.argmax(model.scan.log_likelihood))
-    squares = explained(model.scan)[layer_number]
-    scale2 = model.scan.best.rss / max(model.scan.freedom, 1)
-    usable = free[bank.owner]
+    squares = explained(scan)[int(np.argmax(scan.log_likelihood))]
+    scale2 = scan.best.rss / max(scan.freedom, 1)
+    usable = shop.free(proposal.members)[scan.bank.owner]
     if not np.any(usable):
         return 0.0
-    further = float(np.max(np.where(usable, squares / scale2 - model.scan.best.rank, 0.0)))
-    return further / max(further + model.explained, 1e-300)
+    noise = scan.best.rank + 3.0 * np.sqrt(2.0 * scan.best.rank) + 4.0
+    further = max(0.0, float(np.max(np.where(usable, squares / scale2 - noise, 0.0))))
+    return further / max(further + gained, 1e-300)
 
 
-def _rival(start: Scan, model: Accepted, allowed: Array) -> tuple[float, int]:
-    """The best set in which an unnamed law of another form takes the place of one member."""
-    bank = model.scan.bank
+def _rival(shop: Workshop, proposal: Proposal) -> tuple[float, int]:
+    """The best set in which an unnamed law of another form takes the place of one member, or of all."""
     best, who = -np.inf, -1
-    for place in range(len(model.members)):
-        others = tuple(e for i, e in enumerate(model.entries) if i != place)
-        reduced = extend(start, others)
-        found = evidence(reduced)
-        gain = float(found.score[model.members[place]])
-        score = np.where(bank.generic & allowed.astype(bool), found.score, -np.inf)
-        for candidate in np.argsort(score)[::-1][:8]:
-            if not np.isfinite(score[candidate]) or score[candidate] - gain < best:
+    n = len(proposal.members)
+    for kept in [(), *(tuple(k for k in range(n) if k != i) for i in range(n) if n > 1)]:
+        members = tuple(proposal.members[k] for k in kept)
+        entries = tuple(proposal.entries[k] for k in kept)
+        base = 0.0
+        if kept:
+            place = next(k for k in range(n) if k not in kept)
+            base = proposal.score - float(shop.look(entries)[1].score[proposal.members[place]])
+        score = shop.score(members, entries, True) + base - proposal.score
+        replaced = tuple(proposal.entries[k] for k in range(n) if k not in kept)
+        found = shop.look(entries)
+        for candidate in np.argsort(score)[::-1][:10]:
+            if not np.isfinite(score[candidate]) or score[candidate] < max(best, -10.0):
                 break
-            if _overlap(reduced, int(found.best_entry[candidate]), model.entries[place]) < 0.85:
-                best, who = float(score[candidate]) - gain, int(candidate)
+            if _overlap(found[0], int(found[1].best_entry[candidate]), replaced) < SAME_SIGNAL:
+                best, who = float(score[candidate]), int(candidate)
                 break
     return best, who
 
 
-def _overlap(scan: Scan, first: int, second: int) -> float:
-    """Share of the first entry's fitted signal that lies in the second's space."""
+def _overlap(scan: Scan, law: int, entries: tuple[int, ...]) -> float:
+    """Share of a law's fitted signal that lies in the space of some entries."""
     layer, bank = scan.best, scan.bank
-    a, b = layer.Q[:, bank.slice(first)], layer.Q[:, bank.slice(second)]
+    a = layer.Q[:, bank.slice(law)]
     signal = a @ (a.T @ layer.y)
-    return float(np.sum((b.T @ signal) ** 2) / max(signal @ signal, 1e-300))
+    U, s, _ = np.linalg.svd(np.hstack([layer.Q[:, bank.slice(e)] for e in entries]), full_matrices=False)
+    inside = U[:, s > 1e-7].T @ signal
+    return float(inside @ inside / max(signal @ signal, 1e-300))
 
 
-def _needed(start: Scan, model: Accepted, place: int, allowed: Array, options: Options, seed: int) -> float:
-    others = tuple(e for i, e in enumerate(model.entries) if i != place)
-    scan = extend(start, others)
-    free = _free(model.scan.bank, tuple(m for i, m in enumerate(model.members) if i != place), allowed)
-    score = float(evidence(scan).score[model.members[place]])
-    return null(scan, options.draws, seed, free).p_named(score)
-
-
-def weights(models: list[Accepted]) -> Array:
-    """Posterior weights of competing sets."""
-    score = np.array([m.score for m in models])
-    return np.asarray(np.exp(score - logsumexp(score)))
-
-
-def detection(start: Scan, allowed: Array, options: Options) -> tuple[Null, Evidence, float, float]:
-    """Null distribution, evidence, and the family-wise p-values of the catalogue and of the unnamed laws."""
-    bank = start.bank
-    free = allowed.astype(bool)
-    distribution = null(start, 2 * options.draws, options.seed, free)
-    found = evidence(start)
-    score = np.where(free, found.score, -np.inf)
-    return (
-        distribution,
-        found,
-        distribution.p_named(_top(score, ~bank.generic)),
-        distribution.p_generic(_top(score, bank.generic)),
-    )
+def _needed(shop: Workshop, proposal: Proposal, place: int) -> float:
+    """Backward check: family-wise p-value of one member given the others."""
+    members = tuple(m for i, m in enumerate(proposal.members) if i != place)
+    entries = tuple(e for i, e in enumerate(proposal.entries) if i != place)
+    score = float(shop.look(entries)[1].score[proposal.members[place]])
+    return shop.null(members, entries).p_named(score)

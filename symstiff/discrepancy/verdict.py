@@ -9,11 +9,16 @@ import numpy as np
 from scipy.special import expit, logsumexp
 
 from symstiff.discrepancy.problem import Array, Options
-from symstiff.discrepancy.scan import Evidence, Null, Scan, critical
-from symstiff.discrepancy.search import Accepted, Judged, detection, grow, judge, polish, root
+from symstiff.discrepancy.scan import Evidence, Null, Scan
+from symstiff.discrepancy.search import ONE_MORE, Judged, Proposal, Workshop, judge, polish, proposals
 
 NOTHING, NAMED, AMBIGUOUS = "nothing_missing", "named", "ambiguous"
 INSUFFICIENT, UNEXPLAINED, UNTESTABLE = "named_insufficient", "unexplained", "untestable"
+
+CALIBRATION = (0.0, 0.8)
+"""Offset and slope of the confidence's logit, fitted on simulated benchmarks."""
+
+Plausible = Callable[[Proposal], bool]
 
 
 @dataclass(frozen=True)
@@ -35,116 +40,97 @@ class Outcome:
     tried: tuple[Judged, ...]
 
 
-Plausible = Callable[[Accepted], bool]
-
-
 def decide(
     start: Scan, allowed: Array, options: Options, plausible: Plausible, strata_p: float,
     progress: Callable[[str], None],
 ) -> Outcome:  # fmt: skip
-    """Detect, then try sets of one, two and three effects until one is sufficient."""
-    distribution, found, p_named, p_unnamed = detection(start, allowed, options)
+    """Detect, then try sets of one, two and three effects until the leading set is sufficient."""
+    shop = Workshop(start, allowed, options)
+    distribution = shop.null((), ())
+    found = shop.look(())[1]
+    p_named = distribution.p_named(float(np.max(shop.score((), (), False), initial=-np.inf)))
+    p_unnamed = distribution.p_generic(float(np.max(shop.score((), (), True), initial=-np.inf)))
+    tests = (distribution, found, p_named, p_unnamed)
     seen = p_named < options.alpha
-    odd = p_unnamed < options.alpha_strata or strata_p < options.alpha_strata
-    if not seen and not odd:
-        return Outcome(NOTHING, "no test rejects", distribution, found, p_named, p_unnamed, None, (), (), ())
+    if not seen and min(p_unnamed, strata_p) >= options.alpha_strata:
+        return Outcome(NOTHING, "no test rejects", *tests, None, (), (), ())
     tried: list[Judged] = []
-    if seen:
-        pool = [root(start)]
-        for size in range(1, options.max_effects + 1):
-            progress(f"sets of {size}")
-            sets = _sets(start, pool, allowed, options, plausible)
-            judged = [
-                judge(start, m, allowed, options, options.seed + 100 * size + i) for i, m in enumerate(sets[:4])
-            ]
-            tried += judged
-            good = [j for j in judged if _admissible(j, options)]
-            if good:
-                return _named(good, sets, distribution, found, p_named, p_unnamed, options, tuple(tried))
-            if not sets:
-                break
-            pool = sets[:10]
-    return _not_named(tried, distribution, found, p_named, p_unnamed, options)
+    weighed: list[Proposal] = []
+    bases = [Proposal((), (), 0.0)]
+    for size in range(1, options.max_effects + 1 if seen else 1):
+        progress(f"sets of {size}")
+        ranked = _ranked(shop, bases, plausible)
+        if not ranked:
+            break
+        weighed += ranked
+        judged = [judge(shop, p) for p in ranked[:4] if p.score > ranked[0].score - 5.0]
+        tried += judged
+        if _admissible(judged[0], options) and judged[0].score >= max(p.score for p in weighed) - 1e-9:
+            break
+        bases = ranked[:8]
+    return _conclude(tried, weighed, tests, options)
 
 
-def _sets(
-    start: Scan, pool: list[Accepted], allowed: Array, options: Options, plausible: Plausible
-) -> list[Accepted]:
-    """Sets with one more member, best first: the leading extensions of every set in the pool."""
-    bank = start.bank
-    made: dict[frozenset[int], Accepted] = {}
-    breadth = 12 if not pool[0].members else 3
-    for base in pool:
-        score = np.where(allowed.astype(bool) & ~bank.generic, base.evidence.score, -np.inf)
-        score[list(base.members)] = -np.inf
-        order = np.argsort(score)[::-1][:breadth]
-        for candidate in order:
-            key = frozenset((*base.members, int(candidate)))
-            if score[candidate] < score[order[0]] - 14.0 or key in made or not np.isfinite(score[candidate]):
-                continue
-            model = grow(base, int(candidate))
-            if plausible(model):
-                made[key] = model
-    ranked = sorted(made.values(), key=lambda m: -m.score)
-    best = [polish(start, m) for m in ranked[:4]]
-    return sorted([*best, *ranked[4:]], key=lambda m: -m.score)
+def _ranked(shop: Workshop, bases: list[Proposal], plausible: Plausible) -> list[Proposal]:
+    """Proposals best first; the leading ones polished and held to their physical range."""
+    out: list[Proposal] = []
+    for proposal in proposals(shop, bases):
+        if len(out) >= 24:
+            break
+        done = polish(shop, proposal) if len(out) < 4 else proposal
+        if len(out) >= 6 or plausible(done):
+            out.append(done)
+    return sorted(out, key=lambda p: -p.score)
 
 
 def _admissible(judged: Judged, options: Options) -> bool:
     return judged.sufficient and max(judged.p_members) < options.alpha and judged.rival < 0.0
 
 
+def _conclude(
+    tried: list[Judged], weighed: list[Proposal], tests: tuple[Null, Evidence, float, float], options: Options
+) -> Outcome:
+    good = sorted((j for j in tried if _admissible(j, options)), key=lambda j: -j.score)
+    refused = max((j.score for j in tried if not _admissible(j, options)), default=-np.inf)
+    if good and good[0].score > refused - 1.0:
+        return _named(good, tried, weighed, tests, options)
+    needed = [j for j in tried if max(j.p_members) < options.alpha]
+    best = max(needed, key=lambda j: j.score, default=None)
+    if best is not None and best.rival < -3.0 and best.missed_share < 0.3:
+        confidence = tuple(0.5 for _ in best.members)
+        reason = "the leader explains most, but not all"
+        return Outcome(INSUFFICIENT, reason, *tests, best, (best,), confidence, tuple(tried))
+    reason = "no set of the catalogue accounts for the data"
+    return Outcome(UNEXPLAINED, reason, *tests, best, (), (), tuple(tried))
+
+
 def _named(
-    good: list[Judged], sets: list[Accepted], distribution: Null, found: Evidence,
-    p_named: float, p_unnamed: float, options: Options, tried: tuple[Judged, ...],
+    good: list[Judged], tried: list[Judged], weighed: list[Proposal],
+    tests: tuple[Null, Evidence, float, float], options: Options,
 ) -> Outcome:  # fmt: skip
-    good = sorted(good, key=lambda j: -j.model.score)
-    accepted = {j.model.members for j in good}
-    judged = {j.model.members for j in tried}
+    accepted = {frozenset(j.members) for j in good}
+    judged = {frozenset(j.members) for j in tried}
     # sets that were not judged (they trail) keep their weight; judged and refused ones lose it
-    rest = [s for s in sets if s.members in accepted or s.members not in judged]
-    total = logsumexp([s.score for s in rest])
-    share = {s.members: float(np.exp(s.score - total)) for s in rest}
+    rest = [p for p in weighed if frozenset(p.members) in accepted or frozenset(p.members) not in judged]
+    total = float(logsumexp([p.score for p in rest]))
+    share = {frozenset(p.members): float(np.exp(p.score - total)) for p in rest}
     leader = good[0]
+    own = share[frozenset(leader.members)]
     confidence = tuple(
-        _calibrated(sum(w for members, w in share.items() if m in members), leader) for m in leader.model.members
+        _calibrated(sum(w for members, w in share.items() if m in members), leader) for m in leader.members
     )
-    verdict = NAMED if share[leader.model.members] >= options.name_at else AMBIGUOUS
-    kept = tuple(j for j in good if share[j.model.members] > 0.05 * share[leader.model.members])
-    if verdict == AMBIGUOUS and len(kept) < 2:
-        verdict = NAMED
+    kept = tuple(j for j in good if share[frozenset(j.members)] > 0.05 * own)
+    verdict = NAMED if own >= options.name_at or len(kept) < 2 else AMBIGUOUS
     reason = "sufficient, plausible and ahead" if verdict == NAMED else "several sets account for the data"
-    return Outcome(verdict, reason, distribution, found, p_named, p_unnamed, leader, kept, confidence, tried)
+    return Outcome(verdict, reason, *tests, leader, kept, confidence, tuple(tried))
 
 
 def _calibrated(share: float, leader: Judged) -> float:
     """Posterior share, lowered by the best rival without a name, on the benchmark's scale."""
     share = float(np.clip(share, 1e-6, 1 - 1e-6))
-    raw = np.log(share / (1 - share))
-    rival = np.log1p(np.exp(min(leader.rival, 30.0)))
+    raw = float(np.log(share / (1 - share)))
+    rival = float(np.log1p(np.exp(min(leader.rival, 30.0))))
     return float(expit(CALIBRATION[0] + CALIBRATION[1] * min(raw, 8.0) - rival))
 
 
-CALIBRATION = (0.0, 0.8)
-"""Offset and slope of the logit, fitted on simulated benchmarks."""
-
-
-def _not_named(
-    tried: list[Judged], distribution: Null, found: Evidence, p_named: float, p_unnamed: float, options: Options
-) -> Outcome:
-    needed = [j for j in tried if max(j.p_members) < options.alpha]
-    best = max(needed, key=lambda j: j.model.score, default=None)
-    if best is not None and best.rival < -3.0 and best.missed_share < 0.3:
-        return Outcome(
-            INSUFFICIENT, "the leader explains most, but not all", distribution, found, p_named, p_unnamed,
-            best, (best,), tuple(0.5 for _ in best.model.members), tuple(tried),
-        )  # fmt: skip
-    return Outcome(
-        UNEXPLAINED, "no set of the catalogue accounts for the data", distribution, found, p_named, p_unnamed,
-        best, (), (), tuple(tried),
-    )  # fmt: skip
-
-
-def threshold(outcome: Outcome, options: Options) -> float:
-    """Score that a candidate must exceed to be detected."""
-    return critical(outcome.null.named, options.alpha)
+__all__ = ["ONE_MORE", "Outcome", "decide"]
