@@ -16,7 +16,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-_CHUNK = 4096  # candidates at a time: their rows stay in the cache
+from symstiff.calibration.planning.parallel import in_threads, slices
+
+_CHUNK = 1024  # candidates at a time: their rows stay in the cache
+_RUN = 16  # chunks that share a running best; fixed, so that threads do not change which candidate wins
 
 
 @dataclass(frozen=True)
@@ -88,16 +91,16 @@ def gains(rows: np.ndarray, coordinates: Basis) -> np.ndarray:
 
     With Z = B U: log det(I + Z Zᵀ), or tr((I + Z Zᵀ)⁻¹ Z diag(spread) Zᵀ).
     """
-    return np.concatenate(
-        [_gains_of(_image(rows[:, cut], coordinates), coordinates.spread) for cut in _chunks(rows)]
-    )
+    parts = [_gains_of(rows[:, cut] @ coordinates.U, coordinates.spread) for cut in _chunks(rows)]
+    return np.concatenate(parts)
 
 
 def directional(rows: np.ndarray, coordinates: Basis) -> np.ndarray:
     """Return tr(G BᵀB) of every candidate, (N,): the score's derivative towards it."""
-    return np.concatenate(
-        [_sensitivity(_image(rows[:, cut], coordinates), coordinates.spread) for cut in _chunks(rows)]
+    parts = in_threads(
+        lambda cut: _sensitivity(rows[:, cut] @ coordinates.U, coordinates.spread), _chunks(rows)
     )
+    return np.concatenate(parts)
 
 
 def best_gain(
@@ -106,11 +109,24 @@ def best_gain(
     """Return the candidate of the largest gain above ``to_beat`` and that gain, or (-1, ``to_beat``).
 
     ``barred`` (N,) excludes candidates. Exact: a candidate is skipped only where an upper bound of its gain
-    (Hadamard's inequality) does not reach the best one found so far.
+    (Hadamard's inequality) does not reach the best one found so far. The first of equals wins.
     """
+    chunks = _chunks(rows)
+    runs = [chunks[start : start + _RUN] for start in range(0, len(chunks), _RUN)]
+    found = in_threads(lambda run: _best_of(rows, run, coordinates, to_beat, barred), runs)
     winner, best = -1, to_beat
-    for cut in _chunks(rows):
-        image = _image(rows[:, cut], coordinates)
+    for index, gain in found:
+        if gain > best:
+            winner, best = index, gain
+    return winner, best
+
+
+def _best_of(
+    rows: np.ndarray, chunks: list[slice], coordinates: Basis, to_beat: float, barred: np.ndarray | None
+) -> tuple[int, float]:
+    winner, best = -1, to_beat
+    for cut in chunks:
+        image = rows[:, cut] @ coordinates.U
         hopeful = _gain_bound(image, coordinates.spread) > best
         if barred is not None:
             hopeful &= ~barred[cut]
@@ -125,12 +141,7 @@ def best_gain(
 
 
 def _chunks(rows: np.ndarray) -> list[slice]:
-    return [slice(start, min(start + _CHUNK, rows.shape[1])) for start in range(0, rows.shape[1], _CHUNK)]
-
-
-def _image(rows: np.ndarray, coordinates: Basis) -> np.ndarray:
-    m, count, width = rows.shape
-    return np.asarray((rows.reshape(-1, width) @ coordinates.U).reshape(m, count, width))
+    return list(slices(rows.shape[1], _CHUNK))
 
 
 def _sensitivity(image: np.ndarray, spread: np.ndarray | None) -> np.ndarray:

@@ -66,7 +66,7 @@ def _exchange_one(
     except np.linalg.LinAlgError:
         return
     own = float(gains(rows[:, [old]], coordinates)[0])
-    new, _ = best_gain(rows, coordinates, own + _RELATIVE * max(1.0, abs(own)), barred)
+    new, _ = best_gain(rows, coordinates, own + _RELATIVE * abs(own), barred)
     if new < 0:
         return
     trial = [*chosen[:position], new, *chosen[position + 1 :]]

@@ -8,14 +8,16 @@ machines of one kind: other processors have other sine routines).
 from __future__ import annotations
 
 import multiprocessing
+import os
 from collections.abc import Callable, Iterator, Sequence
-from concurrent.futures import ProcessPoolExecutor
+from concurrent.futures import ProcessPoolExecutor, ThreadPoolExecutor
 from contextlib import AbstractContextManager, contextmanager
 from functools import cache
 from typing import Any, TypeVar
 
 from symstiff.errors import UserError
 
+Item = TypeVar("Item")
 Result = TypeVar("Result")
 Progress = Callable[[str, float], None]
 _SECONDS_TO_CONNECT = 10
@@ -67,6 +69,15 @@ def stream_blocks(
         yield result
 
 
+def in_threads(function: Callable[[Item], Result], items: Sequence[Item]) -> list[Result]:
+    """Return ``[function(item) for item in items]``; NumPy lets go of the interpreter, so cores share the work."""
+    cores = min(os.cpu_count() or 1, len(items))
+    if cores < 2:
+        return [function(item) for item in items]
+    with ThreadPoolExecutor(cores) as pool:
+        return list(pool.map(function, items))
+
+
 def _on_cores(
     function: Callable[..., Result], blocks: Sequence[tuple[Any, ...]], workers: int
 ) -> Iterator[Result]:
@@ -113,11 +124,12 @@ def _call_installed(block: tuple[Any, ...]) -> Any:
 
 
 def _call(function: Callable[..., Result], block: tuple[Any, ...]) -> Result:
-    with _one_blas_thread():
+    with one_blas_thread():
         return function(*block)
 
 
-def _one_blas_thread() -> AbstractContextManager[Any]:
+def one_blas_thread() -> AbstractContextManager[Any]:
+    """Keep BLAS to one thread: its own threads change rounding, and starve on a busy machine."""
     return _controller().limit(limits=1, user_api="blas")  # type: ignore[no-any-return]
 
 

@@ -33,7 +33,7 @@ from symstiff.calibration.planning.exchange import (
     random_start,
 )
 from symstiff.calibration.planning.measurement import Measurement
-from symstiff.calibration.planning.parallel import Progress
+from symstiff.calibration.planning.parallel import Progress, one_blas_thread
 from symstiff.calibration.planning.refine import CasadiObservation, Problem, Refined, refine
 from symstiff.errors import UserError
 
@@ -134,7 +134,8 @@ def plan_poses(
     scale = check_rank(rows, parameters)
     rows *= scale
     criterion = criterion_of(goal, observation, scale)
-    selection, design = _select(rows, candidates, criterion, goal.poses, search, progress)
+    with one_blas_thread():
+        selection, design = _select(rows, candidates, criterion, goal.poses, search, progress)
     problem = Problem(space, evaluator, scale, criterion)
     chosen = _take(candidates, selection.chosen)
     refined = Refined(chosen.q, chosen.w, selection.score, "none")
