@@ -1,4 +1,4 @@
-"""A small elastic chain of its own for the tests of planning: shares nothing with the kernel of the package."""
+"""A small elastic chain for the tests of planning: it shares nothing with the kernel of the package."""
 
 from __future__ import annotations
 

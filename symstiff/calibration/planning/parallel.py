@@ -70,7 +70,7 @@ def stream_blocks(
 
 
 def in_threads(function: Callable[[Item], Result], items: Sequence[Item]) -> list[Result]:
-    """Return ``[function(item) for item in items]``; NumPy lets go of the interpreter, so cores share the work."""
+    """Return ``[function(item) for item in items]``; NumPy releases the interpreter, so cores share them."""
     cores = min(os.cpu_count() or 1, len(items))
     if cores < 2:
         return [function(item) for item in items]

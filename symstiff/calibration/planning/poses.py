@@ -36,7 +36,7 @@ def write_poses(plan: Plan, robot: Geometry, path: str | Path) -> None:
 
 
 def summary(plan: Plan) -> dict[str, Any]:
-    """Return what the plan promises as plain values for JSON: criterion, efficiencies, standard deviations."""
+    """Return what the plan promises as plain values for JSON: criterion, efficiencies, deviations."""
     return {
         "robot": plan.robot,
         "poses": len(plan),
@@ -56,7 +56,7 @@ def summary(plan: Plan) -> dict[str, Any]:
 
 
 def draw_plan(plan: Plan, robot: Geometry) -> Any:
-    """Return a matplotlib Figure: the robot as a stick figure in every pose, tool centre points, the loads."""
+    """Return a matplotlib Figure: a stick figure in every pose, tool centre points and forces."""
     from matplotlib.figure import Figure
 
     points = origins(robot, plan.q)

@@ -21,9 +21,10 @@ Deflection = Callable[[np.ndarray, np.ndarray], np.ndarray]
 class WorkspaceMap:
     """Values on a grid (rows, columns) of two joints.
 
-    ``q`` (rows, columns, n); ``tip`` (rows, columns, 3), tool centre point [m]; ``deflection`` (rows, columns,
-    6), [m, rad]; ``magnitude`` (rows, columns), length of the translation [m]; ``stiffness`` (rows, columns),
-    force over the displacement along it [N/m], NaN without a force. Not allowed by the region: NaN.
+    ``q`` (rows, columns, n); ``tip`` (rows, columns, 3), tool centre point [m]; ``deflection``
+    (rows, columns, 6), [m, rad]; ``magnitude`` (rows, columns), length of the translation [m]; ``stiffness``
+    (rows, columns), force over the displacement along it [N/m], NaN without a force. Off the region:
+    NaN.
     """
 
     joints: tuple[int, int]
@@ -37,7 +38,7 @@ class WorkspaceMap:
 def joint_slice(
     robot: Geometry, joints: tuple[int, int], counts: tuple[int, int], at: Mapping[int, float]
 ) -> np.ndarray:
-    """Return a grid of configurations (rows, columns, n): two joints (1-based) over their limits, others at ``at``.
+    """Return a grid of configurations (rows, columns, n): two joints (1-based) swept, the others at ``at``.
 
     Joints that ``at`` does not name stand at zero, or at their nearest limit.
     """

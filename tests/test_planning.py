@@ -1,0 +1,391 @@
+"""The choice of poses: exchange, refinement, constraints, parallel evaluation, tables and plots."""
+
+from __future__ import annotations
+
+import csv
+import itertools
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from planning_chain import SIX_AXES, ChainObservation
+
+from symstiff.calibration.planning import (
+    Box,
+    Geometry,
+    Goal,
+    Load,
+    Measurement,
+    Plan,
+    Region,
+    Search,
+    Space,
+    above_floor,
+    draw_map,
+    draw_plan,
+    geometry,
+    map_blocks,
+    measurement_of,
+    plan_poses,
+    save_figure,
+    workspace_map,
+    write_poses,
+)
+from symstiff.calibration.planning.approximate import approximate_design
+from symstiff.calibration.planning.candidates import Evaluator, draw, evaluate
+from symstiff.calibration.planning.criteria import Criterion, basis, best_gain, gains
+from symstiff.calibration.planning.exchange import exchange, greedy
+from symstiff.calibration.planning.frames import origins
+from symstiff.calibration.planning.measurement import whitened_rows
+from symstiff.calibration.planning.refine import Problem, refine
+from symstiff.errors import UserError
+from symstiff.robot import load
+
+DOWN = np.array([0.0, 0.0, -2500.0, 0.0, 0.0, 0.0])
+THREE_AXES = ChainObservation(
+    rows=((0, 0.5, 0.1, -np.pi / 2), (0, 0, 0.6, 0), (0, 0, 0.5, 0)),
+    base_z=0.0,
+    tool=(0.05, 0.0, 0.02),
+    terms=((1, 0, 0), (2, 0, 0), (3, 0, 0), (1, 4, 4), (3, 5, 5), (2, 5, 5)),
+)
+LIMITS = ((-2.0, 2.0), (-2.5, 0.5), (-2.0, 2.0))
+
+
+def three_axes_geometry() -> Geometry:
+    rows = tuple((False, theta, d, a, alpha) for theta, d, a, alpha in THREE_AXES.rows)
+    return Geometry("three", (), rows, tuple(zip(("tx", "ty", "tz"), THREE_AXES.tool, strict=True)), LIMITS)
+
+
+THREE = three_axes_geometry()
+FORCES = Load("force", 500.0)
+
+
+def information(rows: np.ndarray, chosen: tuple[int, ...]) -> np.ndarray:
+    return sum(rows[:, i].T @ rows[:, i] for i in chosen)
+
+
+def brute_score(matrix: np.ndarray, weight: np.ndarray | None) -> float:
+    if weight is None:
+        return float(np.linalg.slogdet(matrix)[1])
+    return -float(np.trace(np.linalg.solve(matrix, weight)))
+
+
+def criteria(width: int) -> tuple[Criterion, ...]:
+    some = np.random.default_rng(9).normal(size=(width, width))
+    return Criterion("D"), Criterion("A", np.eye(width) / width), Criterion("test", some @ some.T)
+
+
+def small_plan(**options) -> Plan:
+    settings_ = {"candidates": 300, "starts": 2, "refine": False, **options.pop("search", {})}
+    space = Space(THREE, FORCES, **options.pop("space", {}))
+    goal = Goal(5, **options.pop("goal", {}))
+    return plan_poses(space, THREE_AXES, THREE_AXES.names, goal, search=Search(**settings_), **options)
+
+
+@settings(max_examples=40, deadline=None)
+@given(st.integers(0, 2**32 - 1), st.integers(1, 6), st.integers(0, 2))
+def test_a_rank_k_update_equals_recomputing_the_criterion(seed: int, m: int, which: int):
+    rng = np.random.default_rng(seed)
+    rows = rng.normal(size=(m, 12, 5))
+    criterion = criteria(5)[which]
+    base = rng.normal(size=(9, 5))
+    before = base.T @ base + 0.1 * np.eye(5)
+    predicted = gains(rows, basis(criterion, before))
+    for j in range(12):
+        change = brute_score(before + rows[:, j].T @ rows[:, j], criterion.weight) - brute_score(
+            before, criterion.weight
+        )
+        assert predicted[j] == pytest.approx(change, rel=1e-8, abs=1e-10)
+
+
+@pytest.mark.parametrize("which", [0, 1, 2])
+def test_the_screened_search_finds_the_candidate_of_the_largest_gain(which: int):
+    rows = np.random.default_rng(4).normal(size=(3, 20_000, 6)) * 0.3
+    coordinates = basis(criteria(6)[which], np.eye(6))
+    every = gains(rows, coordinates)
+    barred = np.zeros(20_000, dtype=bool)
+    barred[every.argmax()] = True
+    second = np.argsort(-every)[1]
+    assert best_gain(rows, coordinates, -np.inf)[0] == every.argmax()
+    assert best_gain(rows, coordinates, -np.inf, barred) == (second, pytest.approx(every[second]))
+    assert best_gain(rows, coordinates, float(every.max()) * 1.001)[0] == -1
+
+
+@pytest.mark.parametrize("which", [0, 1, 2])
+def test_exchange_from_several_starts_reaches_the_exhaustive_optimum(which: int):
+    rng = np.random.default_rng(7)
+    rows = rng.normal(size=(3, 16, 5)) * rng.uniform(0.2, 2.0, size=(1, 16, 1))
+    criterion = criteria(5)[which]
+    sets = list(itertools.combinations(range(16), 4))
+    best = max(brute_score(information(rows, s), criterion.weight) for s in sets)
+    starts = [greedy(rows, 4, criterion, 1e-9)]
+    starts += [tuple(int(i) for i in rng.choice(16, 4, replace=False)) for _ in range(5)]
+    found = max(exchange(rows, start, criterion).score for start in starts)
+    assert found == pytest.approx(best, rel=1e-9)
+
+
+@pytest.mark.parametrize("which", [0, 1, 2])
+def test_the_bound_of_the_approximate_design_holds_for_every_choice(which: int):
+    rows = np.random.default_rng(3).normal(size=(2, 14, 4))
+    criterion = criteria(4)[which]
+    design = approximate_design(rows, criterion, 4, 0, 1e-9)
+    best = max(
+        brute_score(information(rows, s), criterion.weight)
+        for s in itertools.combinations(range(14), 4)
+    )
+    assert best <= design.bound + 1e-6 * abs(design.bound)
+    assert criterion.efficiency(best, design.bound, 4) > 0.8
+
+
+@settings(max_examples=15, deadline=None)
+@given(st.integers(0, 2**32 - 1))
+def test_exchange_never_lowers_the_criterion_and_keeps_poses_distinct(seed: int):
+    rng = np.random.default_rng(seed)
+    rows = rng.normal(size=(2, 60, 6))
+    found = exchange(rows, tuple(range(5)), Criterion("D"))
+    assert np.all(np.diff(found.history) > 0)
+    assert len(set(found.chosen)) == 5
+    assert found.score == pytest.approx(brute_score(information(rows, found.chosen), None))
+
+
+@pytest.mark.parametrize("criterion", ["D", "A", "test"])
+def test_a_plan_beats_random_poses_and_its_history_rises(criterion: str):
+    tests = {"test_q": np.full((3, 3), 0.3), "test_w": np.tile(DOWN, (3, 1))} if criterion == "test" else {}
+    plan = small_plan(goal={"criterion": criterion, **tests}, search={"refine": True})
+    assert plan.over_random > 1.2
+    assert plan.over_candidates >= 1.0
+    assert np.all(np.diff(plan.history) >= 0)
+    assert (plan.expected_error is None) == (criterion != "test")
+
+
+def test_predicted_standard_deviations_are_those_of_simulated_estimates():
+    plan = small_plan()
+    A = THREE_AXES(plan.q, plan.w)
+    weights = 1 / np.array([30e-6] * 3 + [100e-6] * 3)
+    B = (A * weights[:, None]).reshape(-1, 6)
+    noise = np.random.default_rng(0).normal(size=(4000, len(B)))
+    estimates = noise @ np.linalg.pinv(B, rcond=1e-12).T
+    assert np.allclose(estimates.std(axis=0), plan.std, rtol=0.06)
+
+
+def test_the_same_seed_gives_the_same_plan_and_another_seed_other_candidates():
+    first, again, other = small_plan(), small_plan(), small_plan(search={"seed": 1})
+    assert np.array_equal(first.q, again.q)
+    assert first.history == again.history
+    assert not np.array_equal(first.q, other.q)
+
+
+@pytest.mark.parametrize("symbolic", [False, True])
+def test_poses_keep_limits_keep_out_fixed_joints_and_levels_through_refinement(symbolic: bool):
+    box = Box((0.2, -0.5, 0.3), (0.6, 0.5, 0.6))
+    region = Region((box,), (above_floor(0.05),), reach=(0.2, 1.2))
+    space = {"region": region, "fixed": {1: 0.4}, "levels": {2: 3}}
+    plan = small_plan(
+        space=space,
+        goal={"criterion": "D"},
+        search={"refine": True, "candidates": 400},
+        casadi_observation=casadi_three_axes if symbolic else None,
+    )
+    points = origins(THREE, plan.q)[:, 1:]
+    inside = np.all((points > np.array(box.low) + 1e-6) & (points < np.array(box.high) - 1e-6), axis=2)
+    assert not inside.any()
+    assert points[..., 2].min() >= 0.05 - 1e-6
+    assert np.all(plan.q[:, 0] == 0.4)
+    assert len(np.unique(plan.q[:, 1])) == 3
+    limits = np.array(LIMITS)
+    assert np.all((plan.q >= limits[:, 0]) & (plan.q <= limits[:, 1]))
+    assert np.allclose(np.linalg.norm(plan.w[:, :3], axis=1), 500.0)
+    assert np.linalg.norm(points[:, -1], axis=1).max() <= 1.2 + 1e-6
+
+
+def casadi_three_axes(q, w):
+    """The same small chain in CasADi: its columns by J_a (J_b·w)."""
+    import casadi as ca
+
+    T = ca.SX.eye(4)
+    frames = [T]
+    for k, (theta, d, a, alpha) in enumerate(THREE_AXES.rows):
+        c, s, cos, sin = ca.cos(theta + q[k]), ca.sin(theta + q[k]), np.cos(alpha), np.sin(alpha)
+        step = ca.vertcat(
+            ca.horzcat(c, -s * cos, s * sin, a * c),
+            ca.horzcat(s, c * cos, -c * sin, a * s),
+            ca.horzcat(0, sin, cos, d),
+            ca.horzcat(0, 0, 0, 1),
+        )
+        T = T @ step
+        frames.append(T)
+    tip = (T @ ca.vertcat(*THREE_AXES.tool, 1))[:3]
+
+    def column(link: int, axis: int):
+        frame = frames[link - 1] if axis == 0 else frames[link]
+        along = frame[:3, 2] if axis == 0 else frame[:3, (axis - 1) % 3]
+        return ca.vertcat(ca.cross(along, tip - frame[:3, 3]), along)
+
+    columns = []
+    for link, a, _ in THREE_AXES.terms:
+        J = column(link, a)
+        columns.append(J * ca.dot(J, w))
+    return ca.horzcat(*columns)
+
+
+@pytest.mark.parametrize("criterion", ["D", "A"])
+def test_refinement_by_ipopt_and_by_gradients_both_improve_and_never_worsen(criterion: str):
+    space = Space(THREE, FORCES)
+    drawn = draw(space, 200, 3)
+    chosen = replace(drawn, q=drawn.q[:5], w=drawn.w[:5], labels=drawn.labels[:5])
+    evaluator = Evaluator(THREE_AXES, THREE, Measurement())
+    scale = 1 / np.sqrt((evaluator(drawn.q, drawn.w) ** 2).mean(axis=(0, 1)))
+    aim = Criterion("D") if criterion == "D" else Criterion("A", np.eye(6) / 6)
+    problem = Problem(space, evaluator, scale, aim)
+    before = problem.score(chosen.q, chosen.w)
+    by_gradient = refine(problem, chosen)
+    by_ipopt = refine(problem, chosen, casadi_three_axes)
+    assert (by_gradient.method, by_ipopt.method) == ("l-bfgs-b", "ipopt")
+    for found in (by_gradient, by_ipopt):
+        assert found.score == problem.score(found.q, found.w)
+        assert aim.efficiency(found.score, before, 6) > 1.3
+
+
+def test_a_refinement_that_goes_wrong_is_discarded():
+    space = Space(THREE, FORCES)
+    drawn = draw(space, 200, 3)
+    chosen = replace(drawn, q=drawn.q[:5], w=drawn.w[:5], labels=drawn.labels[:5])
+    evaluator = Evaluator(THREE_AXES, THREE, Measurement())
+    problem = Problem(space, evaluator, np.full(6, 1e-3), Criterion("D"))
+    found = refine(problem, chosen, lambda q, w: 1.0 / (1e-9 + casadi_three_axes(q, w)))
+    assert found.score >= problem.score(chosen.q, chosen.w)
+
+
+def test_markers_give_the_information_of_all_their_rows():
+    robot = load("kuka_kr270")
+    measurement = measurement_of(robot, ("tcp", "p1", "p2", "p3"), sigma_t=20e-6)
+    q = np.random.default_rng(0).uniform(-1, 1, (4, 6))
+    A = SIX_AXES(q, np.tile(DOWN, (4, 1)))
+    rows = whitened_rows(measurement, geometry(robot), q, A)
+    assert rows.shape[0] == 6
+    turn = [T[:, :3, :3] for T in SIX_AXES.frames(q)][6]
+    for k in range(4):
+        explicit = np.zeros((A.shape[2], A.shape[2]))
+        for name in ("tcp", "p1", "p2", "p3"):
+            local = np.array([float(c) for c in robot.marker_position(name)]) - np.array(SIX_AXES.tool)
+            moved = A[k, :3] + np.cross(A[k, 3:].T, turn[k] @ local).T
+            explicit += moved.T @ moved / 20e-6**2
+        assert np.allclose(rows[:, k].T @ rows[:, k], explicit, rtol=1e-9, atol=1e-9 * explicit.max())
+
+
+def test_frames_agree_with_an_independent_chain_of_matrices():
+    q = np.random.default_rng(1).uniform(-3, 3, (20, 6))
+    expected = np.stack([T[:, :3, 3] for T in SIX_AXES.frames(q)], axis=1)
+    assert np.allclose(origins(geometry(load("kuka_kr270")), q), expected, atol=1e-12)
+
+
+def test_wrench_and_force_candidates_have_the_stated_magnitude_in_all_directions():
+    drawn = draw(Space(THREE, Load("wrench", 200.0, moment=30.0)), 2000, 0)
+    assert np.allclose(np.linalg.norm(drawn.w[:, :3], axis=1), 200.0)
+    assert np.allclose(np.linalg.norm(drawn.w[:, 3:], axis=1), 30.0)
+    assert np.all(np.abs(drawn.w.mean(axis=0)) < [10, 10, 10, 1.5, 1.5, 1.5])
+    cases = ((0.0, 0.0, -5.0, 0.0, 0.0, 0.0), (3.0, 0.0, 0.0, 0.0, 0.0, 1.0))
+    listed = draw(Space(THREE, Load("wrench", cases=cases)), 100, 0)
+    assert {tuple(w) for w in listed.w} == set(cases)
+
+
+def slow_square(x: np.ndarray, y: np.ndarray) -> np.ndarray:
+    return x @ x.T @ x + y
+
+
+def gram_deflection(q: np.ndarray, w: np.ndarray) -> np.ndarray:
+    return THREE_AXES(q, w) @ np.array([1e-6, 2e-6, 3e-6, 1e-7, 1e-7, 2e-7])
+
+
+def test_two_processes_give_the_same_bits_as_one():
+    rng = np.random.default_rng(0)
+    blocks = [(rng.normal(size=(150, 150)), rng.normal(size=(150, 150))) for _ in range(5)]
+    seen: list[float] = []
+    alone = map_blocks(slow_square, blocks)
+    shared = map_blocks(slow_square, blocks, workers=2, progress=lambda _, done: seen.append(done))
+    assert all(np.array_equal(a, b) for a, b in zip(alone, shared, strict=True))
+    assert seen == [0.2, 0.4, 0.6, 0.8, 1.0]
+
+
+def test_a_local_cluster_of_two_workers_gives_the_same_bits_as_this_process():
+    distributed = pytest.importorskip("distributed", reason="Dask is not installed")
+    space = Space(THREE, FORCES)
+    evaluator = Evaluator(THREE_AXES, THREE, Measurement())
+    candidates = draw(space, 5000, 0)
+    alone = evaluate(evaluator, candidates)
+    flat = workspace_map(gram_deflection, THREE, DOWN, (2, 3), (60, 50))
+    with distributed.LocalCluster(
+        n_workers=2, threads_per_worker=1, processes=True, dashboard_address=None
+    ) as cluster:
+        address = cluster.scheduler_address
+        assert np.array_equal(evaluate(evaluator, candidates, cluster=address), alone)
+        mapped = workspace_map(gram_deflection, THREE, DOWN, (2, 3), (60, 50), cluster=address)
+        plan = small_plan(search={"cluster": address})
+    assert np.array_equal(mapped.deflection, flat.deflection)
+    assert np.array_equal(plan.q, small_plan().q)
+
+
+def test_a_cluster_that_does_not_answer_is_one_line(monkeypatch: pytest.MonkeyPatch):
+    pytest.importorskip("distributed", reason="Dask is not installed")
+    monkeypatch.setattr("symstiff.calibration.planning.parallel._SECONDS_TO_CONNECT", 1)
+    with pytest.raises(UserError, match="no Dask scheduler answers"):
+        map_blocks(slow_square, [(np.eye(2), np.eye(2))], cluster="tcp://127.0.0.1:9")
+
+
+def test_without_dask_the_message_names_the_extra(monkeypatch: pytest.MonkeyPatch):
+    monkeypatch.setitem(__import__("sys").modules, "distributed", None)
+    with pytest.raises(UserError, match=r"pip install symstiff\[dask\]"):
+        map_blocks(slow_square, [(np.eye(2), np.eye(2))], cluster="tcp://localhost:8786")
+
+
+def test_what_cannot_be_planned_is_said_in_one_line():
+    with pytest.raises(UserError, match=r"1 poses give 6 equations at most for 8 parameters"):
+        plan_poses(Space(THREE, FORCES), THREE_AXES, tuple("abcdefgh"), Goal(1))
+    gravity = Space(THREE, Load("gravity", 500.0))
+    with pytest.raises(UserError, match=r"no candidate moves c1"):
+        plan_poses(gravity, THREE_AXES, THREE_AXES.names, Goal(6), search=Search(300))
+    twice = replace(THREE_AXES, terms=(*THREE_AXES.terms, (2, 6, 6)))
+    with pytest.raises(UserError, match=r"no plan tells c3, k2_66 apart"):
+        plan_poses(Space(THREE, FORCES), twice, twice.names, Goal(6), search=Search(300))
+    walls = Region((Box((-9, -9, -9), (9, 9, 9)),))
+    with pytest.raises(UserError, match=r"only 0 of .* keep the region"):
+        small_plan(space={"region": walls})
+    with pytest.raises(UserError, match=r"cannot show 9 values of q2"):
+        small_plan(space={"levels": {2: 9}})
+    with pytest.raises(UserError, match=r"outside its limits"):
+        Space(THREE, fixed={1: 7.0})
+
+
+def test_the_poses_table_reads_back_as_the_plan(tmp_path):
+    from symstiff.calibration.table import read_poses
+
+    plan = small_plan()
+    path = tmp_path / "poses.csv"
+    write_poses(plan, THREE, path)
+    with path.open() as file:
+        header = next(csv.reader(file))
+    assert header == ["pose", "q1[deg]", "q2[deg]", "q3[deg]", "fx[N]", "fy[N]", "fz[N]"]
+    table = read_poses(path)
+    assert np.allclose(table.q, plan.q, atol=1e-12)
+    assert np.allclose(table.w, plan.w, rtol=1e-12)
+    assert [p.name for p in tmp_path.iterdir()] == ["poses.csv"]
+
+
+def test_plots_of_plan_and_workspace_are_reproducible_files(tmp_path):
+    plan = small_plan()
+    for name in ("a.svg", "b.svg"):
+        save_figure(draw_plan(plan, THREE), tmp_path / name)
+    assert (tmp_path / "a.svg").read_bytes() == (tmp_path / "b.svg").read_bytes()
+    region = Region(half_spaces=(above_floor(0.0),))
+    result = workspace_map(gram_deflection, THREE, DOWN, (2, 3), (20, 30), at={1: 0.3}, region=region)
+    low = result.tip[..., 2] < -1e-6
+    assert np.isnan(result.magnitude[low]).all()
+    kept = np.isfinite(result.magnitude)
+    assert kept.any()
+    assert np.allclose(result.stiffness[kept] * -result.deflection[kept][:, 2], 2500.0)
+    save_figure(draw_map(result, "stiffness"), tmp_path / "map.png")
+    assert (tmp_path / "map.png").read_bytes().startswith(b"\x89PNG")
+    with pytest.raises(UserError, match=r"\.png or \.svg"):
+        save_figure(draw_map(result), tmp_path / "map.pdf")
