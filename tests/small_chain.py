@@ -1,4 +1,4 @@
-"""A numeric elastic chain of its own for tests: virtual-joint columns by cross products, nothing from the package."""
+"""A numeric elastic chain for tests: columns by cross products, nothing from the package."""
 
 from __future__ import annotations
 

@@ -39,10 +39,10 @@ class ActiveBound:
 class ConstrainedEstimate:
     """A least-squares fit inside the admissible set.
 
-    values: (r,) reduced parameters; complete: (n,) an admissible set with P·complete = values; chi2, free_chi2:
-    whitened residual sums with and without the conditions, in units of the noise variance; active: bounds pressed
-    against, hardest first; multipliers: by block; implausible_p: chance that noise alone makes the
-    conditions cost as much (small: the data contradict the model, not only the noise).
+    values: (r,) reduced parameters; complete: (n,) an admissible set with P·complete = values; chi2,
+    free_chi2: whitened residual sums with and without the conditions, in units of the noise variance; active:
+    bounds pressed against, hardest first; multipliers: by block; implausible_p: chance that noise alone makes
+    the conditions cost as much (small: the data contradict the model).
     """
 
     names: tuple[str, ...]
@@ -79,8 +79,8 @@ def constrain(
 
     fit: the free estimate (its triangular form is reused, so rows are not needed again); P: (r, n) with
     reduced = P·complete, identity where absent; nominal: sizes of the complete parameters. Link matrices
-    positive semidefinite, joints ≥ 0 (`admissible` overrides what the names say). Raises UserError where shapes
-    do not fit. A second-order-cone or semidefinite program in the triangular form: no normal equations.
+    positive semidefinite, joints ≥ 0 (`admissible` overrides what the names say). Raises UserError for shapes
+    that do not fit. A second-order-cone or semidefinite program in the triangular form: no normal equations.
     """
     complete_names = tuple(fit.names if complete_names is None else complete_names)
     P = np.eye(len(fit.names), len(complete_names)) if P is None else np.asarray(P, dtype=float)
@@ -93,11 +93,11 @@ def constrain(
     scale = scales(complete_names, nominal or {})
     form, n = fit.compact, len(complete_names)
     columns = (form.R * form.scale) @ P * scale  # (k, n)
-    size = max(float(np.linalg.norm(form.z)), 1e-300)
+    size = float(np.linalg.norm(form.z)) or 1.0
     k = len(form.z)
     constraints = [Constraint("zero", np.hstack([columns / size, -np.eye(k)]), form.z / size)]
     constraints += semidefinite(rules, scale, n + k)
-    # So weak a pull to zero moves no determined parameter; it keeps the undetermined from drifting away.
+    # So weak a pull to zero moves nothing that is determined; it keeps the rest from drifting away.
     quadratic = np.concatenate([np.full(n, 1e-12), np.ones(k)])
     solution = solve(quadratic, np.zeros(n + k), constraints)
     if solution.status != "solved":
@@ -106,7 +106,8 @@ def constrain(
     variance = fit.unit_variance if math.isfinite(fit.unit_variance) and fit.unit_variance > 0 else 1.0
     residual = columns @ x - form.z
     chi2 = (form.rest + float(residual @ residual)) / variance
-    free_chi2 = float(fit.whitened @ fit.whitened) / variance
+    free = form.R @ (form.scale * fit.values) - form.z
+    free_chi2 = (form.rest + float(free @ free)) / variance
     factor = size**2 / variance
     duals = zip(rules.blocks, solution.duals[1:], strict=True)
     multipliers = {block.label: factor * dual_matrix(block, dual) for block, dual in duals}

@@ -20,7 +20,7 @@ Ints = npt.NDArray[np.int_]
 
 @dataclass(frozen=True)
 class Size:
-    """Largest and root-mean-square magnitude of one kind of residual, m or rad; nan where none was measured."""
+    """Largest and root-mean-square magnitude of one kind of residual, m or rad."""
 
     max: float
     rms: float
@@ -35,7 +35,7 @@ class ResidualTable:
 
     @property
     def compensated(self) -> float:
-        """Share of the positional RMS deflection that the model removes (seed: 0.95); nan without positions."""
+        """Share of the positional RMS that the model removes (seed: 0.95); nan without positions."""
         if "positional" not in self.before or self.before["positional"].rms == 0.0:
             return math.nan
         return 1.0 - self.after["positional"].rms / self.before["positional"].rms
@@ -57,8 +57,8 @@ class ResidualTable:
 def residual_table(measured: Array, predicted: Array) -> ResidualTable:
     """Compare deflections before and after compensation, as the seed's Table 2.
 
-    measured, predicted: (N, 6) or (N, 3), a row per pose, load and point, in m and rad; NaN in `measured` where
-    not measured. A position counts where all three of its axes were measured.
+    measured, predicted: (N, 6) or (N, 3), a row per pose, load and point, in m and rad; NaN where not
+    measured. A position counts where all three of its axes were measured.
     """
     measured, predicted = np.asarray(measured, dtype=float), np.asarray(predicted, dtype=float)
     if measured.shape != predicted.shape or measured.ndim != 2 or measured.shape[1] not in (3, 6):
@@ -69,7 +69,7 @@ def residual_table(measured: Array, predicted: Array) -> ResidualTable:
 
 
 def sizes(values: Array) -> dict[str, Size]:
-    """MAX and RMS by axis, and of the norms of translations and rotations; values: (N, 3 or 6), NaN allowed."""
+    """MAX and RMS by axis and of translations and rotations as a whole; values: (N, 3 or 6), NaN allowed."""
     found = {}
     for axis, column in zip(AXES, values.T, strict=False):
         if np.isfinite(column).any():
@@ -99,7 +99,7 @@ class Histogram:
 
 
 def histograms(residuals: Array, bins: int = 21) -> tuple[Histogram, ...]:
-    """Distribution of the residuals of every measured axis (seed Figure 3); residuals: (N, 3 or 6), NaN allowed."""
+    """Distribution of the residuals, (N, 3 or 6) with NaN, of every measured axis (seed Figure 3)."""
     found = []
     for axis, column in zip(AXES, np.asarray(residuals, dtype=float).T, strict=False):
         values = column[np.isfinite(column)]

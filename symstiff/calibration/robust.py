@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from symstiff.calibration.compact import Array, Compact, checked
+from symstiff.calibration.compact import Array, Compact, checked, compact
 from symstiff.calibration.estimate import Estimate, estimate, interval_factor, plain
 from symstiff.calibration.outliers import HuberFit, Suspect, pose_suspects, row_suspects
 from symstiff.calibration.rank import combinations
@@ -147,6 +147,7 @@ def _with_fit(
         whitened=fit.residual,
         s0_squared=float(fit.residual @ fit.residual) / start.dof,
         unit_variance=variance,
+        compact=compact(A, y, sigma, fit.weights),
         fit_p=None,
         combinations=combinations(start.rank, start.names, start.compact.scale, values, covariance),
     )

@@ -54,7 +54,8 @@ def parameter_bounds(affine: Affine, rules: AdmissibleSet) -> Bounds:
 
     Parameters that no equation and no condition ties to the rest are solved in their own small group.
     """
-    n = len(affine.scale)
+    scale, n = affine.scale, len(affine.scale)
+    affine = affine.resized(affine.gain)
     lower, upper = np.full(n, -math.inf), np.full(n, math.inf)
     for members in independent_groups(affine, rules):
         mine = affine.rows[:, members].any(axis=1)
@@ -69,7 +70,7 @@ def parameter_bounds(affine: Affine, rules: AdmissibleSet) -> Bounds:
         for position, index in enumerate(members):
             lower[index] = _extreme(constraints, len(members), position, 1.0)
             upper[index] = -_extreme(constraints, len(members), position, -1.0)
-    return Bounds(rules.names, lower * affine.scale, upper * affine.scale, affine.scale)
+    return Bounds(rules.names, lower * affine.scale, upper * affine.scale, scale)
 
 
 def independent_groups(affine: Affine, rules: AdmissibleSet) -> list[list[int]]:

@@ -12,11 +12,11 @@ _LEAST_DEPTH = 1e-9
 
 
 def nearest_logdet(affine: Affine, rules: AdmissibleSet, target: Array) -> tuple[Array, float]:
-    """Minimise Σ_blocks tr(K·K0⁻¹) − log det(K·K0⁻¹) − order, plus ½(x − target)² elsewhere.
+    """Minimise Σ tr(K·K0⁻¹) − log det(K·K0⁻¹) − order, plus ½(x − target)² outside blocks.
 
     Returns x (n,) in scaled parameters, every block positive definite, and the value. The divergence does not
-    change with units or with the axes of a link. Raises UserError where nominal blocks or the affine set leave
-    no positive definite matrix.
+    change with units or with the axes of a link. Raises UserError where nominal blocks or the affine set are
+    not positive definite.
     """
     blocks = [(block, _inverse_nominal(block, target)) for block in rules.blocks]
     held = {index for block in rules.blocks for _, _, index in block.entries}

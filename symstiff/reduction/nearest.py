@@ -73,6 +73,15 @@ class Affine:
         return x
 
     @cached_property
+    def gain(self) -> float:
+        """How far the data are from the nominal sizes: programs are solved in sizes times this."""
+        return float(np.max(np.abs(self.rhs), initial=0.0)) or 1.0
+
+    def resized(self, gain: float) -> Affine:
+        """The same set in sizes times gain."""
+        return Affine(self.P, self.reduced, self.scale * gain)
+
+    @cached_property
     def null(self) -> Array:
         """(n, n − r) orthonormal directions that leave the reduced set as it is."""
         return np.asarray(np.linalg.svd(self.rows)[2][len(self.rows) :].T)
@@ -85,15 +94,16 @@ def deepest(affine: Affine, rules: AdmissibleSet) -> float:
 
 def deepest_point(affine: Affine, rules: AdmissibleSet, most: float = 1.0) -> Array:
     """That point and its t, (n + 1,); t is at most `most`."""
-    n = len(affine.scale)
-    constraints = [affine.equations(n + 1), _at_most(n, most)]
+    n, gain = len(affine.scale), affine.gain
+    affine = affine.resized(gain)
+    constraints = [affine.equations(n + 1), _at_most(n, most / gain)]
     for block, cone in zip(rules.blocks, semidefinite(rules, affine.scale, n + 1), strict=True):
         rows = cone.rows.copy()
         rows[:, n] = block_rows(block, affine.scale, n)[1]
         constraints.append(Constraint(cone.kind, rows, cone.rhs, cone.order))
     # The square keeps directions bounded that no block and no equation holds.
     quadratic = np.append(np.full(n, 1e-9), 0.0)
-    return _solved(solve(quadratic, np.append(np.zeros(n), -1.0), constraints), "depth").x
+    return _solved(solve(quadratic, np.append(np.zeros(n), -1.0), constraints), "depth").x * gain
 
 
 def nearest_relative(
@@ -104,7 +114,8 @@ def nearest_relative(
     margin: float = 0.0,
 ) -> tuple[Array, float]:
     """Point with every block ⪰ margin of least Σ(x − target)² + Σ weight²·relation², and that value."""
-    n = len(target)
+    n, gain = len(target), max(affine.gain, float(np.max(np.abs(target), initial=0.0)))
+    affine, target, margin = affine.resized(gain), target / gain, margin / gain
     soft = _relation_rows(relations, rules.names, affine.scale)
     width = n + len(soft)
     links = Constraint("zero", np.hstack([soft, -np.eye(len(soft))]), np.zeros(len(soft)))
@@ -112,7 +123,7 @@ def nearest_relative(
     constraints += semidefinite(rules, affine.scale, width, margin)
     linear = np.concatenate([-2.0 * target, np.zeros(len(soft))])
     x = _solved(solve(np.full(width, 2.0), linear, constraints), "nearest admissible set").x[:n]
-    return x, float(np.sum((x - target) ** 2) + np.sum((soft @ x) ** 2))
+    return gain * x, gain**2 * float(np.sum((x - target) ** 2) + np.sum((soft @ x) ** 2))
 
 
 def project_reduced(affine: Affine, rules: AdmissibleSet, covariance: Array | None, margin: float) -> Array:
@@ -121,6 +132,8 @@ def project_reduced(affine: Affine, rules: AdmissibleSet, covariance: Array | No
     Nearest in standard deviations where a covariance is given, in nominal sizes otherwise.
     """
     n, r = len(affine.scale), len(affine.reduced)
+    margin /= affine.gain
+    affine = affine.resized(affine.gain)
     whiten = np.eye(r)
     if covariance is not None:
         deviation = np.sqrt(np.diag(covariance))

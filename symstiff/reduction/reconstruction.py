@@ -128,7 +128,7 @@ def reconstruct(
     target = np.array([float(nominal.get(name, 0.0)) for name in names]) / scale
     affine = Affine(P, reduced, scale)
     depth = deepest(affine, rules)
-    is_admissible = depth > -1e-9
+    is_admissible = depth > -1e-9 * affine.gain
     moved = affine
     if not is_admissible:
         moved = Affine(P, project_reduced(affine, rules, covariance, margin), scale)

@@ -1,0 +1,135 @@
+"""A hint for swapped or negated axes: would another assignment of the measured axes fit far better?"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from itertools import permutations, product
+
+import numpy as np
+
+from symstiff.calibration.compact import Array
+from symstiff.errors import UserError
+
+_FAR_BETTER = 0.25  # of the unexplained part that is left as measured
+_WORTH_A_WORD = 0.05  # unexplained part below which the data are not questioned
+_SAME = 1.02  # two assignments this close in what they leave are not told apart
+_LETTERS = "xyz"
+
+
+@dataclass(frozen=True, eq=False)
+class AxisHint:
+    """Another assignment of axes that fits far better.
+
+    signed: (3, 3) signed permutation, true = signed @ given; what: "deflection" or "wrench";
+    unexplained, best: share of the squared deflection left as given and after the change; rivals: how many
+    others do as well.
+    """
+
+    signed: Array
+    what: str
+    unexplained: float
+    best: float
+    rivals: int
+
+    def __str__(self) -> str:
+        text = (
+            f"the {self.what} axes look swapped: {assignment(self.signed)} would leave {self.best:.1%} "
+            f"of the squared deflection unexplained instead of {self.unexplained:.1%}"
+        )
+        more = f" ({self.rivals} other assignments do as well: more load directions would tell them apart)"
+        return text + (more if self.rivals else "")
+
+
+def signed_permutations() -> tuple[Array, ...]:
+    """The 48 signed 3 × 3 permutations, those that change least first."""
+    found = []
+    for order in permutations(range(3)):
+        for signs in product((1.0, -1.0), repeat=3):
+            matrix = np.zeros((3, 3))
+            matrix[range(3), order] = signs
+            found.append(matrix)
+    return tuple(sorted(found, key=lambda m: float(np.sum(np.abs(m - np.eye(3))))))
+
+
+def assignment(signed: Array) -> str:
+    """A signed permutation in words, such as "x = −y, y = x, z = z"."""
+    parts = []
+    for letter, row in zip(_LETTERS, signed, strict=True):
+        source = int(np.argmax(np.abs(row)))
+        parts.append(f"{letter} = {'-' if row[source] < 0 else ''}{_LETTERS[source]}")
+    return ", ".join(parts)
+
+
+def axis_hint(
+    measured: Array, prediction: Array, wrench_prediction: Callable[[Array], Array] | None = None
+) -> AxisHint | None:
+    """Compare 48 assignments of the measured translation axes with a prediction, up to one common factor.
+
+    measured, prediction: (N, 3) in m, base axes; prediction by a nominal model or a fit to trusted data (a
+    fit to these data has bent towards them: use `axis_hint_refit`). wrench_prediction: gives the (N, 3)
+    prediction for force and moment axes turned by a signed permutation, to try those 48 as well.
+    """
+    measured, prediction = _triples(measured), _triples(prediction)
+    changes = signed_permutations()
+    hint = _judge([_unexplained(measured @ S.T, prediction) for S in changes], "deflection")
+    if wrench_prediction is None:
+        return hint
+    turned = [_unexplained(measured, _triples(wrench_prediction(S))) for S in changes]
+    other = _judge(turned, "wrench")
+    found = [h for h in (hint, other) if h is not None]
+    return min(found, key=lambda h: h.best) if found else None
+
+
+def axis_hint_refit(
+    A: Array, measured: Array, sigma: Array | None = None, positive: Sequence[bool] | None = None
+) -> AxisHint | None:
+    """Identify anew with each of 48 assignments and compare what the fits leave.
+
+    A: (3N, P) observation matrix of the translations, row 3i + axis; measured: (N, 3) in m; sigma: (3,).
+    positive: (P,) which parameters cannot be negative (diagonal terms, joints): negating all three axes only
+    negates the parameters, so of such a pair the one with fewer negative ones counts.
+    """
+    measured = _triples(measured)
+    if np.shape(A)[0] != measured.size:
+        raise UserError(
+            f"observation matrix has {np.shape(A)[0]} rows for {measured.size} measured components"
+        )
+    weight = np.ones(3) if sigma is None else 1.0 / np.asarray(sigma, dtype=float)
+    whitened = np.asarray(A, dtype=float) * np.tile(weight, len(measured))[:, None]
+    scale = np.linalg.norm(whitened, axis=0)
+    Q, s, Vt = np.linalg.svd(whitened / np.where(scale > 0, scale, 1.0), full_matrices=False)
+    rank = int(np.sum(s > s[0] * max(whitened.shape) * np.finfo(float).eps))
+    changes = signed_permutations()
+    targets = np.stack([((measured @ S.T) * weight).ravel() for S in changes], axis=1)  # (3N, 48)
+    inside = Q[:, :rank].T @ targets
+    left = 1.0 - np.sum(inside**2, axis=0) / np.maximum(np.sum(targets**2, axis=0), 1e-300)
+    if positive is not None:
+        values = Vt[:rank].T @ (inside / s[:rank, None])
+        signed = values[np.asarray(positive, dtype=bool)]
+        mirrored = np.sum(np.minimum(signed, 0.0) ** 2, axis=0) > 0.5 * np.sum(signed**2, axis=0)
+        left = np.where(mirrored, 1.0, left)
+    return _judge([max(float(value), 0.0) for value in left], "deflection")
+
+
+def _unexplained(measured: Array, prediction: Array) -> float:
+    """Share of ‖measured‖² that no non-negative multiple of the prediction explains."""
+    along = max(float(np.sum(measured * prediction)), 0.0)
+    power = float(np.sum(measured**2)) * float(np.sum(prediction**2))
+    return 1.0 - along**2 / power if power > 0 else 1.0
+
+
+def _judge(left: Sequence[float], what: str) -> AxisHint | None:
+    """The best change if it is far better than none; `left` in the order of `signed_permutations`."""
+    best = int(np.argmin(left))
+    close = [i for i, value in enumerate(left) if value <= left[best] * _SAME + 1e-9]
+    if 0 in close or left[0] < _WORTH_A_WORD or left[best] > _FAR_BETTER * left[0]:
+        return None
+    return AxisHint(signed_permutations()[close[0]], what, left[0], left[close[0]], len(close) - 1)
+
+
+def _triples(values: Array) -> Array:
+    values = np.asarray(values, dtype=float)
+    if values.ndim != 2 or values.shape[1] != 3 or not np.isfinite(values).all():
+        raise UserError(f"axes are compared on complete (N, 3) translations, found shape {values.shape}")
+    return values

@@ -1,0 +1,133 @@
+"""Whether loads, poses and rows can determine the parameters at all, in words that say what to measure."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Sequence
+
+import numpy as np
+
+from symstiff.calibration.compact import Array
+from symstiff.calibration.rank import RankDecision
+from symstiff.errors import UserError
+
+_LINK = re.compile(r"k(\d+)_([1-6])([1-6])")
+_JOINT = re.compile(r"c(\d+)")
+_LOADS = {
+    "1": "a force along its beam axis",
+    "2": "a force across its beam axis (second axis)",
+    "3": "a force across its beam axis (third axis)",
+    "4": "a torque about its beam axis",
+    "5": "a bending moment about its second axis",
+    "6": "a bending moment about its third axis",
+}
+
+
+def check_loads(w: Array) -> list[str]:
+    """Warnings about wrenches, (N, 6) in N and N·m, that say little; UserError where all are zero."""
+    w = np.asarray(w, dtype=float)
+    sizes = np.linalg.norm(w, axis=1)
+    if not len(w) or not sizes.any():
+        raise UserError(
+            "every wrench is zero: nothing bends without a load, give fx … mz at the tool centre point "
+            "in N and N*m"
+        )
+    loaded = w[sizes > 0] / sizes[sizes > 0, None]
+    warnings = []
+    if len(loaded) < len(w):
+        rows = np.flatnonzero(sizes == 0)
+        warnings.append(
+            f"{len(rows)} of {len(w)} rows carry no load (first: row {rows[0]}): they show noise only"
+        )
+    singular = np.linalg.svd(loaded, compute_uv=False)
+    if len(singular) == 1 or singular[1] < 1e-3 * singular[0]:
+        direction = loaded[0] * np.sign(loaded[0][np.argmax(np.abs(loaded[0]))])
+        shown = ", ".join(f"{value:.3g}" for value in direction)
+        warnings.append(
+            f"all loads point along one direction ({shown} in fx … mz): stiffness against other loads "
+            "is inferred at best; add loads across it, or reduce the model for this class of loads"
+        )
+    return warnings
+
+
+def check_poses(q: Array, w: Array, labels: Sequence[str]) -> list[str]:
+    """Warnings about poses that repeat another's configuration and load under a new label.
+
+    q: (N, n) rad or m, w: (N, 6), labels: (N,), a row per pose and load case.
+    """
+    keys = np.round(np.hstack([np.asarray(q, dtype=float), np.asarray(w, dtype=float)]), 9)
+    first: dict[bytes, str] = {}
+    copies: dict[str, str] = {}
+    for key, label in zip(keys + 0.0, labels, strict=True):
+        earlier = first.setdefault(key.tobytes(), label)
+        if earlier != label:
+            copies.setdefault(label, earlier)
+    if not copies:
+        return []
+    some = ", ".join(f"{label} = {earlier}" for label, earlier in list(copies.items())[:5])
+    return [
+        f"{len(copies)} pose(s) repeat another's joints and load ({some}{' …' if len(copies) > 5 else ''}): "
+        "they lower the noise, and determine no further parameter"
+    ]
+
+
+def missing_information(decision: RankDecision, names: Sequence[str], rows: int) -> str | None:
+    """What the data leave open and what would help; None where every parameter is determined."""
+    if decision.full:
+        return None
+    total = len(names)
+    cause = f"{decision.rank} of {total} parameter directions are determined"
+    if rows < total:
+        cause = f"{rows} measured values for {total} parameters; " + cause
+    elif decision.rank < decision.numerical_rank:
+        cause += f" ({decision.numerical_rank} without noise)"
+    silent = [name for name in names if name in set(decision.silent)]
+    mixed = [name for name in names if name in set(decision.affected) - set(silent)]
+    parts = [cause]
+    if silent:
+        parts.append(f"not loaded at all: {', '.join(silent)}; needed: {_needed(silent)}")
+    if mixed:
+        parts.append(f"not told apart: {', '.join(mixed)}; needed: {_separate(mixed)}")
+    return "; ".join(parts)
+
+
+def check_determined(decision: RankDecision, names: Sequence[str], rows: int) -> None:
+    """Raise UserError with `missing_information` where some parameter is not determined."""
+    message = missing_information(decision, names, rows)
+    if message is not None:
+        raise UserError(
+            f"the measurements do not determine the model: {message}, or reduce the model to them"
+        )
+
+
+def _needed(names: Sequence[str]) -> str:
+    """Loads that would excite parameters that no row contains."""
+    wishes: dict[str, None] = {}
+    for name in names:
+        link, joint = _LINK.fullmatch(name), _JOINT.fullmatch(name)
+        if joint:
+            wishes[f"a load with a moment about the axis of joint {joint[1]}"] = None
+        elif link:
+            for axis in dict.fromkeys((link[2], link[3])):
+                wishes[f"on link {link[1]} {_LOADS[axis]}"] = None
+        else:
+            wishes[f"rows in which {name} takes part"] = None
+    return ", ".join(wishes)
+
+
+def _separate(names: Sequence[str]) -> str:
+    """Poses that would tell confounded parameters apart: joints between their bodies must differ."""
+    bodies = set()
+    for name in names:
+        link, joint = _LINK.fullmatch(name), _JOINT.fullmatch(name)
+        if link:
+            bodies.add(int(link[1]))
+        elif joint:
+            bodies.add(int(joint[1]))
+    if not bodies:
+        return "more poses and load directions"
+    low, high = min(bodies), max(bodies)
+    if low == high:
+        return f"loads on link {low} in more directions: turn the joints before it"
+    joints = f"joint {high}" if high == low + 1 else f"joints {low + 1} to {high}"
+    return f"poses with more values of {joints}, loads in more directions, rotations measured as well"
