@@ -1,0 +1,216 @@
+"""The folder of C sources: what the templates need, computed here; what the files say, written there."""
+
+from __future__ import annotations
+
+from functools import cache
+from importlib import resources
+from pathlib import Path
+from typing import Any
+
+from symstiff import __version__
+from symstiff.codegen.functions import Functions
+from symstiff.codegen.names import LOADS_MEANING, SUMMARIES, meaning
+from symstiff.codegen.options import Options
+from symstiff.codegen.reference import DIGITS, Case, cases, configurations, test_values, unit_length
+from symstiff.codegen.text import CAlgebra, c_body
+from symstiff.symbolic.program import Program
+
+
+@cache
+def templates() -> Path:
+    """The folder of templates: inside the installed package, or beside it in a checkout."""
+    installed = Path(str(resources.files("symstiff"))) / "_templates"
+    return installed if installed.is_dir() else Path(str(resources.files("symstiff"))).parent / "templates"
+
+
+def environment() -> Any:
+    """Jinja2 as this project uses it: strict about missing values, quiet about white space."""
+    from jinja2 import Environment, FileSystemLoader, StrictUndefined
+
+    return Environment(
+        loader=FileSystemLoader(templates()),
+        undefined=StrictUndefined,
+        trim_blocks=True,
+        lstrip_blocks=True,
+        keep_trailing_newline=True,
+        autoescape=False,
+    )
+
+
+def emit_c(functions: Functions, options: Options) -> dict[str, bytes]:
+    """File name → contents of the C folder. Same input, same bytes."""
+    name = functions.model.robot.name
+    context = template_context(functions, options)
+    files = {
+        f"{name}.h": "header.h.j2",
+        f"{name}.c": "source.c.j2",
+        f"{name}_selftest.c": "selftest.c.j2",
+        f"test_{name}.c": "test.c.j2",
+        "main.c": "main.c.j2",
+        "CMakeLists.txt": "CMakeLists.txt.j2",
+        f"{name}.pc.in": "pc.in.j2",
+        "README.md": "README.md.j2",
+    }
+    jinja = environment()
+    return {
+        target: jinja.get_template(f"c/{source}").render(context).encode() for target, source in files.items()
+    }
+
+
+def template_context(functions: Functions, options: Options) -> dict[str, Any]:
+    """Everything that the C templates print."""
+    model, single = functions.model, options.single
+    robot, algebra = model.robot, CAlgebra(single)
+    literal = algebra.literal
+    suffix = "f" if single else ""
+    values = {n: float(model.values.get(n, 0.0)) for n in model.parameters}
+    by_name = {p.name: p for p in model.compliances}
+    title = (robot.title or robot.name).replace("*/", "* /")
+    context: dict[str, Any] = {
+        "generator": __version__,
+        "name": robot.name,
+        "upper": robot.name.upper(),
+        "title": title,
+        "n": robot.dof,
+        "real": options.precision,
+        "single": single,
+        "zero": literal(0.0),
+        "one": literal(1.0),
+        "half": literal(0.5),
+        "fabs": f"fabs{suffix}",
+        "sqrt": f"sqrt{suffix}",
+        "digits": DIGITS,
+        "loads": model.loads,
+        "loads_meaning": LOADS_MEANING[model.loads],
+        "defaults_meaning": _defaults_meaning(model.deviations),
+        "compensation_meaning": _compensation_meaning(robot.dof),
+        "prismatic": ", ".join(f"q{i}" for i, j in enumerate(robot.joint, 1) if j.prismatic),
+        "redundant": robot.dof > 6,
+        "solve_rows": max(robot.dof, 6),
+        "solve_columns": min(robot.dof, 6),
+        "unit_length": literal(unit_length(model)),
+        "singular": literal(1e-5 if single else 1e-10),
+        "options": [
+            ("loads", model.loads),
+            ("measure", model.measure),
+            *options.table().items(),
+        ],
+        "structure_hash": model.structure_hash,
+        "model_hash": options.model_hash(model.structure_hash, values),
+        "parameters": [
+            {"name": n, "unit": model.units[n], "default": literal(values[n]), "meaning": meaning(by_name[n])}
+            for n in model.stiffness_parameters
+        ],
+        "effect_parameters": [
+            {
+                "name": e.name,
+                "field": e.name,
+                "unit": e.unit,
+                "default": literal(values[e.name]),
+                "meaning": "parameter of an effect",
+            }
+            for e in model.effect_parameters
+        ],
+        "casadi": "casadi" in options.targets,
+        "headers": [f"{robot.name}.h"],
+        "sources": [f"{robot.name}.c", f"{robot.name}_selftest.c"],
+    }
+    context["functions"] = [_function(p, functions, context, single) for p in functions.all]
+    return context | _selftest(functions, options) | _example(functions, literal)
+
+
+def _defaults_meaning(deviations: Any) -> str:
+    if deviations:
+        return "Default parameters: identified from measurements."
+    return "Default parameters: what the robot file knows; others are zero until they are identified."
+
+
+def _compensation_meaning(dof: int) -> str:
+    if dof == 6:
+        return "to first order in the deflection"
+    return "fewest joint motions" if dof > 6 else "least squares, position before orientation"
+
+
+def operations_text(counts: dict[str, int]) -> str:
+    """Operation counts in words."""
+    other = f", {counts['other']} other functions" if counts["other"] else ""
+    neg = f", {counts['neg']} neg" if counts["neg"] else ""
+    return f"{counts['add']} add, {counts['mul']} mul{neg}, {counts['trig']} sin/cos{other}"
+
+
+def _function(program: Program, functions: Functions, context: dict[str, Any], single: bool) -> dict[str, Any]:
+    model, real = functions.model, context["real"]
+    names = {v.name for v in program.inputs}
+    arguments = []
+    if "p" in names:
+        arguments.append(f"const {context['name']}_params_t *p")
+    if "q" in names:
+        arguments.append(f"const {real} q[{model.robot.dof}]")
+    if "w" in names:
+        arguments.append(f"const {real} w[6]")
+    (output, shape) = program.outputs[0]
+    arguments.append(f"{real} {output}[{program.size(output)}]")
+    fields = {n: f"p->k[{k}]" for k, n in enumerate(model.stiffness_parameters)}
+    fields |= {e.name: f"p->{e.name}" for e in model.effect_parameters}
+    order = model.parameters
+    body = c_body(
+        program,
+        {
+            "p": lambda k: fields[order[k]],
+            "q": lambda k: f"q[{k}]",
+            "w": lambda k: f"w[{k}]",
+            "context": lambda k: "p->context",
+        },
+        single=single,
+    )
+    unused = [n for n in ("p", "q", "w") if n in names and f"{n}[" not in body and f"{n}->" not in body]
+    prologue = "".join(f"    (void){n};\n" for n in unused)
+    return {
+        "name": program.name,
+        "summary": SUMMARIES[program.name],
+        "operations": operations_text(functions.operations[program.name]),
+        "arguments": ", ".join(arguments),
+        "prologue": prologue,
+        "body": body,
+    }
+
+
+def _selftest(functions: Functions, options: Options) -> dict[str, Any]:
+    """Stored cases as literals."""
+    model, algebra = functions.model, CAlgebra(options.single)
+    values = test_values(model)
+    found = cases(functions, values)
+    stiffness = len(model.stiffness_parameters)
+    parameters = [algebra.literal(values[n]) for n in model.parameters]
+
+    def array(name: str, rows: list[list[Any]]) -> dict[str, Any]:
+        literals = [[algebra.literal(float(x)) for x in row] for row in rows]
+        return {"name": f"test_{name}", "size": len(rows[0]), "rows": literals}
+
+    return {
+        "cases": found,
+        "tolerance": algebra.literal(2e-3 if options.single else 1e-10),
+        "test_parameters": parameters[:stiffness],
+        "test_effect_parameters": parameters[stiffness:],
+        "arrays": [
+            array("q", [list(c.q) for c in found]),
+            array("w", [list(c.w) for c in found]),
+            array("dt", [c.dt for c in found]),
+            array("A", [c.A for c in found]),
+            array("J", [c.J for c in found]),
+            array("T", [c.T for c in found]),
+            array("K", [c.K or [0.0] * 36 for c in found]),
+            array("invertible", [[float(c.K is not None)] for c in found]),
+            array("condition", [[round(c.condition) + 1.0] for c in found]),
+            array("q_cmd", [c.q_cmd for c in found]),
+        ],
+    }
+
+
+def _example(functions: Functions, literal: Any) -> dict[str, Any]:
+    (q, _) = configurations(functions.model, 1, seed=11)[0]
+    w = [0.0, 0.0, -1000.0, 0.0, 0.0, 0.0]
+    return {"example_q": [literal(round(x, 3)) for x in q], "example_w": [literal(x) for x in w]}
+
+
+__all__ = ["Case", "emit_c", "environment", "operations_text", "template_context", "templates"]

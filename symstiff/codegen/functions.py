@@ -1,0 +1,53 @@
+"""The functions that a model emits, as Programs, with their operation counts."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+
+from symstiff.model import StiffnessModel
+from symstiff.symbolic.algebras import count
+from symstiff.symbolic.program import Program
+from symstiff.symbolic.programs import forward_program, jacobian_program
+
+
+@dataclass(frozen=True)
+class Functions:
+    """Programs of one model; derived once, walked by every emitter."""
+
+    model: StiffnessModel
+
+    @property
+    def deflection(self) -> Program:
+        """Δt(p, q, W)."""
+        return self.model.deflection_program
+
+    @property
+    def observation(self) -> Program:
+        """A(q, W)."""
+        return self.model.observation_program
+
+    @property
+    def compliance(self) -> Program:
+        """K_C⁻¹(p, q)."""
+        return self.model.compliance_program
+
+    @cached_property
+    def jacobian(self) -> Program:
+        """J(q) of the actuated joints."""
+        return jacobian_program(self.model.chain)
+
+    @cached_property
+    def forward(self) -> Program:
+        """Pose of the tool centre point."""
+        return forward_program(self.model.chain)
+
+    @property
+    def all(self) -> tuple[Program, ...]:
+        """All programs, in the order of the header."""
+        return (self.deflection, self.observation, self.jacobian, self.compliance, self.forward)
+
+    @cached_property
+    def operations(self) -> dict[str, dict[str, int]]:
+        """Additions, multiplications, sign changes and sines/cosines of every function."""
+        return {p.name: count(p) for p in self.all}

@@ -1,0 +1,75 @@
+"""The main job: derive, reduce, emit, compile, verify, report; a folder that stands alone."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from symstiff import __version__
+from symstiff.codegen.compiler import find_compiler
+from symstiff.codegen.functions import Functions
+from symstiff.codegen.options import Options
+from symstiff.codegen.targets import TARGETS
+from symstiff.codegen.verify import Verification, verify
+from symstiff.files import new_folder, write_tree
+from symstiff.model import StiffnessModel
+
+Progress = Callable[[str], None]
+
+
+@dataclass(frozen=True)
+class Generated:
+    """What was written and what was verified."""
+
+    folder: Path
+    manifest: dict[str, Any]
+    verification: Verification
+
+
+def generate(
+    model: StiffnessModel,
+    folder: str | Path,
+    options: Options | None = None,
+    *,
+    compile_c: bool = True,
+    progress: Progress = lambda stage: None,
+) -> Generated:
+    """Write the folder for a model; nothing appears unless all of it does. Raises UserError."""
+    options = options or Options()
+    functions = Functions(model)
+    with new_folder(folder) as temporary:
+        for target in options.targets:
+            progress(f"emitting {target}")
+            write_tree(temporary, TARGETS[target].emitter()(functions, options))
+        model.save(temporary / "model.toml")
+        progress("verifying")
+        compiler = find_compiler() if compile_c else None
+        proof = verify(
+            temporary, functions, compiler, options.single, "casadi" in options.targets, "c" in options.targets
+        )
+        manifest = manifest_of(functions, options, proof)
+        (temporary / "manifest.json").write_bytes((json.dumps(manifest, indent=2) + "\n").encode())
+    return Generated(Path(folder), manifest, proof)
+
+
+def manifest_of(functions: Functions, options: Options, proof: Verification) -> dict[str, Any]:
+    """manifest.json: everything but ``verified`` is the same on every machine."""
+    model = functions.model
+    values = {n: float(model.values.get(n, 0.0)) for n in model.parameters}
+    names = model.stiffness_parameters
+    return {
+        "generator": __version__,
+        "robot": model.robot.name,
+        "model_hash": options.model_hash(model.structure_hash, values),
+        "parameter_hash": model.structure_hash,
+        "options": {"loads": model.loads, "measure": model.measure, **options.table()},
+        "parameters": list(names),
+        "default_parameters": [values[n] for n in names],
+        "units": [model.units[n] for n in names],
+        "effect_parameters": {e.name: {"value": values[e.name], "unit": e.unit} for e in model.effect_parameters},
+        "operations": functions.operations,
+        "verified": proof.table(),
+    }

@@ -1,0 +1,45 @@
+"""Options of a generation; every one of them is echoed in the output and part of the model hash."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from dataclasses import asdict, dataclass
+
+from symstiff.codegen.targets import TARGETS
+from symstiff.errors import UserError
+
+CHOICES = {"precision": ("double", "float"), "layout": ("unrolled", "compact")}
+
+
+@dataclass(frozen=True)
+class Options:
+    """precision: ``double`` or ``float``; layout: ``unrolled`` or ``compact`` C; targets: what is emitted."""
+
+    precision: str = "double"
+    layout: str = "unrolled"
+    targets: tuple[str, ...] = ("c", "casadi")
+
+    def __post_init__(self) -> None:
+        for key, allowed in CHOICES.items():
+            if getattr(self, key) not in allowed:
+                raise UserError(f"unknown {key} {getattr(self, key)!r}: use {' or '.join(allowed)}")
+        for target in self.targets:
+            if target not in TARGETS:
+                raise UserError(f"unknown target {target!r}: use {', '.join(TARGETS)}")
+        if "c" not in self.targets and any(TARGETS[t].needs_c for t in self.targets):
+            raise UserError("these targets build on the C sources: add c to --targets")
+
+    @property
+    def single(self) -> bool:
+        """Whether the real type is ``float``."""
+        return self.precision == "float"
+
+    def table(self) -> dict[str, str]:
+        """Options as text, in order."""
+        return {k: ",".join(v) if isinstance(v, tuple) else str(v) for k, v in asdict(self).items()}
+
+    def model_hash(self, structure_hash: str, values: dict[str, float]) -> str:
+        """SHA-256 of the model, its default values and these options."""
+        text = json.dumps([structure_hash, values, self.table()], sort_keys=True)
+        return hashlib.sha256(text.encode()).hexdigest()

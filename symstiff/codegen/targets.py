@@ -1,0 +1,37 @@
+"""What can be emitted: one line a target; its module is imported only when it is asked for.
+
+An emitter is a function (Functions, Options) → {file name: bytes}; it walks Programs and fills templates.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from importlib import import_module
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from symstiff.codegen.functions import Functions
+    from symstiff.codegen.options import Options
+
+Emitter = Callable[["Functions", "Options"], dict[str, bytes]]
+
+
+@dataclass(frozen=True)
+class Target:
+    """Where a target's emitter is, what it writes, and whether it needs the C sources beside it."""
+
+    module: str
+    function: str
+    writes: str
+    needs_c: bool = False
+
+    def emitter(self) -> Emitter:
+        """Import and return the emitter."""
+        return getattr(import_module(self.module), self.function)  # type: ignore[no-any-return]
+
+
+TARGETS: dict[str, Target] = {
+    "c": Target("symstiff.codegen.emit", "emit_c", "C99 sources, self-test, CMake and pkg-config files"),
+    "casadi": Target("symstiff.codegen.casadi", "emit_casadi", "CasADi functions"),
+}

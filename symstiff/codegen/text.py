@@ -1,0 +1,122 @@
+"""Programs as C text: one algebra whose values are expressions with their precedence."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import sympy as sp
+
+from symstiff.symbolic.program import Constant, Emit, Let, Program, Statement, evaluate
+
+_SUM, _PRODUCT, _ATOM = 1, 2, 3
+_FUNCTIONS = {
+    "sin": "sin", "cos": "cos", "tan": "tan", "tanh": "tanh", "exp": "exp", "log": "log", "sqrt": "sqrt",
+    "Abs": "fabs", "atan": "atan", "asin": "asin", "acos": "acos", "atan2": "atan2",
+}  # fmt: skip
+
+
+@dataclass(frozen=True)
+class Text:
+    """An expression and how tightly it binds."""
+
+    code: str
+    precedence: int = _ATOM
+
+    def inside(self, precedence: int) -> str:
+        """The code, in parentheses where its context binds tighter."""
+        return self.code if self.precedence >= precedence else f"({self.code})"
+
+
+@dataclass(frozen=True)
+class CAlgebra:
+    """C expressions in ``double`` or ``float``."""
+
+    single: bool = False
+
+    def literal(self, value: float) -> str:
+        """A literal that reads back as the nearest number of the type."""
+        text = str(np.float32(value)) if self.single else repr(float(value))
+        if not any(c in text for c in ".en"):
+            text += ".0"
+        if "e" in text and "." not in text:
+            text = text.replace("e", ".0e")
+        return text + ("f" if self.single else "")
+
+    def number(self, value: sp.Expr) -> Text:
+        """A literal."""
+        number = float(value)
+        return Text(self.literal(number), _ATOM if number >= 0 else _SUM)
+
+    def constant(self, constant: Constant) -> Text:
+        """A literal of the exact value."""
+        return Text(self.literal(float(sp.N(constant.exact, 30))))
+
+    def sum(self, terms: Sequence[tuple[int, Text]]) -> Text:
+        """Sums and differences; the first term carries the only sign change."""
+        (sign, head), *rest = terms
+        code = head.inside(_SUM) if sign > 0 else "-" + head.inside(_PRODUCT)
+        for sign, x in rest:
+            code += f" + {x.inside(_SUM)}" if sign > 0 else f" - {x.inside(_PRODUCT)}"
+        return Text(code, _SUM)
+
+    def product(self, factors: Sequence[Text]) -> Text:
+        """Products."""
+        return Text("*".join(f.inside(_PRODUCT if k == 0 else _ATOM) for k, f in enumerate(factors)), _PRODUCT)
+
+    def power(self, base: Text, exponent: sp.Expr) -> Text:
+        """Small whole powers as products; others by the library."""
+        suffix = "f" if self.single else ""
+        if exponent == sp.Rational(1, 2):
+            return Text(f"sqrt{suffix}({base.code})")
+        if exponent == -1:
+            return Text(f"{self.literal(1.0)}/{base.inside(_ATOM)}", _PRODUCT)
+        if exponent.is_Integer and 1 < exponent <= 4:
+            return self.product([base] * int(exponent))
+        return Text(f"pow{suffix}({base.code}, {self.literal(float(exponent))})")
+
+    def call(self, function: str, arguments: Sequence[Text]) -> Text:
+        """A function of the mathematical library; ``sign`` by comparison."""
+        inside = ", ".join(a.code for a in arguments)
+        if function == "sign":
+            zero, x = self.literal(0.0), arguments[0].inside(_ATOM)
+            one = self.literal(1.0)
+            return Text(f"({x} > {zero} ? {one} : ({x} < {zero} ? -{one} : {zero}))")
+        return Text(f"{_FUNCTIONS[function]}{'f' if self.single else ''}({inside})")
+
+
+def c_body(
+    program: Program, inputs: Mapping[str, Callable[[int], str]], *, single: bool = False, indent: str = "    "
+) -> str:
+    """The statements of a program as C; ``inputs`` names the C expression of each element of each input."""
+    algebra = CAlgebra(single)
+    real = "float" if single else "double"
+    lines: list[str] = []
+    names: dict[str, list[Any]] = {}
+    used = set().union(*(s.expression.free_symbols for s in program.statements), set())
+    for vector in program.inputs:
+        names[vector.name] = []
+        for k, symbol in enumerate(vector.symbols):
+            source = inputs[vector.name](k)
+            if symbol in used and source.endswith("]") and vector.name in ("q", "w"):
+                local = f"{vector.name}{k + 1}"
+                lines.append(f"const {real} {local} = {source};")
+                source = local
+            names[vector.name].append(Text(source))
+
+    def visit(statement: Statement, value: Text) -> Text:
+        if isinstance(statement, Let):
+            lines.append(f"const {real} {statement.symbol.name} = {value.code};")
+            return Text(statement.symbol.name)
+        lines.append(f"{statement.vector}[{statement.index}] = {value.code};")
+        return value
+
+    evaluate(program, names, algebra, visit)
+    return "\n".join(indent + line for line in lines)
+
+
+def stored_outputs(program: Program) -> tuple[int, ...]:
+    """Indices of a program's only output that are not identically zero, in order of emission."""
+    return tuple(s.index for s in program.statements if isinstance(s, Emit) and s.expression != 0)
