@@ -5,6 +5,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 from functools import reduce
 from operator import mul
+from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING, Any
 
 import sympy as sp
@@ -81,6 +83,9 @@ def emit_casadi(functions: Functions, options: Options) -> dict[str, bytes]:
     """One ``.casadi`` file a function; CasADi loads it without symstiff by ``Function.load``."""
     name = functions.model.robot.name
     files = {}
-    for key, function in casadi_functions(functions).items():
-        files[f"{name}_{key}.casadi"] = function.serialize().encode()
+    with TemporaryDirectory() as scratch:  # CasADi saves to files only
+        for key, function in casadi_functions(functions).items():
+            path = Path(scratch) / f"{name}_{key}.casadi"
+            function.save(str(path))
+            files[path.name] = path.read_bytes()
     return files
