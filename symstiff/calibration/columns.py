@@ -109,7 +109,7 @@ def _quantities(name: str) -> tuple[str, ...] | None:
 
 def _suggest(name: str) -> str:
     known = ["pose", "q1", "point", *_LOADS, *_DEFLECTIONS, *_MEASURED, *_SIGMAS, *CONTEXT]
-    close = difflib.get_close_matches(name, known, 1)
+    close = difflib.get_close_matches(name.lower(), known, 1)
     hint = f"did you mean {close[0]!r}? " if close else ""
     return f"{hint}known are pose, point, q1…, fx…mz, dx…drz or x…rz, sigma_x…, {', '.join(CONTEXT)}"
 

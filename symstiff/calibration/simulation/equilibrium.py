@@ -66,7 +66,7 @@ Wrench = Callable[[States, Floats], Floats]
 
 @dataclass(frozen=True)
 class Weight:
-    """A body's weight: mass [kg], first moment [kg·m] in DH frame ``link``, ahead of its springs or behind."""
+    """A body's weight: mass [kg], first moment [kg·m] in DH frame ``link``, before or behind its springs."""
 
     link: int
     mass: float

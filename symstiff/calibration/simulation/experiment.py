@@ -61,7 +61,7 @@ def _link_weights(truth: Truth) -> tuple[Weight, ...]:
     """Weights of the robot file's links, as the truth wants them."""
     if not truth.weights:
         return ()
-    behind = truth.weights == "behind"
+    behind = truth.weights != "before"
     return tuple(
         weight_at(i, link.mass, np.array(link.com), behind)
         for i, link in enumerate(truth.robot.links)

@@ -132,7 +132,8 @@ def build(effect: Effect, chain: Chain, compliance: Floats) -> Additions:
     where = _where(effect.where, shape.place, chain, label)
     values = {**shape.defaults, **effect.values}
     for name, value in values.items():
-        values[name] = _checked(value, shape.defaults.get(name), f"{label}: {name}")
+        if name != "poses":  # labels, the only text
+            values[name] = _checked(value, f"{label}: {name}")
     try:
         return shape.build(Site(chain, where, compliance), values)
     except (TypeError, ValueError, IndexError) as error:
@@ -156,18 +157,16 @@ def _where(where: Any, place: str, chain: Chain, label: str) -> Any:
     return tuple(numbers) if place == "joints" else given
 
 
-def _checked(value: Any, default: Any, label: str) -> Any:
-    """Numbers finite, lists as arrays, entries as they are."""
+def _checked(value: Any, label: str) -> Any:
+    """Return numbers as float, lists as arrays, entries as a dictionary of float; all finite."""
     if isinstance(value, Mapping):
-        return {str(key): float(_checked(v, None, f"{label}.{key}")) for key, v in value.items()}
-    if isinstance(value, str) or (isinstance(value, list | tuple) and any(isinstance(v, str) for v in value)):
-        if isinstance(default, str | tuple) or default is None:
-            return value
-        raise UserError(f"{label}: expected a number, found {value!r}")
-    try:
-        numbers = np.asarray(value, dtype=float)
-    except (TypeError, ValueError):
-        raise UserError(f"{label}: expected a number or a list of numbers, found {value!r}") from None
+        return {str(key): float(_checked(v, f"{label}.{key}")) for key, v in value.items()}
+    items = value if isinstance(value, list | tuple | np.ndarray) else [value]
+    if any(isinstance(v, bool) or not isinstance(v, int | float | np.number) for v in items) or not len(
+        items
+    ):
+        raise UserError(f"{label}: expected a number or a list of numbers, found {value!r}")
+    numbers = np.asarray(value, dtype=float)
     if not np.isfinite(numbers).all():
         raise UserError(f"{label}: expected finite numbers, found {value!r}")
     return float(numbers) if numbers.ndim == 0 else numbers

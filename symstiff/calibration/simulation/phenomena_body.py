@@ -43,7 +43,7 @@ def _entries(site: Site, p: Values) -> Additions:
     return _at(site, site.where, block_of(p["entries"]))
 
 
-@phenomenon("link_asymmetry", "tilted", "link", "angle", axis=(1.0, 0.0, 0.0))
+@phenomenon("link_asymmetry", "tilted", "link", "angle", axis=(0.0, 1.0, 0.0))
 def _tilted(site: Site, p: Values) -> Additions:
     """The link's principal axes stand at an angle [rad] to its elastic frame."""
     turn = np.kron(np.eye(2), rotation_matrix(p["axis"] / np.linalg.norm(p["axis"]) * p["angle"]))
@@ -84,13 +84,13 @@ def _geometry(site: Site, p: Values) -> Additions:
 
 @phenomenon("link_weight", "lumped", "link", "mass", com=(0.0, 0.0, 0.0))
 def _weight(site: Site, p: Values) -> Additions:
-    return Additions(weights=(weight_at(site.where, p["mass"], p["com"]),))
-
-
-@phenomenon("link_weight", "behind_springs", "link", "mass", com=(0.0, 0.0, 0.0))
-def _weight_behind(site: Site, p: Values) -> Additions:
-    """The weight also bends the link's own springs."""
     return Additions(weights=(weight_at(site.where, p["mass"], p["com"], behind=True),))
+
+
+@phenomenon("link_weight", "before_springs", "link", "mass", com=(0.0, 0.0, 0.0))
+def _weight_before(site: Site, p: Values) -> Additions:
+    """The weight hangs ahead of the link's own springs and does not bend them."""
+    return Additions(weights=(weight_at(site.where, p["mass"], p["com"]),))
 
 
 def _payload(site: Site, p: Values, only_loaded: bool) -> Additions:

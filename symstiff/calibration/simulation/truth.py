@@ -37,9 +37,9 @@
     warming = 3.0                        # K in the end, by 1 - exp(-t/T)
     T = 1800.0
 
-Weights of links act where the robot file gives masses; ``weights = false`` at the top leaves them out, and
-``weights = "behind"`` lets a link's weight bend its own springs too. Joints and links by number as in
-parameter names.
+Weights of links act where the robot file gives masses, behind the link's own springs, so that it bends under
+its own weight too; ``weights = "before"`` hangs them ahead of those springs, ``weights = false`` leaves them
+out. Joints and links by number as in parameter names.
 """
 
 from __future__ import annotations
@@ -55,7 +55,8 @@ import numpy as np
 
 from symstiff.calibration.simulation.chain import chain_of
 from symstiff.calibration.simulation.nominal import nominal_truth
-from symstiff.calibration.simulation.phenomena import Effect, build
+from symstiff.calibration.simulation.phenomena import Effect
+from symstiff.calibration.simulation.rehearsal import rehearse
 from symstiff.errors import UserError
 from symstiff.robot import Robot, library, load
 
@@ -107,7 +108,7 @@ class Truth:
     environment: Environment | None = None
     kind: Literal["deflection", "absolute"] | None = None
     components: Literal["position", "pose"] = "position"
-    weights: bool | Literal["behind"] = True
+    weights: bool | Literal["before"] = True
 
     def with_effects(self, *effects: Effect) -> Truth:
         """Return the same truth with other effects."""
@@ -154,11 +155,10 @@ def truth_from_table(table: Mapping[str, Any], folder: Path | None = None) -> Tr
         environment=None if environment is None else _section(Environment(), environment, "environment"),
         kind=_choice(measure.get("kind"), (None, "deflection", "absolute"), "measure.kind"),
         components=_choice(measure.get("components", "position"), ("position", "pose"), "measure.components"),
-        weights=_choice(table.get("weights", True), (True, False, "behind"), "weights"),
+        weights=_choice(table.get("weights", True), (True, False, "before"), "weights"),
     )
-    chain = chain_of(robot)
     for effect in truth.effects:  # every mistake shows on reading, not in the middle of an experiment
-        build(effect, chain, np.zeros((chain.size, chain.size)))
+        rehearse(effect, chain_of(robot))
     return truth
 
 

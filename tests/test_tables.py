@@ -1,0 +1,326 @@
+"""Measurement tables: what is read, what is refused and with which line, and that writing gives it back."""
+
+import math
+import re
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from hypothesis.extra.numpy import arrays
+
+from symstiff.calibration.measurements import concatenate, measurements
+from symstiff.calibration.table import check_robot, read_measurements, read_poses, write_table
+from symstiff.errors import UserError
+from symstiff.robot import from_table, load
+
+GOOD = """\
+pose,q1[deg],q2[rad],fx[N],fz[kN],mx[N*m],point,dx[mm],dy[um],dz[m],drx[mrad],sigma_x[mm],time[min],temperature[K],load_step,branch,repeat
+a,90,0.5,10,-2.5,3,p1,1,2000,-0.003,1.5,0.01,1,293.15,1,up,1
+a,90,0.5,10,-2.5,3,p1,1.1,2100,-0.0031,1.4,0.01,2,294.15,1,up,2
+a,90,0.5,10,-2.5,3,p2,1,2000,-0.003,1.5,0.01,,,1,,1
+b,-45,-0.5,10,-2.5,3,p1,1,2000,-0.003,1.5,0.02,4,295.15,1,down,1
+"""
+TWO = {
+    "format": 1,
+    "name": "two",
+    "joint": [{"a": 1, "alpha": 0, "d": 0, "limits": ["-1", "2"]}, {"a": 1, "alpha": 0, "d": 0}],
+    "marker": [{"name": "p1", "xyz": [0, 0, 0]}, {"name": "p2", "xyz": [0, 0, "0.1"]}],
+}
+
+
+def save(tmp_path, text, name="data.csv"):
+    path = tmp_path / name
+    path.write_bytes(text if isinstance(text, bytes) else text.encode())
+    return path
+
+
+def refusal(tmp_path, text, read=read_measurements):
+    with pytest.raises(UserError) as error:
+        read(save(tmp_path, text))
+    message = str(error.value)
+    assert "data.csv" in message
+    assert "\n" not in message
+    return message
+
+
+def line_of(message):
+    return int(re.search(r"line (\d+)", message).group(1))
+
+
+def test_a_table_is_read_in_si_units(tmp_path):
+    table = read_measurements(save(tmp_path, GOOD))
+    assert table.kind == "deflection"
+    assert table.labels == ("a", "b")
+    assert table.points == ("p1", "p2")
+    assert list(table.pose) == [0, 0, 0, 1]
+    assert list(table.point) == [0, 0, 1, 0]
+    assert table.q[0] == pytest.approx([math.pi / 2, 0.5])
+    assert table.w[0] == pytest.approx([10, 0, -2500, 3, 0, 0])
+    assert table.values[0, :4] == pytest.approx([1e-3, 2e-3, -3e-3, 1.5e-3])
+    assert np.isnan(table.values[0, 4:]).all()
+    assert table.sigma[:, 0] == pytest.approx([1e-5, 1e-5, 1e-5, 2e-5])
+    assert np.isnan(table.sigma[:, 1:]).all()
+    assert table.time[:2] == pytest.approx([60, 120])
+    assert np.isnan(table.time[2])
+    assert table.temperature[[0, 1, 3]] == pytest.approx([20, 21, 22])
+    assert table.branch[[0, 1, 3]] == pytest.approx([1, 1, -1])
+    assert np.isnan(table.branch[2])
+    assert list(table.repeat) == [1, 2, 1, 1]
+    assert table.place(3).endswith("data.csv: line 5")
+    assert table.measures == "pose"
+
+
+def test_absolute_data_have_a_kind_of_their_own_and_need_no_load(tmp_path):
+    table = read_measurements(save(tmp_path, "pose,q1[deg],x[mm],y[mm],z[mm]\na,1,1000,2,3\n"))
+    assert table.kind == "absolute"
+    assert table.values[0, :3] == pytest.approx([1.0, 0.002, 0.003])
+    assert table.points == ("tcp",)
+    assert table.measures == "position"
+
+
+def test_a_byte_order_mark_empty_lines_and_windows_line_ends_do_not_disturb(tmp_path):
+    text = b"\xef\xbb\xbf" + GOOD.replace("\n", "\r\n").replace("b,-45", "\r\nb,-45").encode()
+    table = read_measurements(save(tmp_path, text))
+    assert len(table) == 4
+    assert table.line[-1] == 6
+
+
+def test_tables_cannot_be_changed_behind_a_callers_back(tmp_path):
+    table = read_measurements(save(tmp_path, GOOD))
+    with pytest.raises(ValueError, match="read-only"):
+        table.q[0, 0] = 1.0
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "line", "says"),
+    [
+        ("a,90,0.5,10,-2.5,3,p2", "a,,0.5,10,-2.5,3,p2", 4, "missing"),
+        ("b,-45", ",-45", 5, "missing"),
+        ("-2.5,3,p2,1,", "-2.5,3,p2,,", 4, "missing"),
+        ("-2.5,3,p2,1,", "-2.5,3,,1,", 4, "missing"),
+        ("1.1,2100", "nan,2100", 3, "finite"),
+        ("1.1,2100", "inf,2100", 3, "finite"),
+        ("1.1,2100", "1e999,2100", 3, "finite"),
+        ("1.1,2100", "1.1 mm,2100", 3, "number"),
+        ("1.1,2100", "1_1,2100", 3, "number"),
+        ("b,-45,-0.5", "b,-45,-30", 5, "degrees"),
+        ("b,-45,-0.5", "b,-45,-0,5", 5, "cells"),
+        ("1.5,0.02,4", "1.5,0,4", 5, "positive"),
+        ("1.5,0.02,4", "1.5,-0.02,4", 5, "positive"),
+        ("down", "sideways", 5, "up or down"),
+        ("1.4,0.01,2,294.15,1,up,2", "1.4,0.01,2,294.15,1,up,1", 3, "duplicate"),
+        ("a,90,0.5,10,-2.5,3,p2", "a,90,0.6,10,-2.5,3,p2", 4, "label"),
+        ("-0.0031", "-3.1", 3, "unit"),
+        ("q1[deg]", "q1", 1, "without a unit"),
+        ("fx[N]", "fx", 1, "without a unit"),
+        ("fx[N]", "fx[]", 1, "without a unit"),
+        ("fx[N]", "fx[kg]", 1, "does not fit"),
+        ("fx[N]", "fx[mm]", 1, "does not fit"),
+        ("q1[deg]", "q1[N]", 1, "does not fit"),
+        ("mx[N*m]", "mx[N]", 1, "does not fit"),
+        ("dx[mm]", "dx[deg]", 1, "does not fit"),
+        ("repeat", "repeat[s]", 1, "no unit"),
+        ("fx[N]", "fx[N", 1, "header"),
+        ("fx[N]", "", 1, "header"),
+        ("fx[N]", "Fx[N]", 1, "did you mean 'fx'"),
+        ("sigma_x[mm]", "sigma_rz[rad]", 1, "not measured"),
+        ("dx[mm]", "x[mm]", 1, "deflection"),
+        ("q2[rad]", "q3[rad]", 1, "q2"),
+        ("q2[rad]", "q1[rad]", 1, "two columns"),
+        ("pose,", "name,", 1, "unknown column"),
+    ],
+)
+def test_a_mistake_is_refused_with_file_and_line(tmp_path, old, new, line, says):
+    assert old in GOOD
+    message = refusal(tmp_path, GOOD.replace(old, new, 1))
+    assert line_of(message) == line
+    assert says in message
+
+
+@pytest.mark.parametrize(
+    ("text", "says"),
+    [
+        ("", "empty"),
+        ("\n\n", "empty"),
+        ("pose,q1[deg],fx[N],dx[mm]\n", "no rows"),
+        (b"pose,q1[deg]\n\x00\x01\x02", "line 2: not a text file"),
+        (b"pose,q1[deg]\n\xff\xfe", "line 2: not text"),
+        (b"\x89PNG\r\n\x1a\n", "not text"),
+        ("pose;q1[deg];dx[mm]\na;1;2\n", "commas"),
+        ("q1[deg],fx[N],dx[mm]\n1,1,1\n", "no column 'pose'"),
+        ("pose,fx[N],dx[mm]\na,1,1\n", "no joint columns"),
+        ("pose,q1[deg],fx[N]\na,1,1\n", "nothing measured"),
+        ("pose,q1[deg],fx[N],dx[mm]\na,1,0,1\n", "every wrench is zero"),
+        ("pose,q1[deg],dx[mm]\na,1,1\n", "every wrench is zero"),
+        ("pose,q1[deg],x[mm],rx[rad]\na,1,1,0\n", "rotation vector"),
+        ("pose,q1[deg],x[mm],y[mm],z[mm],rx[rad],ry[rad],rz[rad]\na,1,1,1,1,90,0,0\n", "degrees"),
+        ('pose,q1[deg],x[mm]\n"a,1,1\n', "quotes"),
+    ],
+)  # fmt: skip
+def test_a_file_that_is_no_table_is_refused(tmp_path, text, says):
+    assert says in refusal(tmp_path, text)
+
+
+def test_a_file_that_is_not_there_is_refused(tmp_path):
+    with pytest.raises(UserError, match=r"nowhere\.csv"):
+        read_measurements(tmp_path / "nowhere.csv")
+    with pytest.raises(UserError, match="cannot read"):
+        read_measurements(tmp_path)
+
+
+def test_several_files_are_one_table_and_each_keeps_its_lines(tmp_path):
+    one = save(tmp_path, GOOD, "one.csv")
+    two = save(tmp_path, GOOD.replace("b,-45,-0.5", "c,-40,-0.5").replace("a,90,0.5", "d,95,0.5"), "two.csv")
+    table = read_measurements([one, two])
+    assert len(table) == 8
+    assert table.labels == ("a", "b", "d", "c")
+    assert table.place(7).endswith("two.csv: line 5")
+
+
+def test_a_row_given_in_two_files_names_both(tmp_path):
+    one, two = save(tmp_path, GOOD, "one.csv"), save(tmp_path, GOOD, "two.csv")
+    with pytest.raises(UserError, match=r"two\.csv: line 2: duplicate of .*one\.csv: line 2"):
+        read_measurements([one, two])
+
+
+def test_different_kinds_of_data_do_not_mix(tmp_path):
+    one = save(tmp_path, GOOD, "one.csv")
+    two = save(tmp_path, "pose,q1[deg],q2[deg],x[mm]\nz,1,2,3\n", "two.csv")
+    three = save(tmp_path, "pose,q1[deg],fx[N],dx[mm]\nz,1,2,3\n", "three.csv")
+    with pytest.raises(UserError, match=r"two\.csv: line 2: kind of data"):
+        read_measurements([one, two])
+    with pytest.raises(UserError, match=r"three\.csv: line 2: joints"):
+        read_measurements([one, three])
+
+
+def test_poses_need_nothing_measured_and_keep_what_is(tmp_path):
+    table = read_poses(save(tmp_path, "pose,q1[deg],fz[N],point\na,10,-5,tcp\n"))
+    assert table.kind == "none"
+    assert np.isnan(table.values).all()
+    assert read_poses(save(tmp_path, GOOD)).kind == "deflection"
+    assert "missing" in refusal(tmp_path, "pose,q1[deg],fz[N]\na,10,-5\nb,10,\n", read_poses)
+
+
+def test_a_table_is_held_against_its_robot(tmp_path):
+    table = read_measurements(save(tmp_path, GOOD))
+    robot = from_table(TWO)
+    assert check_robot(table, robot) == []
+    with pytest.raises(UserError, match="line 2: 2 joint columns, robot kuka_kr270 has 6"):
+        check_robot(table, load("kuka_kr270"))
+    with pytest.raises(UserError, match="line 4: robot two has no marker 'p2'"):
+        check_robot(table, from_table({**TWO, "marker": TWO["marker"][:1]}))
+    sliding = from_table({**TWO, "joint": [TWO["joint"][0], {**TWO["joint"][1], "type": "prismatic"}]})
+    with pytest.raises(UserError, match="joint 2 of two is prismatic"):
+        check_robot(table, sliding)
+
+
+def test_joints_far_outside_their_limits_and_copied_poses_are_warned_of(tmp_path):
+    far = read_measurements(save(tmp_path, GOOD.replace("b,-45,", "b,-145,")))
+    assert any("line 5" in w and "q1" in w for w in check_robot(far, from_table(TWO)))
+    copied = GOOD + "c,-45,-0.5,10,-2.5,3,p1,1,2000,-0.003,1.5,0.02,4,295.15,1,down,1\n"
+    (warning,) = check_robot(read_measurements(save(tmp_path, copied)), from_table(TWO))
+    assert "line 6" in warning
+    assert "line 5" in warning
+
+
+def attempt(path):
+    try:
+        return read_measurements(path), ""
+    except UserError as error:
+        return None, str(error)
+
+
+def numbers(shape, size):
+    return arrays(float, shape, elements=st.floats(-size, size, allow_nan=False))
+
+
+@settings(max_examples=40, deadline=None)
+@given(st.data())
+def test_what_is_written_is_read_back(tmp_path_factory, data):
+    rows, dof = data.draw(st.integers(1, 6)), data.draw(st.integers(1, 7))
+    values = data.draw(numbers((rows, 6), 0.1))
+    values[:, data.draw(st.integers(1, 6)) :] = np.nan
+    w = data.draw(numbers((rows, 6), 1e4))
+    w[0, 0] = 1.0
+    table = measurements(
+        data.draw(numbers((rows, dof), 3.0)),
+        w,
+        pose=range(rows),
+        labels=[f"pose, {k}" for k in range(rows)],
+        points=("tcp", "p1"),
+        point=data.draw(arrays(int, rows, elements=st.integers(0, 1))),
+        kind="deflection",
+        values=values,
+        sigma=np.where(np.isfinite(values), 1e-5, np.nan),
+        time=data.draw(numbers(rows, 1e5)),
+        branch=data.draw(arrays(float, rows, elements=st.sampled_from([1.0, -1.0, np.nan]))),
+        repeat=np.arange(rows),
+        joint_units=data.draw(st.lists(st.sampled_from(["rad", "m"]), min_size=dof, max_size=dof)),
+    )
+    path = tmp_path_factory.mktemp("tables") / "t.csv"
+    write_table(table, path, angle=data.draw(st.sampled_from(["rad", "deg"])))
+    back = read_measurements(path)
+    assert back.labels == table.labels
+    assert back.joint_units == table.joint_units
+    assert [back.points[k] for k in back.point] == [table.points[k] for k in table.point]
+    for name in ("q", "w", "values", "sigma", "time", "temperature", "load_step", "branch", "repeat"):
+        a, b = getattr(table, name), getattr(back, name)
+        assert np.allclose(a, b, rtol=1e-13, atol=1e-300, equal_nan=True), name
+    again = path.with_name("u.csv")
+    write_table(back, again)
+    write_table(read_measurements(again), path)
+    assert path.read_bytes() == again.read_bytes()
+
+
+@settings(max_examples=150, deadline=None)
+@given(st.one_of(st.binary(max_size=300), st.text(max_size=300).map(str.encode)), st.integers(0, len(GOOD)))
+def test_any_damage_to_a_file_is_refused_in_one_line_or_harmless(tmp_path_factory, noise, where):
+    path = Path(tmp_path_factory.getbasetemp()) / "damaged.csv"
+    for content in (noise, GOOD[:where].encode() + noise[:20] + GOOD[where:].encode()):
+        path.write_bytes(content)
+        table, message = attempt(path)
+        assert "\n" not in message
+        assert table is None or np.isfinite(np.hstack([table.q, table.w])).all()
+
+
+def test_writing_leaves_nothing_behind_where_it_fails(tmp_path):
+    table = measurements([[0.1]], [[1.0, 0, 0, 0, 0, 0]])
+    with pytest.raises(UserError, match="cannot write"):
+        write_table(table, tmp_path / "missing" / "t.csv")
+    (tmp_path / "t.csv").mkdir()
+    with pytest.raises(UserError, match="cannot write"):
+        write_table(table, tmp_path / "t.csv")
+    assert [p.name for p in tmp_path.iterdir()] == ["t.csv"]
+
+
+def test_a_component_measured_in_some_rows_only_is_not_written_as_one_table(tmp_path):
+    values = np.full((2, 6), np.nan)
+    values[0, 0] = 1e-3
+    table = measurements([[0.1], [0.2]], np.ones((2, 6)), kind="deflection", values=values)
+    with pytest.raises(UserError, match="other rows"):
+        write_table(table, tmp_path / "t.csv")
+    assert not (tmp_path / "t.csv").exists()
+
+
+def test_rows_can_be_selected_and_put_together_again(tmp_path):
+    table = read_measurements(save(tmp_path, GOOD))
+    halves = concatenate([table.select([0, 2]), table.select([1, 3])])
+    assert list(halves.line) == [2, 4, 3, 5]
+    assert np.array_equal(halves.values[:, 0], table.values[[0, 2, 1, 3], 0])
+    assert list(table.frame()["dx[mm]"]) == pytest.approx([1, 1.1, 1, 1])
+
+
+def test_a_table_of_16000_poses_with_nine_coordinates_is_read_whole(tmp_path):
+    rng = np.random.default_rng(0)
+    q = np.repeat(rng.uniform(-2, 2, (16_000, 6)), 3, axis=0)
+    values = np.hstack([rng.normal(size=(48_000, 3)) * 1e-3, np.full((48_000, 3), np.nan)])
+    table = measurements(
+        q, [0, 0, -2500.0, 0, 0, 0], points=("p1", "p2", "p3"), point=np.tile([0, 1, 2], 16_000),
+        kind="deflection", values=values,
+    )  # fmt: skip
+    write_table(table, tmp_path / "big.csv")
+    back = read_measurements(tmp_path / "big.csv")
+    assert len(back.labels) == 16_000
+    assert np.allclose(back.values[:, :3], values[:, :3], rtol=1e-13, atol=0)
