@@ -16,15 +16,17 @@ from symstiff.errors import UserError
 from symstiff.reduction.admissible import AdmissibleSet, admissible_set, scales
 from symstiff.reduction.conic import Constraint, dual_matrix, semidefinite, solve
 
-_ACTIVE = 1e-6  # of the nominal size: a block whose least eigenvalue is below touches its bound
+_ACTIVE = 1e-6  # sizes: a block whose least eigenvalue is below touches its bound
+_COSTS = 1e-3  # ½·chi² per size: a multiplier below is the solver's rounding
 
 
 @dataclass(frozen=True)
 class ActiveBound:
     """A condition that the data press against.
 
-    slack: least eigenvalue in nominal sizes; multiplier: fall of ½·chi² if the bound gave way by one nominal
-    size (in standard deviations squared), the trace of the condition's multiplier matrix.
+    slack: least eigenvalue, in sizes (nominal ones times a common factor that brings them to the data's
+    magnitude); multiplier: rate at which ½·chi² falls as the bound gives way, per size: the trace of the
+    condition's multiplier matrix.
     """
 
     label: str
@@ -41,8 +43,8 @@ class ConstrainedEstimate:
 
     values: (r,) reduced parameters; complete: (n,) an admissible set with P·complete = values; chi2,
     free_chi2: whitened residual sums with and without the conditions, in units of the noise variance; active:
-    bounds pressed against, hardest first; multipliers: by block; implausible_p: chance that noise alone makes
-    the conditions cost as much (small: the data contradict the model).
+    bounds pressed against, hardest first; multipliers: by block, of its matrix in SI units; implausible_p:
+    chance that noise alone makes the conditions cost as much (small: the data contradict the model).
     """
 
     names: tuple[str, ...]
@@ -90,7 +92,7 @@ def constrain(
             "complete parameters: give the mapping of the same reduction"
         )
     rules = admissible_set(complete_names) if admissible is None else admissible
-    scale = scales(complete_names, nominal or {})
+    scale = _sizes(complete_names, nominal, P, fit.values)
     form, n = fit.compact, len(complete_names)
     columns = (form.R * form.scale) @ P * scale  # (k, n)
     size = float(np.linalg.norm(form.z)) or 1.0
@@ -110,8 +112,9 @@ def constrain(
     free_chi2 = (form.rest + float(free @ free)) / variance
     factor = size**2 / variance
     duals = zip(rules.blocks, solution.duals[1:], strict=True)
-    multipliers = {block.label: factor * dual_matrix(block, dual) for block, dual in duals}
-    active = _active(rules, scale, scale * x, multipliers)
+    pressure = {block.label: factor * dual_matrix(block, dual) for block, dual in duals}
+    multipliers = {b.label: pressure[b.label] / np.outer(b.axes(scale), b.axes(scale)) for b in rules.blocks}
+    active = _active(rules, scale, scale * x, pressure)
     implausible = float(scipy.stats.chi2.sf(max(chi2 - free_chi2, 0.0), len(active))) if active else 1.0
     return ConstrainedEstimate(
         fit.names,
@@ -126,14 +129,22 @@ def constrain(
     )
 
 
+def _sizes(names: Sequence[str], nominal: Mapping[str, float] | None, P: Array, values: Array) -> Array:
+    """(n,) nominal sizes, all times one factor so that the free solution is of order one in them."""
+    scale = scales(names, nominal)
+    norms = np.linalg.norm(P * scale, axis=1)
+    gain = float(np.max(np.abs(values) / np.where(norms > 0, norms, np.inf), initial=0.0))
+    return scale * (gain or 1.0)
+
+
 def _active(
-    rules: AdmissibleSet, scale: Array, values: Array, multipliers: Mapping[str, Array]
+    rules: AdmissibleSet, scale: Array, values: Array, pressure: Mapping[str, Array]
 ) -> tuple[ActiveBound, ...]:
     """Blocks at their bound whose multiplier costs something, hardest first."""
     slack = rules.smallest(values, scale)
     found = [
         ActiveBound(label, slack[label], float(np.trace(Z)))
-        for label, Z in multipliers.items()
-        if slack[label] < _ACTIVE * max(1.0, float(np.max(np.abs(values / scale)))) and np.trace(Z) > 1e-6
+        for label, Z in pressure.items()
+        if slack[label] < _ACTIVE and np.trace(Z) > _COSTS
     ]
     return tuple(sorted(found, key=lambda bound: -bound.multiplier))

@@ -40,6 +40,12 @@ class Block:
             K[row, column] = K[column, row] = values[index] * (1.0 if row == column else self.coupling)
         return K
 
+    def axes(self, scale: Array) -> Array:
+        """(size,) √(size of the diagonal term): the block over their outer product is of order one."""
+        return np.asarray(
+            np.sqrt(np.array([scale[i] for row, column, i in sorted(self.entries) if row == column]))
+        )
+
     def basis(self) -> Array:
         """(entries, size, size): derivative of the matrix by each of its parameters."""
         E = np.zeros((len(self.entries), self.size, self.size))
@@ -59,7 +65,7 @@ class AdmissibleSet:
         """Smallest eigenvalue of every block relative to `scale` (n,); negative: not admissible."""
         found = {}
         for block in self.blocks:
-            axes = np.sqrt(_diagonal(block, scale))
+            axes = block.axes(scale)
             found[block.label] = float(np.linalg.eigvalsh(block.matrix(values) / np.outer(axes, axes))[0])
         return found
 
@@ -133,10 +139,6 @@ def joint_compliances(names: Sequence[str], values: Array) -> dict[int, float]:
 
 def _typical(axis: int) -> float:
     return _TYPICAL_TRANSLATION if axis <= 3 else _TYPICAL_ROTATION
-
-
-def _diagonal(block: Block, values: Array) -> Array:
-    return np.array([values[i] for row, column, i in sorted(block.entries) if row == column])
 
 
 def _link_blocks(link: int, index: Mapping[str, int], beam_ratio: float) -> list[Block]:

@@ -72,10 +72,7 @@ def block_rows(block: Block, scale: Array, width: int) -> tuple[Array, Array]:
 
     The block is divided by √(scale) of its diagonal from both sides, which makes nominal diagonals one.
     """
-    axes = np.ones(block.size)
-    for row, column, index in block.entries:
-        if row == column:
-            axes[row] = np.sqrt(scale[index])
+    axes = block.axes(scale)
     basis = block.basis() / np.outer(axes, axes)
     rows = np.zeros((len(cone_vector(np.eye(block.size))), width))
     for (_, _, index), E in zip(block.entries, basis, strict=True):
