@@ -169,6 +169,7 @@ def _rival(shop: Workshop, proposal: Proposal) -> tuple[float, int]:
         if kept:
             place = next(k for k in range(n) if k not in kept)
             base = proposal.score - float(shop.look(entries)[1].score[proposal.members[place]])
+        base = base if np.isfinite(base) else 0.0
         score = shop.score(members, entries, True) + base - proposal.score
         replaced = tuple(proposal.entries[k] for k in range(n) if k not in kept)
         found = shop.look(entries)

@@ -1,0 +1,149 @@
+"""The discrepancy workflow on arrays: noise, lack of fit, place, candidates, verdict, growth, proof.
+
+It knows no effect by name: candidates are columns with a key.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+
+import numpy as np
+
+from symstiff.discrepancy.design import share_left, smallest_detectable
+from symstiff.discrepancy.localise import Localisation, best_law, localise
+from symstiff.discrepancy.prepare import Prepared, prepare
+from symstiff.discrepancy.problem import Array, Candidate, Options, Problem
+from symstiff.discrepancy.proof import held_out
+from symstiff.discrepancy.result import Diagnosis, Rms
+from symstiff.discrepancy.scan import Scan, coefficients, column_space, critical
+from symstiff.discrepancy.search import Proposal
+from symstiff.discrepancy.strata import Stratum, strata
+from symstiff.discrepancy.tables import (
+    candidate_table,
+    confusion,
+    named_effects,
+    noise_floor,
+    steps,
+    unavailable,
+)
+from symstiff.discrepancy.verdict import UNEXPLAINED, UNTESTABLE, Outcome, decide
+
+LEAST_FREEDOM = 5
+"""Degrees of freedom outside the model below which no test is made."""
+
+
+def diagnose(
+    problem: Problem,
+    candidates: Sequence[Candidate],
+    options: Options | None = None,
+    progress: Callable[[str], None] | None = None,
+) -> Diagnosis:
+    """Say whether something is missing from the model, where, what it is called and how sure that is.
+
+    ``candidates`` is the catalogue at all its places; ``progress`` is told each stage. Data in which nothing can
+    be tested give the verdict ``untestable``. The same input gives the same answer: all draws come from
+    ``options.seed``.
+    """
+    options = options or Options()
+    tell = progress or (lambda stage: None)
+    obstacle = untestable(problem)
+    if obstacle:
+        return _untestable(problem, candidates, obstacle)
+    tell("noise")
+    ready = prepare(problem, candidates)
+    tell("lack of fit")
+    parts = strata(problem, ready.scan)
+    allowed = testable(ready)
+    tell("candidates")
+    outcome = decide(
+        ready.scan, allowed, options, lambda p: plausible(problem, ready, p), _least(parts), tell
+    )
+    tell("place")
+    place = localise(problem, ready.scan, outcome.found, ready.residual)
+    return _written(problem, candidates, ready, parts, allowed, outcome, place, options, tell)
+
+
+def untestable(problem: Problem) -> str:
+    """Why nothing can be tested with these data; empty if something can."""
+    freedom = problem.rows - column_space(problem.A).shape[1]
+    repeats = problem.rows - len(
+        np.unique(np.column_stack([problem.pose, problem.case, problem.channel]), axis=0)
+    )
+    if freedom < LEAST_FREEDOM:
+        return f"{freedom} degrees of freedom are left outside the model: measure more poses"
+    if problem.poses < 2 and problem.sigma is None and repeats < LEAST_FREEDOM:
+        return "one pose, no sigma and no repeats: measure more poses, or state sigma"
+    return ""
+
+
+def testable(ready: Prepared) -> Array:
+    """Mask (candidates,) of those of which something is left outside the model and visible at a believable size."""
+    scan, bank = ready.scan, ready.bank
+    sigma2 = scan.best.rss / max(scan.freedom, 1)
+    mask = np.ones(len(bank.candidates), bool)
+    last = np.append(bank.first_entry[1:], len(bank.start))
+    for c, (a, b) in enumerate(zip(bank.first_entry, last, strict=True)):
+        entries = range(int(a), int(b))
+        if max(share_left(scan, e) for e in entries) < 1e-8 or not any(scan.best.rank[e] for e in entries):
+            mask[c] = False
+            continue
+        if bank.generic[c]:
+            continue
+        bound = np.array([max(abs(p.low), abs(p.high)) for p in bank.candidates[c].parameters])
+        if np.all(np.isfinite(bound)) and len(bound) == bank.width[a]:
+            smallest = np.min([smallest_detectable(scan, e, 0.0, sigma2) for e in entries], axis=0)
+            mask[c] = bool(np.any(smallest < 3.0 * bound))
+    return mask
+
+
+def plausible(problem: Problem, ready: Prepared, proposal: Proposal) -> bool:
+    """Are all coefficients of a set within their physical range, two standard deviations allowed?"""
+    estimate, deviation, _ = coefficients(ready.scan, problem.A, problem.y, proposal.entries)
+    at = problem.A.shape[1]
+    for member, entry in zip(proposal.members, proposal.entries, strict=True):
+        width = int(ready.bank.width[entry])
+        for i, parameter in enumerate(ready.bank.candidates[member].parameters[:width]):
+            value, margin = estimate[at + i], 2.0 * deviation[at + i]
+            if value + margin < parameter.low or value - margin > parameter.high:
+                return False
+        at += width
+    return True
+
+
+def _least(parts: tuple[Stratum, ...]) -> float:
+    return min((s.p_value for s in parts if s.p_value is not None), default=1.0)
+
+
+def _written(
+    problem: Problem, candidates: Sequence[Candidate], ready: Prepared, parts: tuple[Stratum, ...],
+    allowed: Array, outcome: Outcome, place: Localisation, options: Options, tell: Callable[[str], None],
+) -> Diagnosis:  # fmt: skip
+    scan: Scan = ready.scan
+    named = outcome.admissible[0] if outcome.admissible else None
+    entries = named.entries if named is not None else ()
+    tell("growth")
+    growth = steps(problem, ready, named, outcome)
+    floor = noise_floor(problem, ready)
+    proof = None
+    if options.held_out:
+        tell("proof")
+        threshold = critical(outcome.null.named, options.alpha)
+        proof = held_out(problem, ready.bank, scan.noise, floor, entries, allowed, threshold, options)
+    law = best_law(problem, scan, place.accused) if outcome.verdict == UNEXPLAINED else None
+    names, D = confusion(ready, outcome)
+    return Diagnosis(
+        outcome.verdict, outcome.reason, named_effects(problem, ready, outcome),
+        candidate_table(problem, candidates, ready, allowed, outcome, options),
+        outcome.p_named, outcome.p_unnamed, ready.report, parts, place, law, growth,
+        Rms(growth[0].rms, growth[-1].rms, proof.before if proof else None, proof.after if proof else None, floor),
+        proof, None, D, names,
+    )  # fmt: skip
+
+
+def _untestable(problem: Problem, candidates: Sequence[Candidate], reason: str) -> Diagnosis:
+    ready = prepare(problem, ())
+    rms = float(np.sqrt(np.mean(ready.residual**2)))
+    return Diagnosis(
+        UNTESTABLE, reason, (), unavailable(candidates, reason), 1.0, 1.0, ready.report, (), None, None, (),
+        Rms(rms, rms, None, None, ready.report.sigma), None, None, np.zeros((0, 0)), (),
+    )  # fmt: skip

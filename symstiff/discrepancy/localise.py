@@ -1,0 +1,171 @@
+"""Where the residual sits: back-projection to the virtual joints, and the best smooth law at the accused one."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.special import logsumexp
+
+from symstiff.discrepancy.laws import Law, joint_laws
+from symstiff.discrepancy.problem import Array, Index, Problem
+from symstiff.discrepancy.scan import Evidence, Scan
+
+
+@dataclass(frozen=True)
+class BackProjection:
+    """The deflection of one virtual joint that would explain the residual, a value for each pose and load case."""
+
+    virtual_joint: str
+    pose: Index
+    case: Index
+    delta: Array
+    """(n,) in rad, or m for a translation."""
+    deviation: Array
+    """(n,) standard deviation."""
+    tau: Array
+    explained: float
+    """Share of the residual's weighted sum of squares."""
+    with_tau: float
+    """Correlation of |delta| signed by the load with the load."""
+
+
+@dataclass(frozen=True)
+class FittedLaw:
+    """A smooth law at a virtual joint, as an expression."""
+
+    virtual_joint: str
+    expression: str
+    """In tau (divided by ``tau_scale``), q, time, branch."""
+    tau_scale: float
+    explained: float
+    """Share of the residual's sum of squares outside the model."""
+    cross_validated: float
+    """The same on poses that were left out."""
+    values: Array
+    """(M,) deflection of the virtual joint by the law."""
+
+
+@dataclass(frozen=True)
+class Localisation:
+    """By what the residual can be sorted, and who is accused."""
+
+    back_projections: tuple[BackProjection, ...]
+    """Best explanation first."""
+    accused: str
+    """Virtual joint or measurement axis with the most evidence over all unnamed laws; empty if none."""
+    by_axis: dict[int, float]
+    by_pose: dict[int, float]
+    by_case: dict[int, float]
+    """Root mean square of the residual in units of the noise."""
+
+
+def localise(problem: Problem, scan: Scan, found: Evidence, residual: Array) -> Localisation:
+    """Sort the residual (M,), data's unit, and project it back."""
+    scale = np.sqrt(scan.best.rss / max(scan.freedom, 1)) * scan.noise.spread
+    z = residual / scale
+    views = [back_project(problem, z, scale, v) for v in range(len(problem.virtual_joints))]
+    views = sorted((v for v in views if v is not None), key=lambda v: -v.explained)
+    return Localisation(
+        tuple(views),
+        _accused(scan, found),
+        {int(a): _rms(z[problem.axis == a]) for a in np.unique(problem.axis)},
+        {int(p): _rms(z[problem.pose == p]) for p in np.unique(problem.pose)},
+        {int(c): _rms(z[problem.case == c]) for c in np.unique(problem.case)},
+    )
+
+
+def _rms(z: Array) -> float:
+    return float(np.sqrt(np.mean(z**2)))
+
+
+def back_project(problem: Problem, z: Array, scale: Array, v: int) -> BackProjection | None:
+    """Δθ_v of every pose and load case by weighted least squares of the residual on J_v alone."""
+    if problem.J is None or problem.tau is None:
+        return None
+    cells, label = np.unique(np.column_stack([problem.pose, problem.case]), axis=0, return_inverse=True)
+    label = label.reshape(-1)
+    J = problem.J[:, v] / scale
+    weight = np.bincount(label, J**2, minlength=len(cells))
+    seen = weight > 1e-12 * max(float(weight.max()), 1e-300)
+    if not np.any(seen):
+        return None
+    inner = np.bincount(label, J * z, minlength=len(cells))
+    delta = np.where(seen, inner / np.where(seen, weight, 1.0), 0.0)
+    deviation = np.where(seen, 1.0 / np.sqrt(np.where(seen, weight, 1.0)), np.inf)
+    tau = np.bincount(label, problem.tau[:, v]) / np.bincount(label)
+    explained = float(np.sum(inner[seen] ** 2 / weight[seen]) / max(float(z @ z), 1e-300))
+    loaded = np.sqrt(np.where(seen, weight, 0.0))
+    norm = np.linalg.norm(delta * loaded) * np.linalg.norm(tau * loaded)
+    relation = float(np.sum(delta * tau * loaded**2) / norm) if norm > 0 else 0.0
+    return BackProjection(
+        problem.virtual_joints[v], cells[:, 0].astype(np.intp), cells[:, 1].astype(np.intp),
+        delta, deviation, tau, explained, relation,
+    )  # fmt: skip
+
+
+def _accused(scan: Scan, found: Evidence) -> str:
+    bank = scan.bank
+    places: dict[str, list[float]] = {}
+    for i in np.flatnonzero(bank.generic):
+        places.setdefault(str(bank.candidates[i].where["at"]), []).append(float(found.score[i]))
+    if not places:
+        return ""
+    return max(places, key=lambda p: (float(logsumexp(places[p])), p))
+
+
+def best_law(problem: Problem, scan: Scan, virtual_joint: str, terms: int = 3, folds: int = 5) -> FittedLaw | None:
+    """Forward choice from the dictionary at one virtual joint, as long as left-out poses gain from it."""
+    if problem.J is None or problem.tau is None or virtual_joint not in problem.virtual_joints:
+        return None
+    v = problem.virtual_joints.index(virtual_joint)
+    laws = joint_laws(problem, v)
+    J = problem.J[:, v][:, None]
+    layer = scan.best
+    blocks = []
+    for law in laws:
+        W = scan.noise.apply(layer.whiten, J * law.values / scan.noise.spread[:, None])
+        blocks.append(W - layer.basis @ (layer.basis.T @ W))
+    fold = np.unique(problem.pose, return_inverse=True)[1].reshape(-1) % folds
+    chosen: list[int] = []
+    best = 0.0
+    for _ in range(terms):
+        trial = [
+            (-np.inf if i in chosen else _validated([blocks[c] for c in [*chosen, i]], layer.y, fold))
+            for i in range(len(laws))
+        ]
+        i = int(np.argmax(trial))
+        if trial[i] < best + 0.01:
+            break
+        best = trial[i]
+        chosen.append(i)
+    if not chosen:
+        return None
+    return _written(problem, v, [laws[c] for c in chosen], [blocks[c] for c in chosen], layer.y, best)
+
+
+def _validated(blocks: list[Array], y: Array, fold: Array | Index) -> float:
+    """Share of the squares explained on rows of poses that were left out."""
+    X = np.hstack(blocks)
+    left = 0.0
+    for k in np.unique(fold):
+        train = fold != k
+        beta = np.linalg.lstsq(X[train], y[train], rcond=1e-9)[0]
+        left += float(np.sum((y[~train] - X[~train] @ beta) ** 2))
+    return 1.0 - left / max(float(y @ y), 1e-300)
+
+
+def _written(
+    problem: Problem, v: int, laws: list[Law], blocks: list[Array], y: Array, validated: float
+) -> FittedLaw:
+    assert problem.tau is not None
+    X = np.hstack(blocks)
+    beta = np.linalg.lstsq(X, y, rcond=1e-9)[0]
+    text = [t for law in laws for t in law.text]
+    expression = " ".join(f"{b:+.4g}*{t}" for b, t in zip(beta, text, strict=True)).lstrip("+")
+    residual = y - X @ beta
+    return FittedLaw(
+        problem.virtual_joints[v], expression, float(np.max(np.abs(problem.tau[:, v]))),
+        1.0 - float(residual @ residual) / max(float(y @ y), 1e-300), validated,
+        np.hstack([law.values for law in laws]) @ beta,
+    )  # fmt: skip

@@ -1,0 +1,107 @@
+"""The proof: prediction of poses that were left out, with the selection made again inside every fold."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from symstiff.discrepancy.bank import Bank
+from symstiff.discrepancy.noise import Noise
+from symstiff.discrepancy.problem import Array, Index, Options, Problem
+from symstiff.discrepancy.scan import evidence, extend, open_scan
+from symstiff.discrepancy.search import ONE_MORE
+
+
+@dataclass(frozen=True)
+class HeldOut:
+    """Root mean squares over the rows of left-out poses, in the data's unit."""
+
+    before: float
+    after: float
+    """With what each fold selected for itself."""
+    fixed: float
+    """With the effects named on all data, coefficients from the fold."""
+    noise: float
+    selected: tuple[tuple[str, ...], ...]
+    """What each fold selected."""
+
+    @property
+    def closure(self) -> float:
+        """(before - after) / (before - noise); 0 where there is no gap to close."""
+        gap = self.before - self.noise
+        return (self.before - self.after) / gap if gap > 1e-12 * max(self.before, 1e-300) else 0.0
+
+
+def held_out(
+    problem: Problem, bank: Bank, noise: Noise, sigma: float, entries: tuple[int, ...], allowed: Array,
+    threshold: float, options: Options,
+) -> HeldOut | None:  # fmt: skip
+    """K-fold by pose; None with fewer than four poses. ``threshold`` is the score that a candidate must exceed."""
+    poses = np.unique(problem.pose)
+    if len(poses) < 4:
+        return None
+    folds = min(options.folds, len(poses))
+    number = np.searchsorted(poses, problem.pose)
+    order = np.random.default_rng(options.seed).permutation(len(poses))
+    fold = order[number] % folds
+    translation = problem.axis < 3 if np.any(problem.axis < 3) else np.ones(problem.rows, bool)
+    error = {name: np.zeros(problem.rows) for name in ("before", "after", "fixed")}
+    selected = []
+    for k in range(folds):
+        train, test = np.flatnonzero(fold != k), np.flatnonzero(fold == k)
+        chosen = _select(problem, bank, noise, train, allowed, threshold, options)
+        selected.append(tuple(bank.candidates[int(bank.owner[e])].key for e in chosen))
+        for name, used in (("before", ()), ("after", chosen), ("fixed", entries)):
+            error[name][test] = _predict(problem, bank, noise, train, test, used)
+    rms = {name: float(np.sqrt(np.mean(e[translation] ** 2))) for name, e in error.items()}
+    return HeldOut(rms["before"], rms["after"], rms["fixed"], sigma, tuple(selected))
+
+
+def _rows(noise: Noise, rows: Index) -> Noise:
+    """The noise of some rows (whole poses)."""
+    place = np.full(len(noise.spread), -1)
+    place[rows] = np.arange(len(rows))
+    blocks = []
+    for index, K in noise.blocks:
+        inside = place[index[:, 0]] >= 0
+        if np.any(inside):
+            blocks.append((place[index[inside]].astype(np.intp), K[inside]))
+    return Noise(noise.spread[rows], noise.ratios, tuple(blocks))
+
+
+def _select(
+    problem: Problem, bank: Bank, noise: Noise, rows: Index, allowed: Array, threshold: float, options: Options
+) -> tuple[int, ...]:
+    """Forward selection among the named candidates on some rows."""
+    part = replace(bank, columns=bank.columns[rows])
+    scan = open_scan(part, _rows(noise, rows), problem.y[rows], problem.A[rows])
+    mask = np.array(allowed, dtype=bool) & ~bank.generic
+    chosen: tuple[int, ...] = ()
+    for _ in range(options.max_effects):
+        found = evidence(scan)
+        score = np.where(mask, found.score, -np.inf)
+        best = int(np.argmax(score)) if len(score) else -1
+        if best < 0 or score[best] < (max(threshold, -ONE_MORE) if chosen else threshold):
+            break
+        entry = int(found.best_entry[best])
+        chosen = (*chosen, entry)
+        mask[best] = False
+        scan = extend(scan, (entry,))
+    return chosen
+
+
+def _predict(
+    problem: Problem, bank: Bank, noise: Noise, train: Index, test: Index, entries: tuple[int, ...]
+) -> Array:
+    """Prediction error on left-out rows (n,)."""
+    X = np.hstack([problem.A, *(bank.columns[:, bank.slice(e)] for e in entries)])
+    inner = _rows(noise, train)
+    root = inner.root(noise.ratios[len(noise.ratios) // 2], -0.5)
+    W = inner.apply(root, np.column_stack([problem.y[train], X[train]]) / inner.spread[:, None])
+    length = np.linalg.norm(W[:, 1:], axis=0)
+    length[length == 0] = 1.0
+    U, s, Vt = np.linalg.svd(W[:, 1:] / length, full_matrices=False)
+    keep = s > 1e-7 * s[0]
+    beta = Vt[keep].T @ ((U[:, keep].T @ W[:, 0]) / s[keep]) / length
+    return np.asarray(problem.y[test] - X[test] @ beta)

@@ -1,0 +1,130 @@
+"""What a diagnosis hands back; everything that verdict.json and the report need."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+from symstiff.discrepancy.design import Decider
+from symstiff.discrepancy.localise import FittedLaw, Localisation
+from symstiff.discrepancy.noise import NoiseReport
+from symstiff.discrepancy.problem import Array, Shape
+from symstiff.discrepancy.proof import HeldOut
+from symstiff.discrepancy.strata import Stratum
+
+
+@dataclass(frozen=True)
+class Estimate:
+    """A coefficient with its standard deviation and unit."""
+
+    value: float
+    std: float
+    unit: str
+
+
+@dataclass(frozen=True)
+class Name:
+    """An effect at a place."""
+
+    effect: str
+    where: Mapping[str, object]
+
+
+@dataclass(frozen=True)
+class NamedEffect:
+    """An effect of the verdict."""
+
+    effect: str
+    where: Mapping[str, object]
+    shape: Shape
+    parameters: Mapping[str, Estimate]
+    p_value: float
+    """Family-wise, given the other effects of its set."""
+    confidence: float
+    noncentrality: float
+    """Sum of squares explained given the rest, in units of the noise variance."""
+    confounded_with: tuple[Name, ...]
+    set_number: int
+    """Effects of one set stand together; an ambiguous verdict has several sets, best first."""
+
+
+@dataclass(frozen=True)
+class CandidateResult:
+    """A candidate of the catalogue, as tested alone on the starting model."""
+
+    effect: str
+    where: Mapping[str, object]
+    score: float
+    """Log evidence with the catalogue-size penalty; -inf where not tested."""
+    p_value: float
+    testable: bool
+    reason: str
+    """Why not testable; empty if it is."""
+    sufficient: bool | None
+    """None where the question did not arise."""
+    plausible: bool | None
+    shape: Shape
+    parameters: Mapping[str, Estimate]
+    share_left: float
+    """Share of its signal that the model does not absorb."""
+    smallest_detectable: Mapping[str, Estimate]
+    """Size of each parameter alone seen in 80 % of cases (std is 0)."""
+    confused_with: tuple[Name, ...]
+
+
+@dataclass(frozen=True)
+class Step:
+    """A step of the growth path: the starting model, then one more effect each."""
+
+    added: Name | None
+    model: Array
+    """(P,) joint estimates of the model's parameters, least norm where the data do not determine them."""
+    model_std: Array
+    """(P,) inf where the data do not determine the parameter."""
+    effects: tuple[tuple[Name, Mapping[str, Estimate]], ...]
+    rms: float
+    """Residual root mean square of the translations, data's unit."""
+    maximum: float
+    strata: tuple[Stratum, ...]
+    p_left: float
+    """Family-wise p-value of the best further candidate."""
+    residual: Array
+    """(M,) data's unit."""
+
+
+@dataclass(frozen=True)
+class Rms:
+    """Root mean squares in the data's unit; held-out ones are None where there are fewer than four poses."""
+
+    before: float
+    after: float
+    held_out_before: float | None
+    held_out_after: float | None
+    noise: float
+
+
+@dataclass(frozen=True)
+class Diagnosis:
+    """The result of `diagnose`."""
+
+    verdict: str
+    reason: str
+    effects: tuple[NamedEffect, ...]
+    candidates: tuple[CandidateResult, ...]
+    """Best first, untestable ones last."""
+    p_missing: float
+    """Family-wise p-value that anything of the catalogue is missing."""
+    p_unnamed: float
+    """The same for laws that have no name."""
+    noise: NoiseReport
+    strata: tuple[Stratum, ...]
+    localisation: Localisation | None
+    law: FittedLaw | None
+    """For `unexplained`: the best smooth law at the accused virtual joint."""
+    growth: tuple[Step, ...]
+    rms: Rms
+    held_out: HeldOut | None
+    deciders: Decider | None
+    confusability: Array
+    """(n, n) D_ij of the leading candidates, in the order of ``confusability_names``."""
+    confusability_names: tuple[Name, ...]

@@ -1,0 +1,198 @@
+"""The outcome of the search put into tables: effects, candidates, growth path, confusability."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+
+from symstiff.discrepancy.bank import Bank
+from symstiff.discrepancy.design import confusability, share_left, smallest_detectable
+from symstiff.discrepancy.prepare import Prepared
+from symstiff.discrepancy.problem import Array, Candidate, Options, Problem
+from symstiff.discrepancy.result import CandidateResult, Estimate, Name, NamedEffect, Step
+from symstiff.discrepancy.scan import coefficients, critical, evidence, extend
+from symstiff.discrepancy.search import Judged
+from symstiff.discrepancy.strata import strata
+from symstiff.discrepancy.verdict import Outcome
+
+CONFUSED = 0.9
+"""Share of a candidate's fitted signal inside another's space from which they are said to be confused."""
+
+
+def _name(candidate: Candidate) -> Name:
+    return Name(candidate.effect, candidate.where)
+
+
+def _estimates(candidate: Candidate, value: Array, std: Array) -> Mapping[str, Estimate]:
+    return {
+        p.name: Estimate(float(v), float(s), p.unit)
+        for p, v, s in zip(candidate.parameters, value, std, strict=False)
+    }
+
+
+def _fitted(
+    problem: Problem, ready: Prepared, entries: tuple[int, ...]
+) -> tuple[Array, Array, Array, list[tuple[Name, Mapping[str, Estimate]]]]:
+    """Model estimates, their deviations, fitted values, and each entry's estimates."""
+    bank: Bank = ready.bank
+    value, std, fitted = coefficients(ready.scan, problem.A, problem.y, entries)
+    at = problem.A.shape[1]
+    effects = []
+    for e in entries:
+        candidate = bank.candidates[int(bank.owner[e])]
+        width = int(bank.width[e])
+        effects.append((_name(candidate), _estimates(candidate, value[at : at + width], std[at : at + width])))
+        at += width
+    P = problem.A.shape[1]
+    return value[:P], std[:P], fitted, effects
+
+
+def named_effects(problem: Problem, ready: Prepared, outcome: Outcome) -> tuple[NamedEffect, ...]:
+    """The effects of the admissible sets, best set first."""
+    bank = ready.bank
+    out = []
+    for number, judged in enumerate(outcome.admissible):
+        effects = _fitted(problem, ready, judged.entries)[3]
+        for i, (member, entry) in enumerate(zip(judged.members, judged.entries, strict=True)):
+            others = tuple(e for e in judged.entries if e != entry)
+            without = extend(ready.scan, others)
+            scale2 = judged.scan.best.rss / max(judged.scan.freedom, 1)
+            gained = (without.best.rss - judged.scan.best.rss) / max(scale2, 1e-300)
+            candidate = bank.candidates[member]
+            share = float(np.exp(judged.score - outcome.admissible[0].score))
+            confidence = outcome.confidence[i] if number == 0 else share * outcome.confidence[0]
+            out.append(
+                NamedEffect(
+                    candidate.effect, candidate.where, candidate.shapes[int(bank.shape[entry])], effects[i][1],
+                    judged.p_members[i], float(np.clip(confidence, 0.0, 1.0)),
+                    max(gained - float(without.best.rank[entry]), 0.0), _confused(ready, entry), number,
+                )
+            )  # fmt: skip
+    return tuple(out)
+
+
+def _confused(ready: Prepared, entry: int) -> tuple[Name, ...]:
+    """Other named candidates that hold most of the fitted signal of an entry, or share its structural group."""
+    bank, layer = ready.bank, ready.scan.best
+    own = int(bank.owner[entry])
+    Q = layer.Q[:, bank.slice(entry)]
+    signal = Q @ (Q.T @ layer.y)
+    total = float(signal @ signal)
+    inside = np.add.reduceat((layer.Q.T @ signal) ** 2, bank.start)
+    group = bank.candidates[own].group
+    found: dict[int, float] = {}
+    for e, value in enumerate(inside):
+        c = int(bank.owner[e])
+        same = bool(group) and bank.candidates[c].group == group
+        if c != own and not bank.generic[c] and (same or (total > 0 and value > CONFUSED * total)):
+            found[c] = max(found.get(c, 0.0), float(value))
+    return tuple(_name(bank.candidates[c]) for c in sorted(found, key=lambda c: -found[c]))
+
+
+def candidate_table(
+    problem: Problem, candidates: Sequence[Candidate], ready: Prepared, allowed: Array, outcome: Outcome,
+    options: Options,
+) -> tuple[CandidateResult, ...]:  # fmt: skip
+    """All candidates of the catalogue, tested ones best first, then those that these data cannot test."""
+    bank, scan = ready.bank, ready.scan
+    place = {id(c): i for i, c in enumerate(bank.candidates)}
+    threshold = critical(outcome.null.named, options.alpha)
+    threshold = threshold if np.isfinite(threshold) else 0.0
+    sigma2 = scan.best.rss / max(scan.freedom, 1)
+    judged = {j.members[0]: j for j in outcome.tried if len(j.members) == 1}
+    out = []
+    for candidate in candidates:
+        i = place.get(id(candidate))
+        if i is None:
+            reason = candidate.unavailable or "its columns vanish for these data"
+            out.append(_untested(candidate, reason, 0.0, {}))
+            continue
+        entry = int(outcome.found.best_entry[i])
+        sizes = smallest_detectable(scan, entry, threshold, sigma2)
+        smallest = _estimates(candidate, sizes, np.zeros_like(sizes))
+        left = share_left(scan, entry)
+        if not allowed[i]:
+            absorbed = left < 1e-8 or scan.best.rank[entry] == 0
+            reason = "the model absorbs it wholly" if absorbed else "a believable size is below what would be seen"
+            out.append(_untested(candidate, reason, left, smallest))
+            continue
+        effects = _fitted(problem, ready, (entry,))[3]
+        verdict = judged.get(i)
+        score = float(outcome.found.score[i])
+        p = outcome.null.p_named(score)
+        out.append(
+            CandidateResult(
+                candidate.effect, candidate.where, score, p, True, "",
+                None if verdict is None else verdict.sufficient, _within(candidate, effects[0][1]),
+                candidate.shapes[int(bank.shape[entry])], effects[0][1], left, smallest,
+                _confused(ready, entry) if p < 0.2 else (),
+            )
+        )  # fmt: skip
+    return tuple(sorted(out, key=lambda c: -c.score))
+
+
+def _within(candidate: Candidate, estimates: Mapping[str, Estimate]) -> bool:
+    return all(
+        estimates[p.name].value + 2 * estimates[p.name].std >= p.low
+        and estimates[p.name].value - 2 * estimates[p.name].std <= p.high
+        for p in candidate.parameters
+        if p.name in estimates
+    )
+
+
+def _untested(
+    candidate: Candidate, reason: str, left: float, smallest: Mapping[str, Estimate]
+) -> CandidateResult:
+    return CandidateResult(
+        candidate.effect, candidate.where, -np.inf, 1.0, False, reason, None, None,
+        candidate.shapes[0] if candidate.shapes else {}, {}, left, smallest, (),
+    )  # fmt: skip
+
+
+def unavailable(candidates: Sequence[Candidate], reason: str) -> tuple[CandidateResult, ...]:
+    """The table where nothing could be tested."""
+    return tuple(_untested(c, c.unavailable or reason, 0.0, {}) for c in candidates)
+
+
+def steps(problem: Problem, ready: Prepared, named: Judged | None, outcome: Outcome) -> tuple[Step, ...]:
+    """The growth path: the starting model, then each member of the named set in the order of its strength."""
+    entries: tuple[int, ...] = named.entries if named is not None else ()
+    rows = problem.axis < 3 if np.any(problem.axis < 3) else np.ones(problem.rows, bool)
+    out = []
+    for count in range(len(entries) + 1):
+        used = entries[:count]
+        scan = extend(ready.scan, used)
+        model, std, fitted, effects = _fitted(problem, ready, used)
+        residual = problem.y - fitted
+        found = evidence(scan)
+        owners = [int(ready.bank.owner[e]) for e in used]
+        score = np.where(ready.bank.generic, -np.inf, found.score)
+        score[owners] = -np.inf
+        best = float(np.max(score, initial=-np.inf))
+        p_left = outcome.null.p_named(best) if count < len(entries) or named is None else named.p_left_named
+        out.append(
+            Step(
+                effects[-1][0] if effects else None, model, std, tuple(effects),
+                float(np.sqrt(np.mean(residual[rows] ** 2))), float(np.max(np.abs(residual[rows]))),
+                strata(problem, scan), p_left, residual,
+            )
+        )  # fmt: skip
+    return tuple(out)
+
+
+def noise_floor(problem: Problem, ready: Prepared) -> float:
+    """Root mean square of the noise, approach error included, of the translations where there are any."""
+    rows = problem.axis < 3 if np.any(problem.axis < 3) else np.ones(problem.rows, bool)
+    spread = ready.scan.noise.spread
+    share = ready.report.sigma / float(np.sqrt(np.mean(spread**2)))
+    own = float(np.sqrt(np.mean((share * spread[rows]) ** 2)))
+    return float(np.hypot(own, ready.report.approach))
+
+
+def confusion(ready: Prepared, outcome: Outcome, most: int = 8) -> tuple[tuple[Name, ...], Array]:
+    """D_ij of the leading named candidates."""
+    bank = ready.bank
+    order = [int(i) for i in np.argsort(-outcome.found.score) if not bank.generic[i]][:most]
+    D = confusability(ready.scan, [int(outcome.found.best_entry[i]) for i in order])
+    return tuple(_name(bank.candidates[i]) for i in order), D
