@@ -15,6 +15,8 @@ from symstiff.reduction.admissible import BEAM_RATIO, admissible_set, link_matri
 from symstiff.reduction.conic import cone_vector, dual_matrix
 from symstiff.reduction.nearest import Relation, cantilever_relations
 from symstiff.reduction.reconstruction import reconstruct
+from symstiff.reduction.reduce import reduce
+from symstiff.robot import load
 from tests.small_chain import names, observation, reduction, sample, truth
 
 NAMES = names()
@@ -275,3 +277,18 @@ def test_mappings_that_do_not_fit_are_refused_with_the_reason(change, words):
     few, P, reduced = small_problem()
     with pytest.raises(UserError, match=words):
         reconstruct(**({"P": P, "reduced": reduced, "names": few, "nominal": {}} | change))
+
+
+def test_the_seeds_robot_is_rebuilt_from_its_26_parameters_and_only_its_group_one_is_pinned():
+    reduction_ = reduce(load("kuka_kr270"), loads="gravity", measure="pose")
+    complete = reduction_.stages[2].names  # after M2: joints and links apart
+    P = reduction_.projection @ reduction_.stages[3].matrix.T
+    values = truth(list(complete))
+    nominal = dict(zip(complete, truth(list(complete), seed=1), strict=True))
+    found = reconstruct(P, P @ values, complete, nominal, reduced_names=reduction_.parameters)
+    assert P.shape == (26, 62)
+    assert found.admissible
+    np.testing.assert_allclose(found.reduced, P @ values, rtol=1e-10)
+    assert found.bounds is not None
+    assert set(found.bounds.pinned) == set(reduction_.partition.g1)
+    assert set(reduction_.partition.g2) <= set(found.bounds.unbounded)
