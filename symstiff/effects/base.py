@@ -1,6 +1,7 @@
 """The one shape of an effect: where it can be, and its law as terms at virtual joints.
 
-A catalogue file defines one ``Effect``; a plugin registers one under the entry point group ``symstiff.effects``. No
+A catalogue file defines one ``Effect``; a plugin registers one under the entry point group
+``symstiff.effects``. No
 module outside this room knows an effect by name.
 """
 
@@ -11,13 +12,16 @@ from dataclasses import dataclass, field
 from functools import cache
 from importlib import import_module, metadata
 from pkgutil import iter_modules
-from typing import Any
+from typing import Any, Protocol
+
+import numpy as np
 
 from symstiff.errors import UserError
 from symstiff.robot.schema import Robot
-from symstiff.symbolic.terms import Term
+from symstiff.symbolic.terms import Term, VirtualJoint
 
 Where = Mapping[str, Any]
+Shape = Mapping[str, float]
 
 
 @dataclass(frozen=True)
@@ -36,20 +40,86 @@ class Realisation:
     """An effect at one place with its shape fixed: its parameters and terms.
 
     ``replaces`` names parameters that the effect's own stand for (a joint compliance that became several).
+    ``nominal`` is the known value of parameters that are not free (a second-order term has coefficient 1).
     """
 
     parameters: tuple[EffectParameter, ...]
     terms: tuple[Term, ...]
     replaces: tuple[str, ...] = ()
+    nominal: Mapping[str, float] = field(default_factory=dict)
+
+
+@dataclass(frozen=True)
+class Scales:
+    """The sizes that shapes are profiled over: of an experiment, or plausible ones where there is none.
+
+    kind: ``deflection`` or ``absolute``; load: largest \\|τ\\| by virtual joint [N, N·m]; angles: the
+    distinct values of
+    every joint variable, ascending [rad, m]; context: largest span of ``time`` [s] and ``temperature`` [K]
+    where known;
+    lowest: their smallest values.
+    """
+
+    kind: str = "deflection"
+    load: Mapping[VirtualJoint, float] = field(default_factory=dict)
+    angles: tuple[tuple[float, ...], ...] = ()
+    context: Mapping[str, float] = field(default_factory=dict)
+    lowest: Mapping[str, float] = field(default_factory=dict)
+
+    def of(self, joint: VirtualJoint, otherwise: float = 1000.0) -> float:
+        """Largest load on a virtual joint, to three digits so that equal data give equal names."""
+        found = self.load.get(joint, 0.0)
+        return float(f"{found:.3g}") if found > 0 else otherwise
+
+
+class Situation(Protocol):
+    """What an effect that is no law of virtual joints may look at: N load cases, M rows of data.
+
+    ``labels`` name the poses; ``row_pose`` (M,) and ``row_axis`` (M,) number each row's pose and component
+    (0–5);
+    ``J`` (N, 6, V) and ``virtual_joints`` are the virtual-joint Jacobian at the tool centre point, base
+    axes; ``theta``
+    (N, V) the current model's deflections; ``wrench`` (N, 6); ``respond(tau)`` the current model's
+    deflections (N, V)
+    for loads (N, V); ``rows(twist, points)`` takes (N, 6) twists of the tool centre point, or (points, N,
+    6) of every
+    point, to rows (M,); ``offsets`` (points, N, 3) lead from the tool centre point to each point.
+    """
+
+    labels: tuple[str, ...]
+    row_pose: np.ndarray
+    row_axis: np.ndarray
+    J: np.ndarray
+    virtual_joints: tuple[VirtualJoint, ...]
+    theta: np.ndarray
+    wrench: np.ndarray
+    offsets: np.ndarray
+
+    def respond(self, tau: np.ndarray) -> np.ndarray:
+        """Deflections (N, V) of the current model for loads (N, V)."""
+
+    def rows(self, twist: np.ndarray) -> np.ndarray:
+        """Rows (M,) that twists (points, N, 6) of the measured points are seen as."""
+
+
+def _no_shape(robot: Robot, where: Where, scales: Scales) -> tuple[Shape, ...]:
+    return ({},)
 
 
 @dataclass(frozen=True)
 class Effect:
     """An entry of the catalogue.
 
-    places(robot) lists the ``where`` dictionaries; shapes(robot, where) the values of the shape parameters to profile
-    (one empty dictionary where there are none); realise(robot, where, shape) the terms.
-    seen_in: ``deflection``, ``absolute``; needs: context columns (``time``, ``temperature``, ``branch``, ``load_levels``).
+    places(robot) lists the ``where`` dictionaries; shapes(robot, where, scales) the values of the shape
+    parameters to
+    profile (one empty dictionary where there are none); realise(robot, where, shape) the parameters and
+    terms.
+    seen_in: ``deflection``, ``absolute``; needs: context columns (``time``, ``temperature``, ``branch``,
+    ``load_levels``),
+    alternatives as ``time or temperature``.
+    An effect that is no law at virtual joints gives ``columns(situation, where, shape)`` (M, parameters)
+    instead of
+    terms, and ``places_in(situation)`` where its places depend on the data.
     """
 
     identifier: str
@@ -57,11 +127,13 @@ class Effect:
     description: str
     seen_in: frozenset[str]
     places: Callable[[Robot], tuple[Where, ...]]
-    realise: Callable[[Robot, Where, Mapping[str, float]], Realisation]
-    shapes: Callable[[Robot, Where], tuple[Mapping[str, float], ...]] = lambda robot, where: ({},)
+    realise: Callable[[Robot, Where, Shape], Realisation]
+    shapes: Callable[[Robot, Where, Scales], tuple[Shape, ...]] = _no_shape
     needs: frozenset[str] = frozenset()
     confused_with: tuple[str, ...] = ()
     separated_by: str = ""
+    columns: Callable[[Situation, Where, Shape], np.ndarray] | None = None
+    places_in: Callable[[Situation], tuple[Where, ...]] | None = None
 
 
 @dataclass(frozen=True)
@@ -70,21 +142,26 @@ class EffectInstance:
 
     effect: str
     where: Where
-    shape: Mapping[str, float] = field(default_factory=dict)
+    shape: Shape = field(default_factory=dict)
 
     def realise(self, robot: Robot) -> Realisation:
         """Its parameters and terms on a robot. Raises UserError for a place the robot does not have."""
         entry = find(self.effect)
-        if not any(dict(place) == dict(self.where) for place in entry.places(robot)):
-            if not _acceptable(entry, robot, self.where):
-                raise UserError(f"{self.effect} cannot be at {dict(self.where)} on {robot.name}")
-        return entry.realise(robot, self.where, self.shape)
+        if entry.places_in is None and not _acceptable(entry, robot, self.where):
+            raise UserError(f"{self.effect} cannot be at {dict(self.where)} on {robot.name}")
+        try:
+            return entry.realise(robot, self.where, self.shape)
+        except (KeyError, TypeError, ValueError, IndexError) as error:
+            raise UserError(
+                f"{self.effect} at {dict(self.where)}: the shape {dict(self.shape)} does not fit: {error}"
+            ) from error
 
 
 def _acceptable(entry: Effect, robot: Robot, where: Where) -> bool:
-    """A place with free lists (harmonics) is accepted where its other keys are."""
-    listed = [set(place) for place in entry.places(robot)]
-    return "harmonics" in where and any(set(where) == keys | {"harmonics"} or set(where) == keys for keys in listed)
+    """Whether the robot has the place; any harmonics are accepted where the joint is."""
+    free = {k: v for k, v in where.items() if k != "harmonics"}
+    places = ({k: v for k, v in place.items() if k != "harmonics"} for place in entry.places(robot))
+    return any(place == free for place in places)
 
 
 @cache
@@ -98,6 +175,8 @@ def catalogue() -> dict[str, Effect]:
             found[effect.identifier] = effect
     for point in sorted(metadata.entry_points(group="symstiff.effects"), key=lambda p: p.name):
         effect = point.load()
+        if not isinstance(effect, Effect):
+            raise UserError(f"plugin {point.name}: {point.value} is no Effect: see symstiff.effects.base")
         found[effect.identifier] = effect
     return found
 
@@ -114,5 +193,5 @@ def place_name(where: Where) -> str:
     parts: list[str] = []
     for key, value in where.items():
         if key != "harmonics":
-            parts += [str(v) for v in value] if isinstance(value, (list, tuple)) else [str(value)]
+            parts += [str(v) for v in value] if isinstance(value, list | tuple) else [str(value)]
     return "_".join(parts)

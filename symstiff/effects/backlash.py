@@ -1,0 +1,57 @@
+"""A gap that the joint crosses where its total load changes sign: Δθ_j = gap/2·sign(τ_weight + τ), smooth
+near zero.
+
+Deflection data show the difference to the unloaded state, gap/2·(sign(τ_weight + τ) − sign(τ_weight)).
+Where the robot
+file has no masses the unloaded state is unknown: then the gap is taken to be crossed by the load alone;
+where the
+weight keeps the gap closed nothing is seen. Masses in the robot file decide.
+"""
+
+from __future__ import annotations
+
+from symstiff.effects.base import Effect, Realisation, Scales, Shape, Where
+from symstiff.effects.common import (
+    BOTH,
+    angle_unit,
+    exact,
+    joints,
+    of_total_load,
+    parameter,
+    smooth_sign,
+    weighed,
+)
+from symstiff.robot.schema import Robot
+from symstiff.symbolic.terms import Term, actuated_joint
+
+NAME = "backlash"
+WIDTHS = (0.01, 0.06, 0.25)
+
+
+def _realise(robot: Robot, where: Where, shape: Shape) -> Realisation:
+    j = int(where["joint"])
+    gap = parameter(NAME, where, "gap", angle_unit(robot, j), 0.0, 5e-3, 1e-4)
+    width = exact(shape.get("width", 5.0))
+    factor = of_total_load(lambda x: smooth_sign(x, width) / 2, robot, j, shape)
+    return Realisation((gap,), (Term(gap.name, actuated_joint(j), factor),))
+
+
+def _shapes(robot: Robot, where: Where, scales: Scales) -> tuple[Shape, ...]:
+    top = scales.of(actuated_joint(int(where["joint"])))
+    return tuple({"width": float(f"{f * top:.3g}"), **weighed(scales.kind)} for f in WIDTHS)
+
+
+EFFECT = Effect(
+    identifier=NAME,
+    title="Backlash of a joint",
+    description="A gap in the gear: the joint jumps where the load on it, the links' weight included, "
+    "turns over.",
+    seen_in=BOTH,
+    places=joints,
+    realise=_realise,
+    shapes=_shapes,
+    confused_with=("nonlinear_stiffness", "hysteresis", "joint_offset"),
+    separated_by="loads on both sides of the reversal of the joint's total torque; masses in the robot "
+    "file say where "
+    "that is",
+)

@@ -1,0 +1,146 @@
+"""A spring between two links that acts on a joint: the joint's stiffness depends on its angle.
+
+Spring form: anchors at distances a and L from the axis, angle φ = α − q between them, s² = a² + L² +
+2aL·cos φ,
+M = K_c·(1 − s₀/s)·aL·sin φ, joint stiffness K_j⁰ + ∂M/∂q (derived below, not copied). With k̂ = (∂M/∂q)/max
+the
+compliance changes by c·k̂/(1 + r·k̂): c is its change at the stiffest angle, r its ratio to the joint's own
+compliance.
+Angle form (the seed's C2 and J2): the joint's compliance is a polygon over the distinct angles of the data
+set.
+"""
+
+from __future__ import annotations
+
+import math
+from functools import cache
+from itertools import pairwise
+
+import numpy as np
+import sympy as sp
+
+from symstiff.effects.base import Effect, Realisation, Scales, Shape, Where
+from symstiff.effects.common import BOTH, exact, load_of, parameter
+from symstiff.robot.schema import Robot
+from symstiff.symbolic.chain import ElasticChain
+from symstiff.symbolic.program import Builder
+from symstiff.symbolic.terms import Term, actuated_joint, q
+
+NAME = "gravity_compensator"
+DIRECTIONS = tuple(math.radians(20 * k) for k in range(18))
+GEOMETRIES = ((0.27, 0.66), (0.15, 0.5), (0.45, 0.8))  # L/a and s0/a
+RATIOS = (0.0, -0.4, 0.4)
+MOST_ANGLES = 8
+
+
+@cache
+def spring_stiffness() -> sp.Expr:
+    """∂M/∂q of the spring for unit rate, in the symbols a, L, s_0, alpha and q."""
+    a, L, s0, alpha, angle = sp.symbols("a L s_0 alpha q", real=True)
+    phi = alpha - angle
+    s = sp.sqrt(a**2 + L**2 + 2 * a * L * sp.cos(phi))
+    return sp.diff((1 - s0 / s) * a * L * sp.sin(phi), angle)
+
+
+def _realise(robot: Robot, where: Where, shape: Shape) -> Realisation:
+    j = int(where["joint"])
+    angles = [
+        shape[k] for k in sorted((k for k in shape if k.startswith("angle_")), key=lambda k: int(k[6:]))
+    ]
+    if angles:
+        return _by_angle(robot, where, j, angles)
+    c = parameter(NAME, where, "c", "rad/(N*m)", -1e-3, 1e-3, 1e-7)
+    return Realisation((c,), (Term(c.name, actuated_joint(j), load_of(j) * _spring(robot, j, shape)),))
+
+
+def _spring(robot: Robot, j: int, shape: Shape) -> sp.Expr:
+    known = _known(robot)
+    values = [
+        shape.get(k, known.get(k, d)) for k, d in (("a", 0.7), ("L", 0.19), ("s0", 0.46), ("alpha", 0.0))
+    ]
+    law = _normalised(*values).subs(sp.Symbol("q", real=True), q(j))
+    ratio = exact(shape.get("ratio", 0.0))
+    return law / (1 + ratio * law)
+
+
+@cache
+def _normalised(a: float, L: float, s0: float, alpha: float) -> sp.Expr:
+    """k̂(q): the spring's stiffness over its largest size."""
+    symbols = sp.symbols("a L s_0 alpha", real=True)
+    law = spring_stiffness().subs({s: exact(v) for s, v in zip(symbols, (a, L, s0, alpha), strict=True)})
+    turn = np.linspace(-math.pi, math.pi, 721)
+    largest = float(np.abs(sp.lambdify(sp.Symbol("q", real=True), law, "numpy")(turn)).max())
+    return law / exact(f"{largest:.9g}")
+
+
+def _by_angle(robot: Robot, where: Where, j: int, angles: list[float]) -> Realisation:
+    """One compliance a distinct angle, linear between them, constant outside."""
+    found, terms = [], []
+    for k, hat in enumerate(_hats(q(j), [exact(v) for v in angles]), start=1):
+        c = parameter(NAME, where, f"c{k}", "rad/(N*m)", 0.0, 1e-3, 1e-6)
+        found.append(c)
+        terms.append(Term(c.name, actuated_joint(j), load_of(j) * hat))
+    return Realisation(tuple(found), tuple(terms), replaces=_own_compliance(robot, j))
+
+
+def _hats(x: sp.Expr, knots: list[sp.Rational]) -> list[sp.Expr]:
+    """The polygon's basis, written with |x − knot|: each is 1 at its knot, 0 at the others."""
+    if len(knots) == 1:
+        return [sp.S.One]
+    rises = [(sp.Abs(x - a) - sp.Abs(x - b)) / (2 * (b - a)) for a, b in pairwise(knots)]
+    half = sp.Rational(1, 2)  # a rise goes from −½ before its two knots to ½ after them
+    inner = [before - after for before, after in pairwise(rises)]
+    return [half - rises[0], *inner, half + rises[-1]]
+
+
+def _own_compliance(robot: Robot, j: int) -> tuple[str, ...]:
+    """Names under which a model may hold the joint's compliance: its own, or the link's before it about its
+    axis."""
+    axes = ElasticChain(robot).elastic_axes(Builder("axes", ()), j - 1)
+    about = [k for k, axis in enumerate(axes, start=4) if axis[0] == 0 and axis[1] == 0]
+    return (f"c{j}", *(f"k{j - 1}_{k}{k}" for k in about))
+
+
+def _known(robot: Robot) -> dict[str, float]:
+    given = robot.gravity_compensator
+    if given is None or given.L is None or given.ax is None or given.ay is None or given.s0 is None:
+        return {}
+    a, alpha = math.hypot(given.ax, given.ay), math.atan2(given.ay, given.ax)
+    return {"a": float(f"{a:.9g}"), "L": given.L, "s0": given.s0, "alpha": float(f"{alpha:.9g}")}
+
+
+def _shapes(robot: Robot, where: Where, scales: Scales) -> tuple[Shape, ...]:
+    known = _known(robot)
+    sizes = [(known["a"], known["L"], known["s0"])] if known else [(1.0, L, s0) for L, s0 in GEOMETRIES]
+    directions = [*([known["alpha"]] if known else []), *DIRECTIONS]
+    found: list[Shape] = [
+        {"a": a, "L": L, "s0": s0, "alpha": float(f"{d:.6g}"), "ratio": r}
+        for a, L, s0 in sizes for d in directions for r in RATIOS
+    ]  # fmt: skip
+    j = int(where["joint"])
+    angles = scales.angles[j - 1] if len(scales.angles) >= j else ()
+    if 2 <= len(angles) <= MOST_ANGLES:
+        found.append({f"angle_{k}": float(f"{v:.9g}") for k, v in enumerate(angles, start=1)})
+    return tuple(found)
+
+
+def _places(robot: Robot) -> tuple[Where, ...]:
+    if robot.gravity_compensator is not None:
+        return ({"joint": robot.gravity_compensator.joint},)
+    if robot.dof < 2 or any(j.prismatic for j in robot.joint[:2]):
+        return ()
+    upright = float(ElasticChain(robot).rows[0].alpha) % math.pi < 1e-9
+    return () if upright else ({"joint": 2},)
+
+
+EFFECT = Effect(
+    identifier=NAME,
+    title="Gravity compensator",
+    description="A spring between two links makes the joint's stiffness depend on its angle.",
+    seen_in=BOTH,
+    places=_places,
+    realise=_realise,
+    shapes=_shapes,
+    confused_with=("nonlinear_stiffness", "joint_compliance", "link_compliance"),
+    separated_by="several load levels at one angle of the joint, and the same load at several angles",
+)

@@ -1,0 +1,50 @@
+"""Friction that lags behind the load: Δθ_j = −branch·width/2·h(τ), less deflection on the way up, more on
+the way down.
+
+h is a smooth sign of the load, times |τ/τ₀|^power, or times 1 − (τ/τ₀)² where the loop closes at its ends.
+"""
+
+from __future__ import annotations
+
+import sympy as sp
+
+from symstiff.effects.base import Effect, Realisation, Scales, Shape, Where
+from symstiff.effects.common import BOTH, angle_unit, exact, joints, load_of, parameter, smooth_sign
+from symstiff.robot.schema import Robot
+from symstiff.symbolic.terms import BRANCH, Term, actuated_joint
+
+NAME = "hysteresis"
+WIDTHS, POWERS = (0.02, 0.15), (0.0, 0.5, 1.0)
+
+
+def _realise(robot: Robot, where: Where, shape: Shape) -> Realisation:
+    j = int(where["joint"])
+    load, width = load_of(j), exact(shape.get("width", 5.0))
+    loop = parameter(NAME, where, "width", angle_unit(robot, j), 0.0, 5e-3, 5e-5)
+    law = -BRANCH * smooth_sign(load, width) / 2
+    if shape.get("power"):
+        law *= sp.Abs(load / exact(shape["load"])) ** exact(shape["power"])
+    if "loop" in shape:
+        law *= 1 - (load / exact(shape["loop"])) ** 2
+    return Realisation((loop,), (Term(loop.name, actuated_joint(j), law),))
+
+
+def _shapes(robot: Robot, where: Where, scales: Scales) -> tuple[Shape, ...]:
+    top = scales.of(actuated_joint(int(where["joint"])))
+    widths = [float(f"{f * top:.3g}") for f in WIDTHS]
+    found: list[Shape] = [{"width": s, "load": top, "power": p} for s in widths for p in POWERS]
+    return (*found, {"width": widths[0], "loop": float(f"{1.05 * top:.3g}")})
+
+
+EFFECT = Effect(
+    identifier=NAME,
+    title="Hysteresis of a joint",
+    description="Loading and unloading leave the joint in different places under the same load.",
+    seen_in=BOTH,
+    places=joints,
+    realise=_realise,
+    shapes=_shapes,
+    needs=frozenset({"branch"}),
+    confused_with=("backlash", "hysteresis"),
+    separated_by="between joints 2 and 3: poses with different ratios of their loads",
+)

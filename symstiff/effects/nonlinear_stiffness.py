@@ -1,0 +1,78 @@
+"""A gear whose stiffness depends on its load: Δθ_j = c₂·τ·|τ| + c₃·τ³, two slopes with a knee, or saturation.
+
+Without a shape the polynomial with c₂ and c₃. Profiled shapes have one parameter c, Δθ_j = c·τ₀·h(τ/τ₀), with
+h = sign(x)|x|^power, x − clip(x, −1, 1) beyond a knee at τ₀, or tanh x; c is a slope in rad/(N·m) whatever
+the shape.
+"""
+
+from __future__ import annotations
+
+import sympy as sp
+
+from symstiff.effects.base import Effect, Realisation, Scales, Shape, Where
+from symstiff.effects.common import BOTH, compliance_unit, exact, joints, of_total_load, parameter, weighed
+from symstiff.robot.schema import Robot
+from symstiff.symbolic.terms import Term, actuated_joint
+
+NAME = "nonlinear_stiffness"
+POWERS = (2.0, 3.0, 0.5)
+KNEES = (0.12, 0.25, 0.45, 0.7)
+SATURATIONS = (0.12, 0.3, 0.6)
+
+
+def _realise(robot: Robot, where: Where, shape: Shape) -> Realisation:
+    j = int(where["joint"])
+    at, unit = actuated_joint(j), compliance_unit(robot, j)
+    if "load" not in shape:
+        c2 = parameter(NAME, where, "c2", _per_load(unit, 2), -1e-6, 1e-6, 1e-10)
+        c3 = parameter(NAME, where, "c3", _per_load(unit, 3), -1e-8, 1e-8, 1e-13)
+        laws = (lambda x: x * sp.Abs(x), lambda x: x**3)
+        terms = [
+            Term(p.name, at, of_total_load(law, robot, j, shape))
+            for p, law in zip((c2, c3), laws, strict=True)
+        ]
+        return Realisation((c2, c3), tuple(terms))
+    scale = exact(shape["load"])
+    c = parameter(NAME, where, "c", unit, -1e-3, 1e-3, 1e-7)
+    return Realisation(
+        (c,), (Term(c.name, at, of_total_load(lambda x: scale * _bend(x / scale, shape), robot, j, shape)),)
+    )
+
+
+def _per_load(unit: str, power: int) -> str:
+    """Unit of a coefficient of the load's power: rad/(N*m)^2, m/N^3."""
+    return f"{unit}^{power}"
+
+
+def _bend(x: sp.Expr, shape: Shape) -> sp.Expr:
+    if "knee" in shape:
+        return x - (sp.Abs(x + 1) - sp.Abs(x - 1)) / 2
+    if "saturation" in shape:
+        return sp.tanh(x)
+    power = exact(shape["power"])
+    if power == 2:
+        return x * sp.Abs(x)
+    return x**power if power.is_odd else sp.sign(x) * sp.Abs(x) ** power
+
+
+def _shapes(robot: Robot, where: Where, scales: Scales) -> tuple[Shape, ...]:
+    top, kind = scales.of(actuated_joint(int(where["joint"]))), weighed(scales.kind)
+    found = [{"load": top, "power": p, **kind} for p in POWERS]
+    found += [{"load": float(f"{f * top:.3g}"), "knee": 1.0, **kind} for f in KNEES]
+    found += [{"load": float(f"{f * top:.3g}"), "saturation": 1.0, **kind} for f in SATURATIONS]
+    return tuple(found)
+
+
+EFFECT = Effect(
+    identifier=NAME,
+    title="Stiffness of a joint that depends on its load",
+    description="The gear hardens (stiffer under load) or softens; small loads see another slope than "
+    "large ones.",
+    seen_in=BOTH,
+    places=joints,
+    realise=_realise,
+    shapes=_shapes,
+    needs=frozenset({"load_levels"}),
+    confused_with=("gravity_compensator", "backlash", "large_deflection", "joint_compliance"),
+    separated_by="several load levels at one pose, and the same load at several angles of the joint",
+)

@@ -1,0 +1,69 @@
+"""Growth with time or temperature, of the measuring frame or of a link along its elastic axes.
+
+Δ = rate·s with s = t/T_end, (T − T₀)/span, or 1 − exp(−t/T) over its value at the end of the session; the
+three
+parameters are what has grown at the end of the session, in metres.
+"""
+
+from __future__ import annotations
+
+import math
+
+import sympy as sp
+
+from symstiff.effects.base import Effect, Realisation, Scales, Shape, Where
+from symstiff.effects.common import BOTH, XYZ, exact, link_axes, links, parameter
+from symstiff.robot.schema import Robot
+from symstiff.symbolic.terms import TEMPERATURE, TIME, Term, VirtualJoint
+
+NAME = "thermal_drift"
+CONSTANTS = (0.25, 0.6)
+
+
+def _realise(robot: Robot, where: Where, shape: Shape) -> Realisation:
+    places = [VirtualJoint("measure", 0, a) for a in (1, 2, 3)]
+    if "link" in where:
+        places = list(link_axes(int(where["link"])))[:3]
+    size = [parameter(NAME, where, x, "m", -5e-3, 5e-3, 1e-4) for x in XYZ]
+    clock = _clock(shape)
+    return Realisation(
+        tuple(size), tuple(Term(p.name, at, clock) for p, at in zip(size, places, strict=True))
+    )
+
+
+def _clock(shape: Shape) -> sp.Expr:
+    if "temperature" in shape:
+        return (TEMPERATURE - exact(shape.get("reference", 20.0))) / exact(shape["temperature"])
+    span = shape.get("time", 3600.0)
+    if "T" not in shape:
+        return TIME / exact(span)
+    constant = shape["T"]
+    return (1 - sp.exp(-TIME / exact(constant))) / exact(-math.expm1(-span / constant))
+
+
+def _shapes(robot: Robot, where: Where, scales: Scales) -> tuple[Shape, ...]:
+    found: list[Shape] = []
+    warm, span = (float(f"{scales.context.get(k, 0.0):.3g}") for k in ("temperature", "time"))
+    if warm > 0:
+        found.append(
+            {"temperature": warm, "reference": float(f"{scales.lowest.get('temperature', 20.0):.3g}")}
+        )
+    if span > 0:
+        found.append({"time": span})
+        found += [{"time": span, "T": float(f"{f * span:.3g}")} for f in CONSTANTS]
+    return tuple(found)
+
+
+EFFECT = Effect(
+    identifier=NAME,
+    title="Thermal drift",
+    description="The device's frame, or a link, grows with time or temperature against the start of "
+    "the session.",
+    seen_in=BOTH,
+    places=lambda robot: ({"measurement": "frame"}, *links(robot)),
+    realise=_realise,
+    shapes=_shapes,
+    needs=frozenset({"time or temperature"}),
+    confused_with=("thermal_drift", "bad_poses", "frame_misalignment"),
+    separated_by="poses repeated early and late in the session, in another order of the joints",
+)

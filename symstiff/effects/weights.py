@@ -1,0 +1,24 @@
+"""Weights as wrenches on a body of the chain: what link weights and payload errors share."""
+
+from __future__ import annotations
+
+from symstiff.effects.base import Realisation, Where
+from symstiff.effects.common import GRAVITY, XYZ, couple, parameter
+from symstiff.symbolic.terms import Term, VirtualJoint, up
+
+
+def weight(effect: str, where: Where, body: int, frame: int, lightest: float) -> Realisation:
+    """Mass [kg] and first moment [kg·m] of a body, in the axes of DH frame ``frame``.
+
+    The force is −m·g·up, the moment about the frame's origin is −g·(m·c) × up.
+    """
+    upward = [up(frame, k) for k in (1, 2, 3)]
+    mass = parameter(effect, where, "m", "kg", lightest, 1000.0, 1.0)
+    terms = [Term(mass.name, VirtualJoint("body", body, k), -GRAVITY * u) for k, u in enumerate(upward, 1)]
+    moments = [parameter(effect, where, f"m{x}", "kg*m", -500.0, 500.0, 0.5) for x in XYZ]
+    for k, moment in enumerate(moments):
+        unit = [int(k == i) for i in range(3)]
+        for i, arm in enumerate(couple(unit, upward)):
+            if arm != 0:
+                terms.append(Term(moment.name, VirtualJoint("body", body, 4 + i), -GRAVITY * arm))
+    return Realisation((mass, *moments), tuple(terms))
