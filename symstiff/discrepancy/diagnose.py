@@ -6,11 +6,13 @@ It knows no effect by name: candidates are columns with a key.
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 
 import numpy as np
 
 from symstiff.discrepancy.design import share_left, smallest_detectable
 from symstiff.discrepancy.localise import Localisation, best_law, localise
+from symstiff.discrepancy.noise import Noise
 from symstiff.discrepancy.prepare import Prepared, prepare
 from symstiff.discrepancy.problem import Array, Candidate, Options, Problem
 from symstiff.discrepancy.proof import held_out
@@ -53,7 +55,7 @@ def diagnose(
     ready = prepare(problem, candidates)
     tell("lack of fit")
     parts = strata(problem, ready.scan)
-    allowed = testable(ready)
+    allowed = testable(problem, ready)
     tell("candidates")
     outcome = decide(
         ready.scan, allowed, options, lambda p: plausible(problem, ready, p), _least(parts), tell
@@ -76,7 +78,7 @@ def untestable(problem: Problem) -> str:
     return ""
 
 
-def testable(ready: Prepared) -> Array:
+def testable(problem: Problem, ready: Prepared) -> Array:
     """Mask (candidates,) of those of which something is left outside the model and visible at a believable size."""
     scan, bank = ready.scan, ready.bank
     sigma2 = scan.best.rss / max(scan.freedom, 1)
@@ -89,11 +91,34 @@ def testable(ready: Prepared) -> Array:
             continue
         if bank.generic[c]:
             continue
+        if fills_its_stratum(problem, ready, int(a)):
+            mask[c] = False
+            continue
         bound = np.array([max(abs(p.low), abs(p.high)) for p in bank.candidates[c].parameters])
         if np.all(np.isfinite(bound)) and len(bound) == bank.width[a]:
             smallest = np.min([smallest_detectable(scan, e, 0.0, sigma2) for e in entries], axis=0)
             mask[c] = bool(np.any(smallest < 3.0 * bound))
     return mask
+
+
+def fills_its_stratum(problem: Problem, ready: Prepared, entry: int) -> bool:
+    """Would a candidate that is proportional to the load take so much of what is left there that it fits anything?
+
+    The stratum "proportional to load, by pose" has one degree of freedom for each pose and channel, less the model.
+    """
+    rank = float(ready.scan.best.rank[entry])
+    if rank < 4:
+        return False
+    cells, label = np.unique(np.column_stack([problem.pose, problem.channel]), axis=0, return_inverse=True)
+    label = label.reshape(-1)
+    left = len(cells) - (problem.rows - ready.scan.freedom)
+    if rank <= 0.4 * left:
+        return False
+    load = np.ones(problem.rows) if problem.load is None else problem.load
+    columns = ready.bank.columns[:, ready.bank.slice(entry)]
+    total = np.maximum(np.bincount(label, load**2), 1e-300)
+    slope = np.column_stack([np.bincount(label, load * c) / total for c in columns.T])
+    return bool(np.sum((columns - slope[label] * load[:, None]) ** 2) < 0.01 * np.sum(columns**2))
 
 
 def plausible(problem: Problem, ready: Prepared, proposal: Proposal) -> bool:
@@ -108,6 +133,11 @@ def plausible(problem: Problem, ready: Prepared, proposal: Proposal) -> bool:
                 return False
         at += width
     return True
+
+
+def one_ratio(scan: Scan) -> Noise:
+    """The noise at its likeliest ratio alone: enough for the folds."""
+    return replace(scan.noise, ratios=(scan.best.ratio,))
 
 
 def _least(parts: tuple[Stratum, ...]) -> float:
@@ -128,7 +158,7 @@ def _written(
     if options.held_out:
         tell("proof")
         threshold = critical(outcome.null.named, options.alpha)
-        proof = held_out(problem, ready.bank, scan.noise, floor, entries, allowed, threshold, options)
+        proof = held_out(problem, ready.bank, one_ratio(scan), floor, entries, allowed, threshold, options)
     law = best_law(problem, scan, place.accused) if outcome.verdict == UNEXPLAINED else None
     names, D = confusion(ready, outcome)
     return Diagnosis(

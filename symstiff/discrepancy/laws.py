@@ -115,7 +115,7 @@ def _frame_laws(problem: Problem) -> list[Law]:
     if problem.time is not None and np.ptp(problem.time) > 0:
         s = (problem.time - problem.time.min()) / np.ptp(problem.time)
         out += [Law(("time",), s[:, None]), Law(("time^2",), (s**2)[:, None])]
-        for n in (1, 2, 3, 4):
+        for n in (0.5, 1, 1.5, 2, 2.5, 3, 4, 5):
             wave = np.column_stack([np.sin(2 * np.pi * n * s), np.cos(2 * np.pi * n * s)])
             out.append(Law((f"sin({n} turns of time)", f"cos({n} turns of time)"), wave))
     if problem.temperature is not None and np.ptp(problem.temperature) > 0:

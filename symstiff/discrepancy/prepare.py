@@ -32,22 +32,26 @@ def prepare(problem: Problem, candidates: Sequence[Candidate]) -> Prepared:
     """
     bank = build(problem, candidates, unnamed_laws(problem))
     noise = noises.start(problem)
-    own = 0.0
     growth: dict[str, float] = {}
-    for _ in range(2):
-        scan = prune(open_scan(bank, noise, problem.y, problem.A))
-        clean = _without_the_obvious(scan)
-        residual = _data_residual(clean)
-        own = _own_share(problem, clean, residual)
-        noise, growth = noises.refine(problem, noises.start(problem), residual, clean.freedom, own)
     scan = prune(open_scan(bank, noise, problem.y, problem.A))
+    for _ in range(2):
+        clean = _without_the_obvious(scan)
+        own = _own_share(problem, clean, _data_residual(clean))
+        noise, growth = noises.refine(problem, noises.start(problem), _within_residual(clean), clean.freedom, own)
+        noise = replace(noise, ratios=_near(noise.ratios, [layer.ratio for layer in scan.layers]))
+        scan = prune(open_scan(bank, noise, problem.y, problem.A))
     clean = _without_the_obvious(scan)
-    scan = replace(scan, layers=tuple(la for la in scan.layers))
     report = noises.report(
         problem, noise, _within_residual(clean), clean.best.rss / max(clean.freedom, 1), clean.freedom,
         clean.best.ratio, growth,
     )  # fmt: skip
     return Prepared(scan, bank, report, _data_residual(scan))
+
+
+def _near(grid: tuple[float, ...], kept: list[float]) -> tuple[float, ...]:
+    """The kept ratios and their neighbours on the grid."""
+    low, high = grid.index(min(kept)), grid.index(max(kept))
+    return grid[max(low - 1, 0) : high + 2]
 
 
 def _without_the_obvious(scan: Scan, most: int = 3, least: float = 4.0) -> Scan:

@@ -118,7 +118,7 @@ class Options:
     """Family-wise level of the candidate tests."""
     alpha_strata: float = 0.008
     """Level of the tests that name nothing (strata, smooth laws outside the catalogue)."""
-    alpha_sufficient: float = 0.02
+    alpha_sufficient: float = 0.008
     """Level at which what is left after adding a candidate makes it insufficient."""
     draws: int = 400
     folds: int = 5

@@ -41,6 +41,7 @@ def held_out(
     poses = np.unique(problem.pose)
     if len(poses) < 4:
         return None
+    few = _named_only(bank)
     folds = min(options.folds, len(poses))
     number = np.searchsorted(poses, problem.pose)
     order = np.random.default_rng(options.seed).permutation(len(poses))
@@ -50,12 +51,24 @@ def held_out(
     selected = []
     for k in range(folds):
         train, test = np.flatnonzero(fold != k), np.flatnonzero(fold == k)
-        chosen = _select(problem, bank, noise, train, allowed, threshold, options)
-        selected.append(tuple(bank.candidates[int(bank.owner[e])].key for e in chosen))
+        chosen = _select(problem, few, noise, train, allowed, threshold, options)
+        selected.append(tuple(few.candidates[int(few.owner[e])].key for e in chosen))
         for name, used in (("before", ()), ("after", chosen), ("fixed", entries)):
             error[name][test] = _predict(problem, bank, noise, train, test, used)
     rms = {name: float(np.sqrt(np.mean(e[translation] ** 2))) for name, e in error.items()}
     return HeldOut(rms["before"], rms["after"], rms["fixed"], sigma, tuple(selected))
+
+
+def _named_only(bank: Bank) -> Bank:
+    """The bank without the unnamed laws, which stand at its end: entry and column numbers stay the same."""
+    entries = int(np.sum(~bank.generic[bank.owner]))
+    columns = int(np.sum(bank.width[:entries]))
+    return replace(
+        bank, columns=bank.columns[:, :columns], scale=bank.scale[:columns], start=bank.start[:entries],
+        width=bank.width[:entries], owner=bank.owner[:entries], shape=bank.shape[:entries],
+        candidates=bank.candidates[: int(np.sum(~bank.generic))], generic=bank.generic[~bank.generic],
+        log_prior=bank.log_prior[~bank.generic],
+    )  # fmt: skip
 
 
 def _rows(noise: Noise, rows: Index) -> Noise:
@@ -76,7 +89,7 @@ def _select(
     """Forward selection among the named candidates on some rows."""
     part = replace(bank, columns=bank.columns[rows])
     scan = open_scan(part, _rows(noise, rows), problem.y[rows], problem.A[rows])
-    mask = np.array(allowed, dtype=bool) & ~bank.generic
+    mask = np.array(allowed, dtype=bool)[: len(bank.candidates)]
     chosen: tuple[int, ...] = ()
     for _ in range(options.max_effects):
         found = evidence(scan)

@@ -9,7 +9,7 @@ import numpy as np
 from symstiff.discrepancy.problem import Array, Options
 from symstiff.discrepancy.scan import Evidence, Null, Scan, evidence, explained, extend, null
 
-ONE_MORE = float(np.log(0.1))
+ONE_MORE = float(np.log(0.2))
 """Log prior weight of one more effect against none more."""
 SAME_SIGNAL = 0.85
 """Share of an unnamed law's signal inside a set's space from which both describe the same thing."""
@@ -136,9 +136,7 @@ def judge(shop: Workshop, proposal: Proposal) -> Judged:
     gained = (shop.start.best.rss - scan.best.rss) / max(scale2, 1e-300)
     missed = _missed_share(shop, proposal, scan, gained)
     rival, who = _rival(shop, proposal)
-    lack = (p_named < options.alpha_sufficient and named + ONE_MORE > 0) or (
-        p_unnamed < 0.5 * options.alpha_sufficient
-    )
+    lack = p_named < options.alpha_sufficient or p_unnamed < 0.5 * options.alpha_sufficient
     p_members = tuple(_needed(shop, proposal, i) for i in range(len(members)))
     return Judged(
         members, entries, proposal.score, scan, left, gained, p_named, p_unnamed, missed, rival, who,
@@ -176,20 +174,22 @@ def _rival(shop: Workshop, proposal: Proposal) -> tuple[float, int]:
         for candidate in np.argsort(score)[::-1][:10]:
             if not np.isfinite(score[candidate]) or score[candidate] < max(best, -10.0):
                 break
-            if _overlap(found[0], int(found[1].best_entry[candidate]), replaced) < SAME_SIGNAL:
+            if not _same(found[0], int(found[1].best_entry[candidate]), replaced):
                 best, who = float(score[candidate]), int(candidate)
                 break
     return best, who
 
 
-def _overlap(scan: Scan, law: int, entries: tuple[int, ...]) -> float:
-    """Share of a law's fitted signal that lies in the space of some entries."""
+def _same(scan: Scan, law: int, entries: tuple[int, ...]) -> bool:
+    """Does a law's fitted signal lie in the space of some entries, and not only because that space is large?"""
     layer, bank = scan.best, scan.bank
     a = layer.Q[:, bank.slice(law)]
     signal = a @ (a.T @ layer.y)
     U, s, _ = np.linalg.svd(np.hstack([layer.Q[:, bank.slice(e)] for e in entries]), full_matrices=False)
-    inside = U[:, s > 1e-7].T @ signal
-    return float(inside @ inside / max(signal @ signal, 1e-300))
+    U = U[:, s > 1e-7]
+    inside = U.T @ signal
+    near = float(inside @ inside) > SAME_SIGNAL * max(float(signal @ signal), 1e-300)
+    return near and U.shape[1] <= layer.rank[law] + 2
 
 
 def _needed(shop: Workshop, proposal: Proposal, place: int) -> float:

@@ -8,7 +8,7 @@ import numpy as np
 from scipy import stats
 
 from symstiff.discrepancy.noise import pure_error
-from symstiff.discrepancy.problem import Array, Problem
+from symstiff.discrepancy.problem import Array, Index, Problem
 from symstiff.discrepancy.scan import Scan
 
 
@@ -27,25 +27,60 @@ class Stratum:
 
 
 def strata(problem: Problem, scan: Scan) -> tuple[Stratum, ...]:
-    """Split the whitened residual and test every stratum against repeats, else against the rest."""
+    """Split the whitened residual and test every stratum against repeats, else against the rest.
+
+    Columns that belong to one pose each are projected out pose by pose; the model and other columns that run over
+    all poses follow outside of them, so that no large matrix is factorised.
+    """
     layer = scan.best
+    y = layer.y[:, None]
+    overall = layer.basis
+    local = np.zeros((problem.rows, 0))
+    before_square, before_rank = float(layer.y @ layer.y), layer.basis.shape[1]
     parts: list[tuple[str, int, float]] = []
-    basis = layer.basis
-    for name, columns in _designs(problem):
+    for name, columns, by_pose in _designs(problem):
         W = scan.noise.apply(layer.whiten, columns / scan.noise.spread[:, None])
-        new = _outside(basis, W)
-        if new.shape[1] == 0 or basis.shape[1] + new.shape[1] >= len(layer.y):
-            continue
-        parts.append((name, new.shape[1], float(np.sum((new.T @ layer.y) ** 2))))
-        basis = np.hstack([basis, new])
-    rest = len(layer.y) - basis.shape[1]
-    square = float(layer.y @ layer.y) - sum(p[2] for p in parts)
+        if by_pose:
+            local = np.hstack([local, W])
+        else:
+            overall = np.hstack([overall, W])
+        square, rank = _left(problem.pose, local, overall, y)
+        if rank >= problem.rows:
+            break
+        if rank > before_rank:
+            parts.append((name, rank - before_rank, max(before_square - square, 0.0)))
+        before_square, before_rank = square, rank
+    rest = problem.rows - before_rank
+    square = before_square
     reference, freedom = square / max(rest, 1), rest
     repeats, count = pure_error(problem, scan.noise.spread)
     if count >= 5:
         reference, freedom = repeats / count, count
         parts.append(("rest", rest - count, max(square - repeats, 0.0)))
     return _table(parts, reference, freedom, count >= 5, rest, square)
+
+
+def _left(pose: Index, local: Array, overall: Array, y: Array) -> tuple[float, int]:
+    """Residual sum of squares of y (M, 1) and rank, for columns by pose and columns over all poses.
+
+    ``local`` (M, k) holds, row by row, values that each pose multiplies by coefficients of its own.
+    """
+    joined = np.hstack([y, overall])
+    rank = 0
+    if local.shape[1]:
+        joined = joined.copy()
+        for p in np.unique(pose):
+            rows = np.flatnonzero(pose == p)
+            U, s, _ = np.linalg.svd(local[rows], full_matrices=False)
+            U = U[:, s > 1e-9 * max(float(s[0]), 1e-300)]
+            joined[rows] -= U @ (U.T @ joined[rows])
+            rank += U.shape[1]
+    length = np.linalg.norm(np.hstack([y, overall])[:, 1:], axis=0)
+    X = joined[:, 1:][:, length > 0] / length[length > 0]
+    U, s, _ = np.linalg.svd(X, full_matrices=False)
+    U = U[:, s > 1e-7]
+    z = joined[:, 0] - U @ (U.T @ joined[:, 0])
+    return float(z @ z), rank + U.shape[1]
 
 
 def _table(
@@ -69,36 +104,25 @@ def _table(
     return tuple(out)
 
 
-def _outside(basis: Array, columns: Array) -> Array:
-    length = np.linalg.norm(columns, axis=0)
-    columns = columns[:, length > 0] / length[length > 0]
-    left = columns - basis @ (basis.T @ columns)
-    left = left - basis @ (basis.T @ left)
-    if not left.shape[1]:
-        return left
-    U, s, _ = np.linalg.svd(left, full_matrices=False)
-    return np.asarray(U[:, s > 1e-7])
-
-
-def _designs(problem: Problem) -> list[tuple[str, Array]]:
-    """Columns of the strata, in the order in which they take their share."""
+def _designs(problem: Problem) -> list[tuple[str, Array, bool]]:
+    """Columns of the strata in the order in which they take their share; True: with coefficients for each pose."""
     channel = _indicators(problem.channel)
-    cell = _indicators(problem.pose * (problem.channel.max() + 1) + problem.channel)
-    out: list[tuple[str, Array]] = []
+    out: list[tuple[str, Array, bool]] = []
     several = problem.load is not None and _levels(problem) > 1
     load = problem.load if problem.load is not None and several else np.ones(problem.rows)
     if problem.time is not None and np.ptp(problem.time) > 0:
         s = (problem.time - problem.time.mean()) / np.ptp(problem.time)
-        out.append(("time", np.hstack([channel * s[:, None], channel * (s**2)[:, None]])))
+        out.append(("time", np.hstack([channel * s[:, None], channel * (s**2)[:, None]]), False))
     if problem.temperature is not None and np.ptp(problem.temperature) > 0:
-        out.append(("temperature", channel * (problem.temperature - problem.temperature.mean())[:, None]))
+        warm = (problem.temperature - problem.temperature.mean())[:, None]
+        out.append(("temperature", channel * warm, False))
     if problem.branch is not None and np.ptp(problem.branch) > 0:
-        out.append(("loading against unloading", np.hstack([cell * problem.branch[:, None]])))
-    out.append(("proportional to load, by pose", cell * load[:, None]))
+        out.append(("loading against unloading", channel * problem.branch[:, None], True))
+    out.append(("proportional to load, by pose", channel * load[:, None], True))
     if several:
-        out.append(("common to a pose's load cases", cell))
+        out.append(("common to a pose's load cases", channel, True))
         if _levels(problem) > 2:
-            out.append(("nonlinear in load", cell * (load**2)[:, None]))
+            out.append(("nonlinear in load", channel * (load**2)[:, None], True))
     return out
 
 
@@ -110,6 +134,5 @@ def _levels(problem: Problem) -> int:
     )
 
 
-def _indicators(label: Array | np.ndarray[tuple[int, ...], np.dtype[np.intp]]) -> Array:
-    values = np.unique(label)
-    return np.asarray(label[:, None] == values[None, :], dtype=float)
+def _indicators(label: Index) -> Array:
+    return np.asarray(label[:, None] == np.unique(label)[None, :], dtype=float)
