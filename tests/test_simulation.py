@@ -18,10 +18,13 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
-from symstiff.calibration.simulation import Truth, clean_response, prepare
+from symstiff.calibration.simulation import Effect, Truth, clean_response, nominal_truth, prepare
+from symstiff.calibration.simulation.chain import chain_of
 from symstiff.calibration.simulation.equilibrium import States, equilibrium, response
+from symstiff.calibration.simulation.nominal import linear_compliance
 from symstiff.errors import UserError
-from symstiff.robot import load
+from symstiff.robot import library, load
+from symstiff.symbolic.numeric import kinematics
 
 
 def test_a_small_load_gives_the_linear_deflection_of_a_finite_difference_jacobian():
@@ -37,6 +40,25 @@ def test_a_small_load_gives_the_linear_deflection_of_a_finite_difference_jacobia
     expected = np.array(expected)
     got = clean_response(truth, q, w)
     assert np.abs(got - expected).max() < 1e-6 * np.abs(expected).max()
+
+
+@pytest.mark.parametrize("name", library())
+def test_the_linear_model_of_the_package_is_the_limit_of_small_loads(name):
+    """Two programs that share nothing but the robot file, in both DH conventions."""
+    robot = load(name)
+    truth = Truth(robot, nominal_truth(robot), weights=False)
+    q, w = poses(robot, 5, 3), np.random.default_rng(2).normal(size=(5, 6)) * 1e-3
+    j, k = kinematics(robot, q).J_theta, linear_compliance(chain_of(robot), dict(truth.compliance))
+    expected = np.einsum("nav,vu,nbu,nb->na", j, k, j, w)
+    assert np.abs(clean_response(truth, q, w) - expected).max() < 2e-6 * np.abs(expected).max()
+
+
+def test_gaps_that_close_at_once_still_have_an_equilibrium():
+    robot = load("kuka_kr270")
+    gaps = [Effect("backlash", {"joint": j}, values={"gap": 5e-4, "knee": 1e-3}) for j in range(1, 7)]
+    w = np.random.default_rng(2).normal(size=(60, 6)) * 1000
+    moved = clean_response(Truth(robot, nominal_truth(robot), tuple(gaps)), poses(robot, 60, 3), w)
+    assert np.isfinite(moved).all()
 
 
 def test_the_error_of_the_linear_model_grows_with_the_square_of_the_load():

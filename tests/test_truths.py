@@ -15,6 +15,7 @@ from symstiff.calibration.simulation import (
     Noise,
     Truth,
     clean_response,
+    describe_effects,
     load_truth,
     nominal_truth,
     run_simulation,
@@ -152,6 +153,12 @@ def test_the_compensator_spring_pulls_by_the_derivative_of_its_energy():
     assert np.linalg.norm(moved[:3]) == pytest.approx(abs(c * torque) * reach, rel=1e-5)
 
 
+def test_every_shape_is_listed_with_its_parameters():
+    lines = describe_effects().splitlines()
+    assert len(lines) == len(SHAPES)
+    assert "backlash (tanh); where = {joint = …}; gap, knee = 5.0" in lines
+
+
 # Truth files and tables.
 
 TRUTH = """
@@ -254,3 +261,13 @@ def test_a_truth_finds_its_robot_beside_it(tmp_path):
     (tmp_path / "stick.toml").write_text(text)
     (tmp_path / "truth.toml").write_text('format = 1\nrobot = "stick.toml"\n')
     assert load_truth(tmp_path / "truth.toml").robot.name == "stick"
+
+
+def test_a_drift_without_a_shape_sits_where_it_is_put():
+    rate = {"rate": [1e-6, 0, 0]}
+    device = BARE.with_effects(Effect("thermal_drift", {"measurement": "frame"}, values=rate))
+    moved = responses(device, "deflection") - responses(BARE, "deflection")
+    assert np.allclose(moved[:, 0], np.arange(1, 9) * 1e-4, rtol=1e-9)
+    link = BARE.with_effects(Effect("thermal_drift", {"link": 2}, values=rate))
+    grown = responses(link, "deflection") - responses(BARE, "deflection")
+    assert np.allclose(np.linalg.norm(grown[:, :3], axis=1), np.arange(1, 9) * 1e-4, rtol=1e-2)

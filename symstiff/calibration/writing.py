@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import csv
 import io
-import os
 from math import degrees
 from pathlib import Path
 from typing import Literal
@@ -14,6 +13,7 @@ from numpy.typing import NDArray
 
 from symstiff.calibration.measurements import COMPONENTS, Measurements
 from symstiff.errors import UserError
+from symstiff.files import write_file
 
 Column = list[str] | NDArray[np.float64]
 
@@ -32,18 +32,7 @@ def write_table(table: Measurements, path: str | Path, angle: Literal["rad", "de
     writer = csv.writer(buffer, lineterminator="\n")
     writer.writerow(content)
     writer.writerows(zip(*(_texts(column) for column in content.values()), strict=True))
-    write_atomically(Path(path), buffer.getvalue().encode("utf-8"))
-
-
-def write_atomically(path: Path, data: bytes) -> None:
-    """Write a file whole or not at all: to a temporary sibling, then moved. Raises UserError."""
-    temporary = path.with_name(f".{path.name}.{os.getpid()}.part")
-    try:
-        temporary.write_bytes(data)
-        os.replace(temporary, path)
-    except OSError as error:
-        temporary.unlink(missing_ok=True)
-        raise UserError(f"{path}: cannot write: {error.strerror}: choose another place") from error
+    write_file(path, buffer.getvalue())
 
 
 def columns(table: Measurements, angle: Literal["rad", "deg"] = "rad") -> dict[str, Column]:

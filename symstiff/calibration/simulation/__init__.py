@@ -12,7 +12,7 @@ from symstiff.calibration.simulation import (  # noqa: F401  (imported to regist
 )
 from symstiff.calibration.simulation.experiment import clean_response, prepare, run_simulation, simulate
 from symstiff.calibration.simulation.nominal import nominal_truth
-from symstiff.calibration.simulation.phenomena import SHAPES, Effect
+from symstiff.calibration.simulation.phenomena import SHAPES, Effect, describe_effects
 from symstiff.calibration.simulation.truth import (
     Device,
     Environment,
@@ -30,6 +30,7 @@ __all__ = [
     "Noise",
     "Truth",
     "clean_response",
+    "describe_effects",
     "load_truth",
     "nominal_truth",
     "prepare",

@@ -21,8 +21,6 @@ from symstiff.errors import UserError
 Reading = Callable[[States, Floats, str], Floats]
 """``reading(states, values, kind)``: what the device makes of values (M, 6), deflections or absolute."""
 
-PLACES = ("joint", "joints", "link", "load", "measurement", "tool", "robot", "rows")
-
 
 @dataclass(frozen=True)
 class Additions:
@@ -108,7 +106,9 @@ def shape_of(effect: Effect) -> Shape:
         known = ", ".join(dict.fromkeys(name for name, _ in SHAPES))
         raise UserError(f"unknown effect {effect.effect!r}: use one of {known}")
     if not effect.shape:
-        return shapes[0]
+        given = effect.where if isinstance(effect.where, Mapping) else {}
+        fits = [s for s in shapes if s.place in given] or [s for s in shapes if _placeless(s)]
+        return (fits or shapes)[0]
     for shape in shapes:
         if shape.shape == effect.shape:
             return shape
@@ -116,6 +116,23 @@ def shape_of(effect: Effect) -> Shape:
         f"effect {effect.effect}: unknown shape {effect.shape!r}: "
         f"use one of {', '.join(s.shape for s in shapes)}"
     )
+
+
+def _placeless(shape: Shape) -> bool:
+    return shape.place not in ("joint", "joints", "link")
+
+
+def describe_effects() -> str:
+    """List what a truth may contain, a line a shape: effect, shape, place, parameters to give, options."""
+    lines = []
+    for s in SHAPES.values():
+        sizes = [name for name in s.amplitudes if name not in s.defaults]
+        options = [f"{name} = {list(v) if isinstance(v, tuple) else v}" for name, v in s.defaults.items()]
+        where = f"where = {{{s.place} = …}}" if not _placeless(s) else ""
+        lines.append(
+            "; ".join(x for x in (f"{s.effect} ({s.shape})", where, ", ".join(sizes + options)) if x)
+        )
+    return "\n".join(lines)
 
 
 def build(effect: Effect, chain: Chain, compliance: Floats) -> Additions:
@@ -143,7 +160,7 @@ def build(effect: Effect, chain: Chain, compliance: Floats) -> Additions:
 
 
 def _where(where: Any, place: str, chain: Chain, label: str) -> Any:
-    if place in ("load", "measurement", "tool", "robot", "rows"):
+    if place not in ("joint", "joints", "link"):
         return None
     given = where.get(place) if isinstance(where, Mapping) else None
     expected = "[j, k]" if place == "joints" else "a number"

@@ -15,7 +15,7 @@
     [[effect]]                           # as many as wanted; effects of the catalogue, and others
     effect = "backlash"
     where = {joint = 3}
-    shape = "tanh"                       # optional: an effect has several (see SHAPES)
+    shape = "tanh"                       # optional: see describe_effects()
     gap = 2e-4                           # the shape's parameters, SI units
 
     [noise]                              # every key optional
