@@ -161,6 +161,21 @@ def split_sign(expression: sp.Expr) -> tuple[int, sp.Expr]:
     return 1, expression
 
 
+def negative(expression: sp.Expr) -> bool:
+    """True for exactly one of x and −x: the one to bind with the other sign."""
+    if not expression.is_Add:
+        return split_sign(expression)[0] < 0
+    split = [split_sign(a) for a in expression.args]
+    balance = sum(sign for sign, _ in split)
+    if balance:
+        return balance < 0
+    names = [tuple(sorted(s.name for s in e.free_symbols)) for _, e in split]
+    first = min(names)
+    if names.count(first) > 1:
+        return bool(expression.could_extract_minus_sign())
+    return split[names.index(first)][0] < 0
+
+
 @dataclass
 class Builder:
     """Collects let-bound statements; equal expressions (up to sign) share one temporary."""
@@ -180,17 +195,18 @@ class Builder:
         if expression.is_Mul and len(expression.args) == 2 and expression.args[0] is sp.S.NegativeOne:
             inner = expression.args[1]
             return expression if inner.is_Atom else -self.let(inner)
-        if expression.could_extract_minus_sign():
-            return -self.let(-expression)
         if expression.is_Add:
             expression = sp.Add(*[self._product(a) for a in expression.args])
             if not expression.is_Add:
                 return self.let(expression)
-            if expression.could_extract_minus_sign():
-                return -self.let(-expression)
+        if negative(expression):
+            return -self._bound(-expression)
+        return self._bound(expression)
+
+    def _bound(self, expression: sp.Expr) -> sp.Symbol:
         symbol = self._known.get(expression)
         if symbol is None:
-            symbol = self._known[expression] = sp.Symbol(f"t{len(self._known)}", real=True)
+            symbol = self._known[expression] = sp.Symbol(f"t{len(self._known)}")
             self.statements.append(Let(symbol, expression))
         return symbol
 
@@ -210,7 +226,7 @@ class Builder:
         for known in self.constants:
             if known.exact == exact:
                 return known.symbol
-        symbol = sp.Symbol(f"const{len(self.constants)}", real=True)
+        symbol = sp.Symbol(f"const{len(self.constants)}")
         self.constants.append(Constant(symbol, exact, rational))
         return symbol
 
@@ -239,8 +255,8 @@ class Builder:
         return self._angles[angle]
 
     def _trigonometric(self, angle: sp.Expr, name: str) -> tuple[sp.Expr, sp.Expr]:
-        pair = sp.Symbol(f"c{name}", real=True), sp.Symbol(f"s{name}", real=True)
-        argument = angle if angle.is_Symbol else sp.Symbol(f"a{name}", real=True)
+        pair = sp.Symbol(f"c{name}"), sp.Symbol(f"s{name}")
+        argument = angle if angle.is_Symbol else sp.Symbol(f"a{name}")
         if not angle.is_Symbol:
             self.statements.append(Let(argument, angle))
         self.statements += [Let(pair[0], sp.cos(argument)), Let(pair[1], sp.sin(argument))]
@@ -355,7 +371,7 @@ def _renamed(statements: Sequence[Statement]) -> tuple[Statement, ...]:
         if isinstance(statement, Let):
             symbol = statement.symbol
             if symbol.name[0] == "t" and symbol.name[1:].isdigit():
-                names[symbol] = sp.Symbol(f"t{next(numbers)}", real=True)
+                names[symbol] = sp.Symbol(f"t{next(numbers)}")
             renamed.append(Let(names.get(symbol, symbol), expression))
         else:
             renamed.append(Emit(statement.vector, statement.index, expression))

@@ -327,7 +327,8 @@ def _split(twist: Sequence[sp.Expr]) -> Twist:
 def _congruent(matrix: list[list[sp.Expr]], move: Callable[[Twist], Twist]) -> list[list[sp.Expr]]:
     """T·X·Tᵀ for the linear map T of twists: columns first, then rows."""
     half = [_joined(move(_split([matrix[r][c] for r in range(6)]))) for c in range(6)]  # (T X)ᵀ
-    return [_joined(move(_split([half[c][r] for c in range(6)]))) for r in range(6)]
+    rows = [_joined(move(_split([half[c][r] for c in range(6)]))) for r in range(6)]
+    return [[rows[min(i, j)][max(i, j)] for j in range(6)] for i in range(6)]
 
 
 def _joined(twist: Twist) -> list[sp.Expr]:

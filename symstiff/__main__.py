@@ -1,0 +1,5 @@
+"""``python -m symstiff``."""
+
+from symstiff.cli import main
+
+main()

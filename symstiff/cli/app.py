@@ -1,0 +1,199 @@
+"""The commands and their options; what they do stands in the modules that they import."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+app = typer.Typer(
+    name="symstiff",
+    help="Complete stiffness models of serial robots: derived, reduced, identified, emitted as C and CasADi.",
+    no_args_is_help=True,
+    add_completion=False,
+    pretty_exceptions_enable=False,
+    rich_markup_mode="rich",
+    context_settings={"help_option_names": ["-h", "--help"]},
+)
+
+Robot = Annotated[str, typer.Argument(help="A robot of the library (see: symstiff robots) or a robot file.")]
+Json = Annotated[str | None, typer.Option("--json", metavar="FILE|-", help="Write the result as JSON.")]
+Loads = Annotated[str, typer.Option(help="Class of loads: wrench, force or gravity (vertical force).")]
+Measure = Annotated[str, typer.Option(help="What is measured: pose or position.")]
+Fixed = Annotated[str | None, typer.Option(help="Joints that stand still, e.g. q1=0,q4=pi/2 (rad, m).")]
+
+
+@app.callback()
+def _root(
+    version: Annotated[bool, typer.Option("--version", help="Print the version.", is_eager=True)] = False,
+) -> None:
+    if version:
+        from symstiff import __version__
+
+        print(__version__)
+        raise typer.Exit
+
+
+@app.command(epilog="Example: symstiff robots")
+def robots(json: Json = None) -> None:
+    """List the library of robots with degrees of freedom, reach and source."""
+    from symstiff.cli.show import show_robots
+
+    show_robots(json)
+
+
+@app.command(epilog="Example: symstiff inspect kuka_kr270 --loads gravity --measure pose")
+def inspect(
+    robot: Robot,
+    loads: Loads = "wrench",
+    measure: Measure = "pose",
+    fixed: Fixed = None,
+    prefer: Annotated[str | None, typer.Option(help="Parameters to keep first, e.g. k2_66,k3_44.")] = None,
+    avoid: Annotated[str | None, typer.Option(help="Parameters to eliminate first.")] = None,
+    json: Json = None,
+) -> None:
+    """Reduce the complete stiffness model stage by stage (M1 to M5): groups, couplings in closed form."""
+    from symstiff.cli.show import show_reduction
+
+    show_reduction(robot, loads, measure, fixed, _list(prefer), _list(avoid), json)
+
+
+@app.command(epilog="Example: symstiff generate kuka_kr270 -o kr270 --loads gravity")
+def generate(
+    robot: Robot,
+    output: Annotated[Path, typer.Option("-o", "--output", help="Folder to write.")],
+    loads: Annotated[str | None, typer.Option(help="Class of loads: wrench, force or gravity.")] = None,
+    measure: Annotated[str | None, typer.Option(help="What is measured: pose or position.")] = None,
+    fixed: Fixed = None,
+    model: Annotated[Path | None, typer.Option(help="An identified model (model.toml) instead of a fresh one.")] = None,
+    precision: Annotated[str, typer.Option(help="Real type of the C code: double or float.")] = "double",
+    layout: Annotated[str, typer.Option(help="C code: unrolled (fast) or compact (small).")] = "unrolled",
+    targets: Annotated[str, typer.Option(help="What to emit, comma-separated (symstiff targets lists them).")] = "c,casadi",
+    compile: Annotated[bool, typer.Option(help="Compile and run the self-test where a compiler is found.")] = True,
+    json: Json = None,
+) -> None:
+    """Derive, reduce, emit, compile and verify: C and CasADi code for a controller, in a folder that stands alone."""
+    from symstiff.cli.produce import run_generate
+
+    run_generate(robot, output, loads, measure, fixed, model, precision, layout, _list(targets), compile, json)
+
+
+@app.command(epilog="Example: symstiff targets")
+def targets() -> None:
+    """List what `generate --targets` can emit."""
+    from symstiff.codegen.targets import TARGETS
+
+    for name, target in TARGETS.items():
+        print(f"{name:10s} {target.writes}")
+
+
+@app.command(epilog="Example: symstiff plan kuka_kr270 --poses 15 --loads gravity -o poses.csv")
+def plan(
+    robot: Robot,
+    poses: Annotated[int, typer.Option(help="Number of poses.")],
+    output: Annotated[Path, typer.Option("-o", "--output", help="Table of poses (CSV) to write.")],
+    loads: Loads = "wrench",
+    measure: Measure = "pose",
+    criterion: Annotated[str, typer.Option(help="D, A or test (error after compensation at --test-poses).")] = "D",
+    test_poses: Annotated[Path | None, typer.Option(help="Poses at which accuracy matters, for criterion test.")] = None,
+    force: Annotated[float, typer.Option(help="Magnitude of the load [N].")] = 1000.0,
+    candidates: Annotated[int, typer.Option(help="Size of the candidate set.")] = 20000,
+    sigma: Annotated[float, typer.Option(help="Measurement noise of a coordinate [mm].")] = 0.03,
+    levels: Annotated[str | None, typer.Option(help="Distinct values of a joint, e.g. q2=5.")] = None,
+    fixed: Fixed = None,
+    keep_out: Annotated[str | None, typer.Option(help="Box to avoid [m]: x1,y1,z1,x2,y2,z2.")] = None,
+    floor: Annotated[float | None, typer.Option(help="Nothing of the robot below this height [m].")] = None,
+    separate: Annotated[Path | None, typer.Option(help="A verdict.json: choose poses that decide among its effects.")] = None,
+    seed: Annotated[int, typer.Option(help="Seed of the candidate set.")] = 1,
+    refine: Annotated[bool, typer.Option(help="Refine the chosen poses continuously.")] = True,
+    cluster: Annotated[str | None, typer.Option(help="Address of a Dask scheduler, e.g. tcp://host:8786.")] = None,
+    plot: Annotated[Path | None, typer.Option(help="Picture of the poses (PNG or SVG).")] = None,
+    json: Json = None,
+) -> None:
+    """Choose measurement poses by optimal experiment design."""
+    from symstiff.cli.calibrate import PlanRequest, run_plan
+
+    run_plan(
+        PlanRequest(
+            robot, poses, output, loads, measure, criterion, test_poses, force, candidates, sigma, levels, fixed,
+            keep_out, floor, separate, seed, refine, cluster, plot, json,
+        )
+    )  # fmt: skip
+
+
+@app.command(epilog="Example: symstiff simulate truth.toml --poses poses.csv --noise 0.03 --seed 1 -o data.csv")
+def simulate(
+    truth: Annotated[Path, typer.Argument(help="What is true (TOML): compliances, effects, noise.")],
+    poses: Annotated[Path, typer.Option(help="Poses and loads (CSV).")],
+    output: Annotated[Path, typer.Option("-o", "--output", help="Measurement table to write.")],
+    noise: Annotated[float | None, typer.Option(help="Standard deviation of a coordinate [mm].")] = None,
+    seed: Annotated[int, typer.Option(help="Seed of the noise.")] = 0,
+) -> None:
+    """Run a virtual experiment: the nonlinear equilibrium of the elastic robot, measured with noise."""
+    from symstiff.cli.calibrate import run_simulate
+
+    run_simulate(truth, poses, output, noise, seed)
+
+
+@app.command(epilog="Example: symstiff identify kuka_kr270 data.csv -o model.toml")
+def identify(
+    robot: Robot,
+    data: Annotated[list[Path], typer.Argument(help="Measurement tables (CSV).")],
+    output: Annotated[Path, typer.Option("-o", "--output", help="Model file to write.")],
+    start: Annotated[str, typer.Option(help="complete, joints, or a model file.")] = "complete",
+    loads: Annotated[str | None, typer.Option(help="Class of loads; read from the data where not given.")] = None,
+    measure: Annotated[str | None, typer.Option(help="pose or position; read from the data where not given.")] = None,
+    robust: Annotated[bool, typer.Option("--robust", help="Huber's estimator, and a report of outliers.")] = False,
+    physical: Annotated[bool, typer.Option("--physical", help="Keep every link matrix positive semidefinite.")] = False,
+    held_out: Annotated[float, typer.Option(help="Share of the poses kept for validation.")] = 0.0,
+    per_level: Annotated[str | None, typer.Option(help="Joint whose compliance differs for each of its values, e.g. q2.")] = None,
+    reconstruct: Annotated[Path | None, typer.Option(help="Write complete link matrices (JSON) with bounds.")] = None,
+    plot: Annotated[Path | None, typer.Option(help="Picture of the residuals (PNG or SVG).")] = None,
+    seed: Annotated[int, typer.Option(help="Seed of the held-out choice.")] = 0,
+    json: Json = None,
+) -> None:
+    """Identify the parameters from measured deflections, with uncertainty."""
+    from symstiff.cli.calibrate import IdentifyRequest, run_identify
+
+    run_identify(
+        IdentifyRequest(
+            robot, tuple(data), output, start, loads, measure, robust, physical, held_out, per_level, reconstruct,
+            plot, seed, json,
+        )
+    )  # fmt: skip
+
+
+@app.command(epilog="Example: symstiff diagnose kuka_kr270 data.csv --start joints -o report")
+def diagnose(
+    robot: Robot,
+    data: Annotated[list[Path], typer.Argument(help="Measurement tables (CSV).")],
+    output: Annotated[Path, typer.Option("-o", "--output", help="Folder of the report.")],
+    start: Annotated[str, typer.Option(help="complete, joints, or a model file.")] = "complete",
+    loads: Annotated[str | None, typer.Option(help="Class of loads; read from the data where not given.")] = None,
+    measure: Annotated[str | None, typer.Option(help="pose or position; read from the data where not given.")] = None,
+    max_effects: Annotated[int, typer.Option(help="At most so many effects are added.")] = 3,
+    seed: Annotated[int, typer.Option(help="Seed of the bootstrap.")] = 0,
+    json: Json = None,
+) -> None:
+    """Find where model and data disagree, name the missing effect, add it, prove it on held-out poses."""
+    from symstiff.cli.diagnose import DiagnoseRequest, run_diagnose
+
+    run_diagnose(DiagnoseRequest(robot, tuple(data), output, start, loads, measure, max_effects, seed, json))
+
+
+@app.command(epilog="Example: symstiff compensate model.toml trajectory.csv -o corrected.csv")
+def compensate(
+    model: Annotated[Path, typer.Argument(help="An identified model (model.toml).")],
+    trajectory: Annotated[Path, typer.Argument(help="Joint variables and loads (CSV).")],
+    output: Annotated[Path, typer.Option("-o", "--output", help="Corrected trajectory to write.")],
+    json: Json = None,
+) -> None:
+    """Correct a trajectory off-line for the deflections that a model predicts."""
+    from symstiff.cli.calibrate import run_compensate
+
+    run_compensate(model, trajectory, output, json)
+
+
+def _list(text: str | None) -> tuple[str, ...]:
+    return tuple(t.strip() for t in text.split(",") if t.strip()) if text else ()

@@ -1,0 +1,88 @@
+"""The command that produces code."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from symstiff.cli.output import console, stages, write_json
+from symstiff.cli.show import parse_fixed, print_stages
+from symstiff.errors import UserError
+from symstiff.robot import load
+
+if TYPE_CHECKING:
+    from rich.console import Console
+
+    from symstiff.codegen.generate import Generated
+    from symstiff.model import StiffnessModel
+
+
+def run_generate(
+    robot: str,
+    output: Path,
+    loads: str | None,
+    measure: str | None,
+    fixed: str | None,
+    model_file: Path | None,
+    precision: str,
+    layout: str,
+    targets: tuple[str, ...],
+    compile_c: bool,
+    json: str | None,
+) -> None:
+    """Derive, reduce, emit, compile, verify, report."""
+    from symstiff.codegen.generate import generate
+    from symstiff.codegen.options import Options
+
+    options = Options(precision, layout, targets)
+    out = console(json)
+    with stages(out) as progress:
+        progress("deriving and reducing")
+        if model_file is None:
+            model = _fresh(out, robot, loads or "wrench", measure or "pose", fixed)
+        else:
+            model = _identified(robot, model_file, loads, measure)
+        result = generate(model, output, options, compile_c=compile_c, progress=progress)
+    _report(out, result)
+    write_json(json, result.manifest)
+
+
+def _fresh(out: Console, robot: str, loads: str, measure: str, fixed: str | None) -> StiffnessModel:
+    from symstiff.model import StiffnessModel
+    from symstiff.reduction import reduce
+
+    reduction = reduce(load(robot), loads, measure, parse_fixed(fixed))
+    print_stages(out, reduction)
+    return StiffnessModel.of(reduction)
+
+
+def _identified(robot: str, model_file: Path, loads: str | None, measure: str | None) -> StiffnessModel:
+    from symstiff.model import load_model
+
+    model = load_model(model_file)
+    name = load(robot).name
+    if model.robot.name != name:
+        raise UserError(f"{model_file} is a model of {model.robot.name}, not of {name}")
+    for key, wanted, has in (("loads", loads, model.loads), ("measure", measure, model.measure)):
+        if wanted is not None and wanted != has:
+            raise UserError(f"{model_file} was reduced for {key} {has}: leave out --{key} {wanted}, or identify again")
+    return model
+
+
+def _report(out: Console, result: Generated) -> None:
+    from rich.table import Table
+
+    table = Table(title="operations per call", title_justify="left")
+    for column in ("function", "add", "mul", "sign changes", "sin/cos", "other"):
+        table.add_column(column, justify="left" if column == "function" else "right")
+    for name, c in result.manifest["operations"].items():
+        table.add_row(name, *(str(c[k]) for k in ("add", "mul", "neg", "trig", "other")))
+    out.print(table)
+    proof = result.verification
+    if proof.compiled:
+        out.print(f"compiled by {proof.compiler} without a warning, self-test passed")
+    elif "c" in result.manifest["options"]["targets"].split(","):
+        out.print("not compiled: no C compiler was found or wanted (pip install symstiff\\[compiler] brings one)")
+    if proof.max_relative_error is not None:
+        out.print(f"greatest relative error against 50-digit values: {proof.max_relative_error:.1e}")
+    out.print(f"wrote {result.folder}")

@@ -1,0 +1,124 @@
+"""Commands that look: the library of robots, and the reduction of a model."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import TYPE_CHECKING, Any
+
+from symstiff.cli.output import console, write_json
+from symstiff.errors import UserError
+from symstiff.robot import library, load
+from symstiff.robot.exact import Exact, parse_exact
+
+if TYPE_CHECKING:
+    from rich.console import Console
+
+    from symstiff.reduction import Reduction
+
+
+def show_robots(json: str | None) -> None:
+    """List the library."""
+    from rich.table import Table
+
+    table = Table(box=None, pad_edge=False)
+    for column in ("robot", "title", "joints", "reach ≤ [m]", "source"):
+        table.add_column(column, justify="right" if column.startswith(("joints", "reach")) else "left")
+    rows = []
+    for name in library():
+        robot = load(name)
+        kinds = "".join("P" if j.prismatic else "R" for j in robot.joint)
+        table.add_row(name, robot.title, f"{robot.dof} {kinds}", f"{robot.reach:.2f}", robot.source)
+        rows.append({"robot": name, "title": robot.title, "dof": robot.dof, "reach": robot.reach, "source": robot.source})
+    console(json).print(table)
+    write_json(json, rows)
+
+
+def parse_fixed(text: str | None) -> dict[int, Exact]:
+    """``q1=0,q4=pi/2`` as joint → exact value. Raises UserError."""
+    fixed: dict[int, Exact] = {}
+    for part in (text or "").split(","):
+        if not part.strip():
+            continue
+        name, _, value = part.partition("=")
+        joint = name.strip().removeprefix("q")
+        if not joint.isdigit() or not value.strip():
+            raise UserError(f"--fixed {part.strip()!r}: write a joint and its value, e.g. q1=0 or q4=pi/2")
+        fixed[int(joint)] = parse_exact(value.strip())
+    return fixed
+
+
+def show_reduction(
+    robot: str, loads: str, measure: str, fixed: str | None, prefer: Sequence[str], avoid: Sequence[str], json: str | None
+) -> None:
+    """Print the reduction stage by stage."""
+    from symstiff.reduction import reduce
+    from symstiff.reduction.closed_form import closed_form
+
+    reduction = reduce(load(robot), loads, measure, parse_fixed(fixed), prefer, avoid)
+    symbolic = closed_form(reduction)
+    out = console(json)
+    print_stages(out, reduction)
+    _print_groups(out, reduction)
+    _print_couplings(out, symbolic)
+    result = reduction.as_dict()
+    result["couplings_symbolic"] = {e: {k: str(c) for k, c in row.items()} for e, row in symbolic.items()}
+    write_json(json, result)
+
+
+_WHAT = {
+    "original": "{n} joints and {links} links of 36 parameters",
+    "M1": "symmetrisation: k_ij = k_ji",
+    "M2": "sparsing: zeros of the link's template",
+    "M3": "aggregation: joints into the links before them",
+    "M4": "elimination of what has no influence (G1 {g1}, G2 {g2}, G3 {g3})",
+    "M5": "selection of an independent set",
+}
+
+
+def print_stages(out: Console, reduction: Reduction) -> None:
+    """The seed's Table 1 for this robot and class."""
+    from rich.table import Table
+
+    p, robot, e = reduction.partition, reduction.robot, reduction.experiment
+    words = {"n": robot.dof, "links": robot.dof + 1, "g1": len(p.g1), "g2": len(p.g2), "g3": len(p.g3)}
+    table = Table(title=f"{robot.title or robot.name}: loads {e.loads}, measured {e.measure}", title_justify="left")
+    table.add_column("step")
+    table.add_column("parameters", justify="right")
+    table.add_column("what")
+    for step, n in reduction.counts:
+        table.add_row(step, str(n), _WHAT[step].format(**words))
+    out.print(table)
+
+
+def _print_groups(out: Console, reduction: Reduction) -> None:
+    p = reduction.partition
+    for label, names in (("G1 identifiable", p.g1), ("G2 without influence", p.g2), ("G3 semi-identifiable", p.g3)):
+        out.print(f"[bold]{label}[/bold] ({len(names)}): {' '.join(names) or '–'}")
+    for k, block in enumerate(p.blocks, start=1):
+        kept = sum(name in p.kept for name in block)
+        out.print(f"  coupled group {k}: {len(block)} parameters, {kept} independent")
+    out.print(f"[bold]identifiable set[/bold] ({p.rank}): {' '.join(p.kept)}")
+
+
+def _print_couplings(out: Console, couplings: dict[str, dict[str, Any]]) -> None:
+    if not couplings:
+        return
+    from rich.table import Table
+
+    table = Table(title="couplings: column of the eliminated = Σ coefficient × column of the kept", title_justify="left")
+    table.add_column("eliminated")
+    table.add_column("= Σ over kept")
+    for eliminated, row in couplings.items():
+        table.add_row(eliminated, _combination(row))
+    out.print(table)
+
+
+def _combination(row: dict[str, Any]) -> str:
+    text = ""
+    for kept, coefficient in row.items():
+        c = str(coefficient).replace("**", "^").replace("*", "·")
+        negative = c.startswith("-") and not any(s in c[1:] for s in "+-")
+        sign = " − " if negative else " + "
+        c = c.removeprefix("-") if negative else (f"({c})" if any(s in c[1:] for s in "+-") else c)
+        text += sign + (kept if c == "1" else f"{c}·{kept}")
+    return text.removeprefix(" + ").strip()
