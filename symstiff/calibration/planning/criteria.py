@@ -18,8 +18,9 @@ import numpy as np
 
 from symstiff.calibration.planning.parallel import in_threads, slices
 
-_CHUNK = 1024  # candidates at a time: their rows stay in the cache
-_RUN = 16  # chunks that share a running best; fixed, so that threads do not change which candidate wins
+_CHUNK = 4096  # candidates at a time: their rows stay in the cache
+_FIRST = 128  # candidates of a chunk that are evaluated before the others
+_RUN = 4  # chunks that share a running best; fixed, so that threads do not change which candidate wins
 
 
 @dataclass(frozen=True)
@@ -109,7 +110,7 @@ def best_gain(
     """Return the candidate of the largest gain above ``to_beat`` and that gain, or (-1, ``to_beat``).
 
     ``barred`` (N,) excludes candidates. Exact: a candidate is skipped only where an upper bound of its gain
-    (Hadamard's inequality) does not reach the best one found so far. The first of equals wins.
+    (Hadamard's inequality) does not reach the best one found so far. Same inputs, same candidate.
     """
     chunks = _chunks(rows)
     runs = [chunks[start : start + _RUN] for start in range(0, len(chunks), _RUN)]
@@ -127,16 +128,19 @@ def _best_of(
     winner, best = -1, to_beat
     for cut in chunks:
         image = rows[:, cut] @ coordinates.U
-        hopeful = _gain_bound(image, coordinates.spread) > best
+        bound = _gain_bound(image, coordinates.spread)
         if barred is not None:
-            hopeful &= ~barred[cut]
-        index = np.flatnonzero(hopeful)
-        if not len(index):
-            continue
-        found = _gains_of(image[:, index], coordinates.spread)
-        top = int(found.argmax())
-        if found[top] > best:
-            winner, best = cut.start + int(index[top]), float(found[top])
+            bound[barred[cut]] = -np.inf
+        hopeful = np.flatnonzero(bound > best)
+        hopeful = hopeful[np.argsort(-bound[hopeful], kind="stable")]
+        for index in (hopeful[:_FIRST], hopeful[_FIRST:]):  # the most promising ones spare the others
+            index = np.sort(index[bound[index] > best])
+            if not len(index):
+                continue
+            found = _gains_of(image[:, index], coordinates.spread)
+            top = int(found.argmax())
+            if found[top] > best:
+                winner, best = cut.start + int(index[top]), float(found[top])
     return winner, best
 
 

@@ -194,15 +194,15 @@ def _select(
     small = np.ascontiguousarray(rows[:, pool])
     local = Approximate(np.searchsorted(pool, design.support), design.weights, 0.0, design.derivative[pool])
     rng = np.random.default_rng([search.seed, 0])
-    best: Selection | None = None
-    for k in range(max(1, search.starts)):
-        start = greedy(small, poses, criterion, ridge) if k == 0 else random_start(poses, local, rng)
-        start = cover_levels(start, labels[pool], local.derivative)
-        found = exchange(small, start, criterion, ridge, labels[pool])
-        if best is None or found.score > best.score:
-            best = found
-        _report(progress, "exchanging", None, (k + 1) / (max(1, search.starts) + 1))
-    assert best is not None
+    starts = [greedy(small, poses, criterion, ridge)]
+    starts += [random_start(poses, local, rng) for _ in range(search.starts - 1)]
+
+    def improve(start: tuple[int, ...]) -> Selection:
+        covering = cover_levels(start, labels[pool], local.derivative)
+        return exchange(small, covering, criterion, ridge, labels[pool])
+
+    best = max((improve(start) for start in starts), key=lambda found: found.score)
+    _report(progress, "exchanging", None, 0.5)
     final = exchange(rows, tuple(int(pool[i]) for i in best.chosen), criterion, ridge, labels)
     score = criterion.score(information_of(rows[:, list(final.chosen)]))
     if not np.isfinite(score):

@@ -12,8 +12,8 @@ from symstiff.calibration.measurements import Measurements, measurements
 from symstiff.calibration.planning.frames import Geometry, origins
 from symstiff.calibration.planning.plan import Plan
 from symstiff.calibration.table import write_table
-from symstiff.calibration.writing import write_atomically
 from symstiff.errors import UserError
+from symstiff.files import write_file
 
 _SHOWN = 60  # stick figures drawn; further poses are points only
 
@@ -90,4 +90,4 @@ def save_figure(figure: Any, path: str | Path) -> None:
     metadata = {"Date": None} if kind == "svg" else {"Software": None}
     with matplotlib.rc_context({"svg.hashsalt": "symstiff"}):
         figure.savefig(buffer, format=kind, dpi=150, metadata=metadata)
-    write_atomically(path, buffer.getvalue())
+    write_file(path, buffer.getvalue())
