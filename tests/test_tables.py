@@ -203,6 +203,12 @@ def test_poses_need_nothing_measured_and_keep_what_is(tmp_path):
     assert "missing" in refusal(tmp_path, "pose,q1[deg],fz[N]\na,10,-5\nb,10,\n", read_poses)
 
 
+def test_a_trajectory_needs_no_labels_and_may_come_back_to_a_place(tmp_path):
+    table = read_poses(save(tmp_path, "q1[deg],fz[N]\n10,-5\n20,-5\n10,-5\n"))
+    assert table.labels == ("1", "2", "3")
+    assert list(table.pose) == [0, 1, 2]
+
+
 def test_a_table_is_held_against_its_robot(tmp_path):
     table = read_measurements(save(tmp_path, GOOD))
     robot = from_table(TWO)

@@ -62,7 +62,7 @@ def read_header(cells: list[str], place: str, purpose: Literal["measured", "pose
         if name in named:
             raise UserError(f"{place}: two columns {name!r}: keep one")
         named[name] = column
-    if "pose" not in named:
+    if "pose" not in named and purpose == "measured":
         raise UserError(f"{place}: no column 'pose': add one with a label for each robot configuration")
     joints = _joints(named, place)
     joint_units = tuple("rad" if "angle" in dimensions(named[name].unit) else "m" for name in joints)

@@ -57,7 +57,8 @@ def read_measurements(paths: Paths) -> Measurements:
 def read_poses(paths: Paths) -> Measurements:
     """Read poses tables or trajectories: the columns of a measurement table, measured ones may be absent.
 
-    Raises UserError with file and line.
+    Without a column ``pose`` every row is a configuration of its own, labelled by its number. Raises
+    UserError with file and line.
     """
     return _read(paths, "poses")
 
@@ -137,7 +138,10 @@ class _Reader:
 
     def table(self) -> Measurements:
         rows, dof = len(self.lines), len(self.columns.joints)
-        labels, pose = self._names("pose")
+        if "pose" in self.columns.named:
+            labels, pose = self._names("pose")
+        else:  # a trajectory: every row a pose of its own
+            labels, pose = tuple(str(k + 1) for k in range(rows)), np.arange(rows)
         points, point = self._names("point") if "point" in self.columns.named else (("tcp",), pose * 0)
         q = np.empty((rows, dof))
         for k, name in enumerate(self.columns.joints):
