@@ -88,10 +88,19 @@ class CAlgebra:
 
 
 def c_body(
-    program: Program, inputs: Mapping[str, Callable[[int], str]], *, single: bool = False, indent: str = "    "
+    program: Program,
+    inputs: Mapping[str, Callable[[int], str]],
+    *,
+    single: bool = False,
+    indent: str = "    ",
+    algebra: CAlgebra | None = None,
+    store: str = "{vector}[{index}]",
 ) -> str:
-    """The statements of a program as C; ``inputs`` names the C expression of each element of each input."""
-    algebra = CAlgebra(single)
+    """The statements of a program as C; ``inputs`` names the C expression of each element of each input.
+
+    algebra: how expressions are written where not as plain C; store: where an output's element goes.
+    """
+    algebra = algebra or CAlgebra(single)
     real = "float" if single else "double"
     lines: list[str] = []
     names: dict[str, list[Any]] = {}
@@ -110,7 +119,8 @@ def c_body(
         if isinstance(statement, Let):
             lines.append(f"const {real} {statement.symbol.name} = {value.code};")
             return Text(statement.symbol.name)
-        lines.append(f"{statement.vector}[{statement.index}] = {value.code};")
+        place = store.format(vector=statement.vector, index=statement.index)
+        lines.append(f"{place} = {value.code};")
         return value
 
     evaluate(program, names, algebra, visit)
