@@ -94,13 +94,19 @@ class StiffnessModel:
         """Every term of the model."""
         kept = set(self.stiffness_parameters)
         terms = terms_of(tuple(p for p in self.compliances if p.name in kept))
-        return (*terms, *(t for r in self.realisations for t in r.terms))
+        # effects that share entries of a link's compliance bring the same terms: each counts once
+        return tuple(dict.fromkeys((*terms, *(t for r in self.realisations for t in r.terms))))
 
     @cached_property
     def _linear(self) -> tuple[str, ...]:
         """Parameters whose column needs no other parameter's value."""
         bilinear = {t.parameter for t in self.terms if _bilinear(t)}
         return tuple(n for n in self.parameters if n not in bilinear)
+
+    @property
+    def is_linear(self) -> bool:
+        """Whether Δt is linear in all parameters."""
+        return len(self._linear) == len(self.parameters)
 
     @cached_property
     def deflection_program(self) -> Program:
@@ -282,12 +288,17 @@ def known_values(robot: Robot, parameters: Sequence[Parameter]) -> dict[str, flo
     return {n: v for n, v in values.items() if v}
 
 
-def joints_only(robot: Robot, loads: str = "wrench", measure: str = "pose") -> StiffnessModel:
+def joints_only(
+    robot: Robot,
+    loads: str = "wrench",
+    measure: str = "pose",
+    fixed: Mapping[int, Any] | None = None,
+) -> StiffnessModel:
     """The conventional model of rigid links: one compliance a joint (the seed's J models), reduced for the class."""
     rigid = _without_links(robot)
     from symstiff.reduction.reduce import reduce
 
-    reduction = reduce(rigid, loads, measure)
+    reduction = reduce(rigid, loads, measure, fixed)
     return StiffnessModel(robot, reduction.kept, loads, measure, (), known_values(rigid, reduction.kept))
 
 

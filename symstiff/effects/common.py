@@ -54,7 +54,17 @@ def exact(value: Any) -> sp.Rational:
 
 def smooth_sign(x: sp.Expr, width: sp.Expr) -> sp.Expr:
     """±1 away from zero, linear within ``width``: tanh(x/width)."""
-    return sp.tanh(x / width)
+    return sp.tanh(x / width, evaluate=False)
+
+
+def size(x: sp.Expr) -> sp.Expr:
+    """|x|, left as it stands: SymPy's questions about a weight's sign take seconds."""
+    return sp.Abs(x, evaluate=False)
+
+
+def direction(x: sp.Expr) -> sp.Expr:
+    """Sign of x, left as it stands."""
+    return sp.sign(x, evaluate=False)
 
 
 def load_of(joint: int) -> sp.Symbol:

@@ -13,6 +13,7 @@ set.
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from functools import cache
 from itertools import pairwise
 
@@ -50,27 +51,43 @@ def _realise(robot: Robot, where: Where, shape: Shape) -> Realisation:
     if angles:
         return _by_angle(robot, where, j, angles)
     c = parameter(NAME, where, "c", "rad/(N*m)", -1e-3, 1e-3, 1e-7)
-    return Realisation((c,), (Term(c.name, actuated_joint(j), load_of(j) * _spring(robot, j, shape)),))
+    return Realisation((c,), (Term(c.name, actuated_joint(j), _spring(robot, j, shape)),))
 
 
 def _spring(robot: Robot, j: int, shape: Shape) -> sp.Expr:
+    """τ·k̂/(1 + r·k̂), put together without SymPy's simplifications, which take most of a diagnosis's time."""
     known = _known(robot)
-    values = [
-        shape.get(k, known.get(k, d)) for k, d in (("a", 0.7), ("L", 0.19), ("s0", 0.46), ("alpha", 0.0))
-    ]
-    law = _normalised(*values).subs(sp.Symbol("q", real=True), q(j))
-    ratio = exact(shape.get("ratio", 0.0))
-    return law / (1 + ratio * law)
+    a, L, s0, alpha = (
+        float(shape.get(k, known.get(k, d)))
+        for k, d in (("a", 0.7), ("L", 0.19), ("s0", 0.46), ("alpha", 0.0))
+    )
+    with sp.evaluate(False):
+        law = _stiffness(a, L, s0).xreplace({_ANGLE: q(j), _ALPHA: exact(alpha)})
+        ratio = exact(shape.get("ratio", 0.0))
+        return load_of(j) * law / (1 + ratio * law) if ratio else load_of(j) * law
+
+
+_ANGLE, _ALPHA = sp.symbols("q alpha", real=True)
 
 
 @cache
-def _normalised(a: float, L: float, s0: float, alpha: float) -> sp.Expr:
+def _stiffness(a: float, L: float, s0: float) -> sp.Expr:
     """k̂(q): the spring's stiffness over its largest size."""
-    symbols = sp.symbols("a L s_0 alpha", real=True)
-    law = spring_stiffness().subs({s: exact(v) for s, v in zip(symbols, (a, L, s0, alpha), strict=True)})
-    turn = np.linspace(-math.pi, math.pi, 721)
-    largest = float(np.abs(sp.lambdify(sp.Symbol("q", real=True), law, "numpy")(turn)).max())
-    return law / exact(f"{largest:.9g}")
+    values = {s: exact(v) for s, v in zip(sp.symbols("a L s_0", real=True), (a, L, s0), strict=True)}
+    return spring_stiffness().xreplace(values) / exact(f"{_largest(a, L, s0):.9g}")
+
+
+@cache
+def _largest(a: float, L: float, s0: float) -> float:
+    """Largest size of the spring's stiffness over a turn, for unit rate."""
+    law = _numeric_stiffness()
+    return float(np.abs(law(a, L, s0, 0.0, np.linspace(-math.pi, math.pi, 721))).max())
+
+
+@cache
+def _numeric_stiffness() -> Callable[..., np.ndarray]:
+    symbols = sp.symbols("a L s_0 alpha q", real=True)
+    return sp.lambdify(symbols, spring_stiffness(), "numpy")  # type: ignore[no-any-return]
 
 
 def _by_angle(robot: Robot, where: Where, j: int, angles: list[float]) -> Realisation:

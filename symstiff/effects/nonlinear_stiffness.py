@@ -10,7 +10,17 @@ from __future__ import annotations
 import sympy as sp
 
 from symstiff.effects.base import Effect, Realisation, Scales, Shape, Where
-from symstiff.effects.common import BOTH, compliance_unit, exact, joints, of_total_load, parameter, weighed
+from symstiff.effects.common import (
+    BOTH,
+    compliance_unit,
+    direction,
+    exact,
+    joints,
+    of_total_load,
+    parameter,
+    size,
+    weighed,
+)
 from symstiff.robot.schema import Robot
 from symstiff.symbolic.terms import Term, actuated_joint
 
@@ -26,7 +36,7 @@ def _realise(robot: Robot, where: Where, shape: Shape) -> Realisation:
     if "load" not in shape:
         c2 = parameter(NAME, where, "c2", _per_load(unit, 2), -1e-6, 1e-6, 1e-10)
         c3 = parameter(NAME, where, "c3", _per_load(unit, 3), -1e-8, 1e-8, 1e-13)
-        laws = (lambda x: x * sp.Abs(x), lambda x: x**3)
+        laws = (lambda x: x * size(x), lambda x: x**3)
         terms = [
             Term(p.name, at, of_total_load(law, robot, j, shape))
             for p, law in zip((c2, c3), laws, strict=True)
@@ -46,13 +56,13 @@ def _per_load(unit: str, power: int) -> str:
 
 def _bend(x: sp.Expr, shape: Shape) -> sp.Expr:
     if "knee" in shape:
-        return x - (sp.Abs(x + 1) - sp.Abs(x - 1)) / 2
+        return x - (size(x + 1) - size(x - 1)) / 2
     if "saturation" in shape:
-        return sp.tanh(x)
+        return sp.tanh(x, evaluate=False)
     power = exact(shape["power"])
     if power == 2:
-        return x * sp.Abs(x)
-    return x**power if power.is_odd else sp.sign(x) * sp.Abs(x) ** power
+        return x * size(x)
+    return x**power if power.is_odd else direction(x) * size(x) ** power
 
 
 def _shapes(robot: Robot, where: Where, scales: Scales) -> tuple[Shape, ...]:

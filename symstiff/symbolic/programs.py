@@ -183,7 +183,7 @@ def deflection_program(chain: ElasticChain, terms: Sequence[Term], parameters: S
 def _with_weights(
     passes: Passes, laws: Laws, loads: dict[VirtualJoint, sp.Expr]
 ) -> dict[VirtualJoint, sp.Expr]:
-    """Add the loads of wrenches on the links (kind ``body``), collected from the tip to the base."""
+    """Add the loads of wrenches on the links (kind ``body``) on all virtual joints before them, tip to base."""
     chain, b = passes.chain, passes.b
     ups = [in_base(passes.base, IDENTITY[2])]
     for i in range(1, chain.dof + 1):
@@ -192,22 +192,28 @@ def _with_weights(
         ups.append(b.vector(turn_x(b.vector(turn_z(ups[-1], c, -s)), ca, -sa)))  # type: ignore[arg-type]
     values = {up(i, k + 1): u[k] for i, u in enumerate(ups) for k in range(3)}
     total = dict(loads)
-    force, moment = ZERO, ZERO
+
+    def wrench(body: int) -> list[sp.Expr]:
+        return [bound(b, laws.at(VirtualJoint("body", body, a)), values) for a in AXES]
+
+    payload = wrench(chain.dof + 1)
+    force: Vec = b.vector(payload[:3])  # type: ignore[assignment]
+    moment: Vec = b.vector(payload[3:])  # type: ignore[assignment]
     for i in range(chain.dof, -1, -1):
-        body = [bound(b, laws.at(VirtualJoint("body", i, a)), values) for a in AXES]
-        force: Vec = b.vector(plus(force, (body[0], body[1], body[2])))  # type: ignore[no-redef]
-        moment: Vec = b.vector(plus(moment, (body[3], body[4], body[5])))  # type: ignore[no-redef]
         e = chain.elastic_axes(b, i)
         for k in range(3):
             total[link_joint(i, k + 1)] += dot(e[k], force)
             total[link_joint(i, k + 4)] += dot(e[k], moment)
+        body = wrench(i)
+        force = b.vector(plus(force, (body[0], body[1], body[2])))  # type: ignore[assignment]
+        moment = b.vector(plus(moment, (body[3], body[4], body[5])))  # type: ignore[assignment]
         if i:
             ca, sa = chain.alpha(b, i)
             c, s = passes.turns.pairs[i - 1]
-            force = b.vector(turn_x(force, ca, sa))
-            moment = b.vector(turn_x(moment, ca, sa))
-            moment = b.vector(plus(moment, cross(chain.offset(i), force)))
-            force, moment = b.vector(turn_z(force, c, s)), b.vector(turn_z(moment, c, s))
+            force = b.vector(turn_x(force, ca, sa))  # type: ignore[assignment]
+            moment = b.vector(turn_x(moment, ca, sa))  # type: ignore[assignment]
+            moment = b.vector(plus(moment, cross(chain.offset(i), force)))  # type: ignore[assignment]
+            force, moment = b.vector(turn_z(force, c, s)), b.vector(turn_z(moment, c, s))  # type: ignore[assignment]
             total[actuated_joint(i)] += force[2] if chain.rows[i - 1].prismatic else moment[2]
     return {v: b.let(x) for v, x in total.items()}
 
