@@ -44,7 +44,8 @@ def summary(plan: Plan) -> dict[str, Any]:
         "score": plan.score,
         "expected_error_mm": None if plan.expected_error is None else 1e3 * plan.expected_error,
         "efficiency": {
-            "over_random": plan.over_random,
+            # random draws that find no parameter at all make the ratio infinite, which JSON cannot say
+            "over_random": plan.over_random if np.isfinite(plan.over_random) else None,
             "over_candidates": plan.over_candidates,
             "of_bound": plan.of_bound,
         },
