@@ -1,1 +1,1 @@
-
+"""Reports: tables, pictures, HTML."""

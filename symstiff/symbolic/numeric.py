@@ -11,7 +11,12 @@ from symstiff.robot.schema import Robot
 from symstiff.symbolic.algebras import evaluate_numpy
 from symstiff.symbolic.chain import ElasticChain, frames
 from symstiff.symbolic.program import Builder, Program
-from symstiff.symbolic.programs import forward_program, q_vector, virtual_jacobian_program
+from symstiff.symbolic.programs import (
+    forward_program,
+    jacobian_program,
+    q_vector,
+    virtual_jacobian_program,
+)
 from symstiff.symbolic.terms import VirtualJoint
 
 
@@ -71,3 +76,13 @@ def _frames_program(chain: ElasticChain) -> Program:
     b.output("R", (n, 3, 3), [axes[k][r] for axes in f.axes for r in range(3) for k in range(3)])
     b.output("rho", (n, 3), [x for lever in f.levers for x in lever])
     return b.build()
+
+
+@lru_cache(maxsize=32)
+def _joint_program(robot: Robot) -> Program:
+    return jacobian_program(ElasticChain(robot))
+
+
+def joint_jacobian(robot: Robot, q: np.ndarray) -> np.ndarray:
+    """Jacobian of the actuated joints at the tool centre point in base axes (N, 6, n)."""
+    return evaluate_numpy(_joint_program(robot), q=q)["J"]

@@ -1,0 +1,255 @@
+"""Identification: the experiment is read from the data, the model reduced to it, the parameters fitted and judged."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from symstiff.calibration.axes import axis_hint_refit
+from symstiff.calibration.constrained import ConstrainedEstimate, constrain
+from symstiff.calibration.estimate import Estimate, estimate
+from symstiff.calibration.measurements import Measurements
+from symstiff.calibration.residuals import ResidualTable, residual_table, split
+from symstiff.calibration.robust import RobustEstimate, robust_estimate
+from symstiff.calibration.rows import Equations, equations, predict, weights
+from symstiff.calibration.soundness import check_determined, check_loads, check_poses
+from symstiff.calibration.table import check_robot
+from symstiff.effects.base import EffectInstance
+from symstiff.errors import UserError
+from symstiff.model import StiffnessModel, joints_only, load_model
+from symstiff.reduction import Reduction, reduce
+from symstiff.reduction.svd import numeric_partition
+from symstiff.robot.schema import Robot
+
+_ROUNDS = 8
+
+
+@dataclass(frozen=True)
+class ExperimentClass:
+    """What a table lets one identify: class of loads and measurement, joints that never move."""
+
+    loads: str
+    measure: str
+    fixed: Mapping[int, float]
+
+
+def experiment_of(table: Measurements, robot: Robot) -> ExperimentClass:
+    """Read the class of the experiment from the columns that vary."""
+    used = np.abs(table.w).max(axis=0) > 0
+    loads = "wrench" if used[3:].any() else ("force" if used[:2].any() else "gravity")
+    still = {
+        i: float(table.q[0, i - 1])
+        for i in range(1, robot.dof + 1)
+        if np.ptp(table.q[:, i - 1]) < 1e-9 and len(table.labels) > 1
+    }
+    return ExperimentClass(loads, "pose" if _sees_rotation(table, robot) else "position", still)
+
+
+def _sees_rotation(table: Measurements, robot: Robot) -> bool:
+    """Rotations are measured, or three points that are not on one line are."""
+    if table.measured[:, 3:].any():
+        return True
+    places = np.array([[float(x) for x in robot.marker_position(p)] for p in table.points])
+    return len(places) >= 3 and np.linalg.matrix_rank(places - places[0], tol=1e-6) >= 2
+
+
+@dataclass(frozen=True, eq=False)
+class Identification:
+    """An identified model with its uncertainty, residuals before and after, and what was remarked on the way."""
+
+    model: StiffnessModel
+    reduction: Reduction | None
+    fit: Estimate
+    equations: Equations
+    training: ResidualTable
+    validation: ResidualTable | None
+    robust: RobustEstimate | None
+    physical: ConstrainedEstimate | None
+    remarks: tuple[str, ...]
+    train: Measurements
+    held_out: Measurements | None
+
+    def as_dict(self) -> dict[str, Any]:
+        """For JSON: parameters with uncertainty, residual tables in metres and radians, remarks."""
+        record = (self.robust or self.fit).to_dict()
+        record |= {
+            "robot": self.model.robot.name,
+            "loads": self.model.loads,
+            "measure": self.model.measure,
+            "residuals": self.training.to_dict(),
+            "held_out": self.validation.to_dict() if self.validation else None,
+            "physical": self.physical.to_dict() if self.physical else None,
+            "remarks": list(self.remarks),
+        }
+        return record
+
+
+def start_model(
+    robot: Robot, start: str, experiment: ExperimentClass
+) -> tuple[StiffnessModel, Reduction | None]:
+    """The model to fit: ``complete`` (reduced for the experiment), ``joints``, or a model file."""
+    if start == "complete":
+        reduction = reduce(robot, experiment.loads, experiment.measure, experiment.fixed)
+        return StiffnessModel.of(reduction), reduction
+    if start == "joints":
+        return joints_only(robot, experiment.loads, experiment.measure, experiment.fixed), None
+    model = load_model(start)
+    if model.robot.name != robot.name:
+        raise UserError(f"{start} is a model of {model.robot.name}, not of {robot.name}")
+    return model, None
+
+
+def identify(
+    robot: Robot,
+    table: Measurements,
+    start: str | StiffnessModel = "complete",
+    *,
+    loads: str | None = None,
+    measure: str | None = None,
+    robust: bool = False,
+    physical: bool = False,
+    held_out: float = 0.0,
+    per_level: int | None = None,
+    seed: int = 0,
+) -> Identification:
+    """Fit a model to a deflection table by weighted least squares (seed eq. 7, 8).
+
+    ``held_out`` is the share of poses kept for validation; ``per_level`` a joint that gets one compliance for each of
+    its distinct values (the seed's C2 and J2). Raises UserError for data that cannot determine the model.
+    """
+    remarks = [*check_robot(table, robot), *check_loads(table.w), *_repeated(table)]
+    seen = experiment_of(table, robot)
+    experiment = ExperimentClass(loads or seen.loads, measure or seen.measure, seen.fixed)
+    if isinstance(start, StiffnessModel):
+        model, reduction = start, None
+    else:
+        model, reduction = start_model(robot, start, experiment)
+    if experiment.fixed and start in ("complete", "joints"):
+        names = ", ".join(f"q{i}" for i in experiment.fixed)
+        remarks.append(f"{names} never move(s): the model is reduced for that")
+    if per_level is not None:
+        model = by_level(model, table, per_level)
+    train, validation = _split(table, held_out, seed)
+    fitted, e, strong = fit_model(model, train, robust=robust)
+    remarks += _axes(model, train, e)
+    check_determined(fitted.rank, fitted.names, len(e.y))
+    values, constrained = _values(fitted, reduction, physical)
+    model = model.with_values(values, _finite(dict(zip(fitted.names, fitted.std.tolist(), strict=True))))
+    return Identification(
+        model,
+        reduction,
+        fitted,
+        e,
+        residual_table(_measured(train), predict(model, train)),
+        residual_table(_measured(validation), predict(model, validation)) if validation is not None else None,
+        strong,
+        constrained,
+        tuple(remarks),
+        train,
+        validation,
+    )
+
+
+def fit_model(
+    model: StiffnessModel, table: Measurements, *, robust: bool = False
+) -> tuple[Estimate, Equations, RobustEstimate | None]:
+    """Fit all parameters jointly; Gauss–Newton where the model is not linear in them."""
+    values = dict(model.values)
+    for _ in range(1 if model.is_linear else _ROUNDS):
+        e = equations(model, table, values)
+        fit = estimate(e.A, e.y, weights(e), model.parameters, units=[model.units[n] for n in model.parameters])
+        step = fit.values - model.vector(values)
+        values = dict(zip(model.parameters, fit.values.tolist(), strict=True))
+        if np.abs(step / np.where(fit.std > 0, fit.std, 1.0)).max(initial=0.0) < 1e-3:
+            break
+    if not robust:
+        return fit, e, None
+    strong = robust_estimate(
+        e.A,
+        e.y,
+        weights(e),
+        model.parameters,
+        groups=table.pose[e.row],
+        labels=table.labels,
+        units=[model.units[n] for n in model.parameters],
+    )
+    return strong.estimate, e, strong
+
+
+def by_level(model: StiffnessModel, table: Measurements, joint: int) -> StiffnessModel:
+    """One compliance of a joint for each of its distinct values in the table (the seed's C2 and J2)."""
+    if not 1 <= joint <= model.robot.dof:
+        raise UserError(f"q{joint}: {model.robot.name} has joints 1 to {model.robot.dof}")
+    angles = np.unique(np.round(table.q[:, joint - 1], 6))
+    if not 2 <= len(angles) <= 20:
+        raise UserError(f"q{joint} has {len(angles)} distinct values: a compliance for each needs 2 to 20")
+    shape = {f"angle_{k}": float(f"{a:.9g}") for k, a in enumerate(angles, start=1)}
+    return model.with_effect(EffectInstance("gravity_compensator", {"joint": joint}, shape))
+
+
+def data_rank(model: StiffnessModel, table: Measurements) -> int:
+    """Rank of the model's observation matrix at the table's configurations (numeric engine, M4–M5)."""
+    e = equations(model, table)
+    found, _ = numeric_partition(e.A, model.parameters, model.parameters)
+    return found.rank
+
+
+def _values(
+    fit: Estimate, reduction: Reduction | None, physical: bool
+) -> tuple[dict[str, float], ConstrainedEstimate | None]:
+    if not physical:
+        return dict(zip(fit.names, fit.values.tolist(), strict=True)), None
+    if reduction is None or fit.names != reduction.parameters:
+        constrained = constrain(fit)
+    else:
+        constrained = constrain(fit, complete_map(reduction), reduction.stages[2].names)
+    return dict(zip(constrained.names, constrained.values.tolist(), strict=True)), constrained
+
+
+def complete_map(reduction: Reduction) -> np.ndarray:
+    """P of π″ = P·π for the complete parameters after M2 (joints and links apart)."""
+    return np.asarray(reduction.projection @ reduction.stages[3].matrix.T)
+
+
+def _split(table: Measurements, share: float, seed: int) -> tuple[Measurements, Measurements | None]:
+    if share <= 0:
+        return table, None
+    if not share < 1:
+        raise UserError(f"--held-out {share:g}: give a share of the poses below 1, e.g. 0.2")
+    train, test = split(table.pose, share, seed)
+    return table.select(train), table.select(test)
+
+
+def _measured(table: Measurements) -> np.ndarray:
+    return np.asarray(table.values)
+
+
+def _finite(values: dict[str, float]) -> dict[str, float]:
+    return {k: v for k, v in values.items() if np.isfinite(v)}
+
+
+def _repeated(table: Measurements) -> list[str]:
+    labels = [table.labels[k] for k in table.pose]
+    one = table.point == table.point[0]
+    return check_poses(table.q[one], table.w[one], [label for label, keep in zip(labels, one, strict=True) if keep])
+
+
+def _axes(model: StiffnessModel, table: Measurements, e: Equations) -> list[str]:
+    """A hint where another assignment of the measured axes would fit far better."""
+    whole = table.measured[:, :3].all(axis=1)
+    if not whole.any():
+        return []
+    keep = np.flatnonzero(whole[e.row] & (e.component < 3))
+    order = keep[np.lexsort((e.component[keep], e.row[keep]))]
+    positive = [_cannot_be_negative(name) for name in model.parameters]
+    hint = axis_hint_refit(e.A[order], table.values[whole][:, :3], None, positive)
+    return [str(hint)] if hint is not None else []
+
+
+def _cannot_be_negative(name: str) -> bool:
+    return name[0] == "c" and name[1:].isdigit() or (name[0] == "k" and name[-2:-1] == name[-1:])
+
+

@@ -1,0 +1,100 @@
+"""Measured deflections against a model: one equation a measured component (seed eq. 6)."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from symstiff.calibration.compact import component_sigma
+from symstiff.calibration.measurements import COMPONENTS, Measurements
+from symstiff.errors import UserError
+from symstiff.model import StiffnessModel
+from symstiff.symbolic.numeric import kinematics
+
+
+@dataclass(frozen=True, eq=False)
+class Equations:
+    """Linear equations y = A·π + e of a deflection table.
+
+    A: (R, P), y: (R,) [m, rad], sigma: (R,) or None; row: (R,) row of the table, component: (R,) 0…5.
+    """
+
+    A: np.ndarray
+    y: np.ndarray
+    sigma: np.ndarray | None
+    row: np.ndarray
+    component: np.ndarray
+
+    @property
+    def labels(self) -> list[str]:
+        """Component of every equation, by name."""
+        return [COMPONENTS[c] for c in self.component]
+
+    def spread(self, flat: np.ndarray, rows: int) -> np.ndarray:
+        """Equations' values (R,) back to table shape (rows, 6), NaN where not measured."""
+        table = np.full((rows, 6), np.nan)
+        table[self.row, self.component] = flat
+        return table
+
+
+def context_of(table: Measurements) -> dict[str, np.ndarray]:
+    """Time, temperature and branch columns, those that are known throughout."""
+    columns = {"time": table.time, "temperature": table.temperature, "branch": table.branch}
+    return {k: v for k, v in columns.items() if np.isfinite(v).all()}
+
+
+def at_points(model: StiffnessModel, table: Measurements, twist: np.ndarray) -> np.ndarray:
+    """Twists of the tool centre point (M, 6, …) seen at every row's measured point: d + r × offset."""
+    if table.points == ("tcp",):
+        return twist
+    k = kinematics(model.robot, table.q)
+    seen = twist.copy()
+    for index, point in enumerate(table.points):
+        rows = table.point == index
+        if point == "tcp" or not rows.any():
+            continue
+        offset = k.point_offset(model.robot, point)[rows]
+        arm = offset.reshape(*offset.shape, *(1,) * (twist.ndim - 2))
+        seen[rows, :3] += np.cross(twist[rows, 3:], np.broadcast_to(arm, twist[rows, 3:].shape), axis=1)
+    return seen
+
+
+def predict(
+    model: StiffnessModel, table: Measurements, values: Mapping[str, float] | None = None
+) -> np.ndarray:
+    """Predicted deflections of the measured points (M, 6) [m, rad]."""
+    return at_points(model, table, model.deflection(table.q, table.w, values, context_of(table)))
+
+
+def equations(
+    model: StiffnessModel, table: Measurements, values: Mapping[str, float] | None = None
+) -> Equations:
+    """The equations of a deflection table, linearised at ``values`` where the model is not linear in them.
+
+    Raises UserError for absolute data, whose placement and geometry ``diagnose`` estimates.
+    """
+    if table.kind != "deflection":
+        raise UserError("absolute positions, not deflections: use symstiff diagnose, which estimates placement")
+    matrix = at_points(model, table, model.observation(table.q, table.w, context_of(table), values))
+    row, component = np.nonzero(table.measured)
+    A, y = matrix[row, component], table.values[row, component]
+    if not model.is_linear:
+        y = y - predict(model, table, values)[row, component] + A @ model.vector(values)
+    sigma = table.sigma[row, component]
+    known = np.isfinite(sigma)
+    if known.any() and not known.all():
+        first = int(row[int(np.argmin(known))])
+        raise UserError(f"{table.place(first)}: sigma is known for some components only: give all or none")
+    return Equations(A, y, sigma if known.all() and known.any() else None, row, component)
+
+
+def weights(e: Equations) -> np.ndarray | None:
+    """Standard deviations of the equations: given, or one for metres and one for radians from the residuals."""
+    if e.sigma is not None:
+        return e.sigma
+    if (e.component >= 3).any() and (e.component < 3).any():
+        kinds = ["translation" if c < 3 else "rotation" for c in e.component]
+        return component_sigma(e.A, e.y, kinds)
+    return None

@@ -1,0 +1,127 @@
+"""The seed's two tables, reproduced: the reduction of the KR 270 exactly, its calibration on a virtual robot.
+
+The virtual robot is the nonlinear one of ``simulation``: all links elastic, published joint compliances, a gravity
+compensator with its spring geometry; 15 planned poses at 5 values of q₂, a vertical load of 2.5 kN, three markers,
+tracker noise.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from symstiff.calibration.identify import by_level, data_rank, fit_model
+from symstiff.calibration.measurements import Measurements, measurements
+from symstiff.calibration.plan import Goal, Load, Search, plan_for
+from symstiff.calibration.planning.region import Region, above_floor
+from symstiff.calibration.residuals import ResidualTable, residual_table
+from symstiff.calibration.rows import predict
+from symstiff.calibration.simulation import simulate, truth_from_table
+from symstiff.model import StiffnessModel, joints_only
+from symstiff.reduction import reduce
+from symstiff.robot import load
+from symstiff.robot.schema import Robot
+
+ROBOT, FORCE, POSES, LEVELS = "kuka_kr270", 2500.0, 15, 5
+MARKERS = ("p1", "p2", "p3")
+TRUTH: dict[str, Any] = {
+    "format": 1,
+    "robot": ROBOT,
+    "compliance": {"start": "nominal"},
+    "effect": [{"effect": "gravity_compensator", "where": {"joint": 2}, "shape": "spring", "rate": 4.5e5}],
+    "noise": {"sigma_mm": 0.03},
+}
+SEED = {  # positional MAX and RMS [mm], parameters: Table 2 of the seed
+    "uncompensated": (None, 8.18, 4.58),
+    "C1": (26, 0.45, 0.22),
+    "C2": (30, 0.49, 0.21),
+    "J1": (5, 1.78, 0.75),
+    "J2": (9, 1.76, 0.73),
+}
+
+
+@dataclass(frozen=True, eq=False)
+class Row:
+    """One model of Table 2: its parameters, and what it leaves on the calibration and on fresh poses."""
+
+    name: str
+    parameters: int
+    rank: int
+    fitted: ResidualTable
+    fresh: ResidualTable
+    model: StiffnessModel
+
+
+def models(robot: Robot, table: Measurements) -> dict[str, StiffnessModel]:
+    """C1 and J1 from the reduction for vertical loads, C2 and J2 with one compliance of joint 2 a value of q₂."""
+    complete = StiffnessModel.of(reduce(robot, "gravity", "pose"))
+    joints = joints_only(robot, "gravity", "pose")
+    return {"C1": complete, "C2": by_level(complete, table, 2), "J1": joints, "J2": by_level(joints, table, 2)}
+
+
+def table2(seed: int = 1, progress: Callable[[str], None] = lambda stage: None) -> tuple[Measurements, list[Row]]:
+    """Plan, measure virtually, fit the four models; returns the measurements and the rows."""
+    robot = load(ROBOT)
+    progress("planning 15 poses at 5 values of q2")
+    design = _design(robot, seed)
+    progress("measuring the virtual robot")
+    truth = truth_from_table(TRUTH)
+    table = simulate(truth, design, seed)
+    fresh = simulate(truth, _fresh(design, seed), seed + 1)
+    rows = []
+    for name, model in models(robot, table).items():
+        progress(f"fitting {name}")
+        fit, _, _ = fit_model(model, table)
+        fitted = model.with_values(dict(zip(fit.names, fit.values.tolist(), strict=True)))
+        rows.append(
+            Row(
+                name,
+                len(model.parameters),
+                data_rank(model, table),
+                residual_table(table.values, predict(fitted, table)),
+                residual_table(fresh.values, predict(fitted, fresh)),
+                fitted,
+            )
+        )
+    return table, rows
+
+
+def _design(robot: Robot, seed: int) -> Measurements:
+    model = StiffnessModel.of(reduce(robot, "gravity", "pose"))
+    plan = plan_for(
+        model,
+        Goal(POSES, "D"),
+        Load("gravity", FORCE),
+        MARKERS,
+        (30e-6, 100e-6),
+        Region((), (above_floor(0.3),)),
+        levels={2: LEVELS},
+        search=Search(candidates=4000, starts=3, seed=seed, refine=False),
+    )
+    return with_markers(plan.q, plan.w, MARKERS)
+
+
+def with_markers(q: np.ndarray, w: np.ndarray, markers: tuple[str, ...]) -> Measurements:
+    """A poses table with one row a pose and marker."""
+    n, k = len(q), len(markers)
+    return measurements(
+        np.repeat(q, k, axis=0),
+        np.repeat(w, k, axis=0),
+        labels=[f"p{i + 1}" for i in range(n)],
+        pose=np.repeat(np.arange(n), k),
+        points=markers,
+        point=np.tile(np.arange(k), n),
+    )
+
+
+def _fresh(design: Measurements, seed: int) -> Measurements:
+    """Other poses at the same values of q₂: the other joints drawn anew around the planned ones."""
+    rng = np.random.default_rng([seed, 77])
+    first = design.point == 0
+    q, w = design.q[first].copy(), design.w[first]
+    other = [0, 2, 3, 4, 5]
+    q[:, other] = q[rng.permutation(len(q))][:, other] + rng.normal(0.0, 0.15, (len(q), len(other)))
+    return with_markers(q, w, MARKERS)
