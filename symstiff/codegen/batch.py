@@ -1,0 +1,182 @@
+"""Many poses at once: what the templates of the vectorised functions need."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import sympy as sp
+
+from symstiff.codegen.names import SUMMARIES
+from symstiff.codegen.sincos import DOUBLE, FLOAT, Sincos
+from symstiff.codegen.text import CAlgebra, Text, c_body
+from symstiff.symbolic.program import Constant, Program, evaluate
+
+if TYPE_CHECKING:
+    from symstiff.codegen.functions import Functions
+    from symstiff.codegen.options import Options
+
+_BUFFER = 4096  # numbers in the largest block of outputs: 32 kB, half of a first-level cache
+_BLOCKS = (8, 64)
+
+
+@dataclass(frozen=True)
+class SizeAlgebra:
+    """Bounds of magnitudes instead of values; notes the bound of every argument of sine and cosine, in order."""
+
+    arguments: list[float]
+
+    def number(self, value: sp.Expr) -> float:
+        """Its magnitude."""
+        return abs(float(value))
+
+    def constant(self, constant: Constant) -> float:
+        """Its magnitude."""
+        return abs(float(constant.exact))
+
+    def sum(self, terms: Sequence[tuple[int, float]]) -> float:
+        """Magnitudes add."""
+        return math.fsum(x for _, x in terms)
+
+    def product(self, factors: Sequence[float]) -> float:
+        """Magnitudes multiply; nothing is known of zero times infinity."""
+        return math.inf if math.inf in factors else math.prod(factors)
+
+    def power(self, base: float, exponent: sp.Expr) -> float:
+        """Positive whole powers only."""
+        return base ** int(exponent) if exponent.is_Integer and exponent > 0 else math.inf
+
+    def call(self, function: str, arguments: Sequence[float]) -> float:
+        """At most one for the bounded functions."""
+        if function in ("sin", "cos"):
+            self.arguments.append(arguments[0])
+        return 1.0 if function in ("sin", "cos", "tanh", "sign") else math.inf
+
+
+@dataclass(frozen=True)
+class VectorAlgebra(CAlgebra):
+    """C expressions whose sines and cosines vectorise wherever their argument is known to be small enough."""
+
+    small: Iterator[bool] = iter(())
+
+    def call(self, function: str, arguments: Sequence[Text]) -> Text:
+        """``sine`` and ``cosine`` of the template, or the library's."""
+        if function in ("sin", "cos") and next(self.small):
+            return Text(f"{'sine' if function == 'sin' else 'cosine'}({arguments[0].code})")
+        return super().call(function, arguments)
+
+
+def constants(single: bool) -> Sincos:
+    """Constants of the polynomials."""
+    return FLOAT if single else DOUBLE
+
+
+def small_arguments(program: Program, single: bool) -> list[bool]:
+    """Whether each sine's or cosine's argument stays in the polynomials' domain while joint variables are in reach."""
+    numbers = constants(single)
+    sizes = {"q": numbers.reach}
+    found: list[float] = []
+    inputs = {v.name: [sizes.get(v.name, math.inf)] * len(v.symbols) for v in program.inputs}
+    evaluate(program, inputs, SizeAlgebra(found))
+    return [size <= numbers.domain for size in found]
+
+
+def vector_context(single: bool) -> dict[str, Any]:
+    """The literals of the template's sine and cosine."""
+    numbers, literal = constants(single), CAlgebra(single).literal
+    suffix = "f" if single else ""
+    exact = {
+        "half": 0.5, "one": 1.0, "two": 2.0, "four": 4.0, "quarter": 0.25, "three_eighths": 0.375, "one_half": 1.5,
+        "two_over_pi": 2.0 / math.pi, "shift": numbers.shift, "reach": numbers.reach, "domain": numbers.domain,
+    }  # fmt: skip
+    return {
+        "real": "float" if single else "double",
+        **{f: f + suffix for f in ("sin", "cos", "fabs")},
+        "ulp": numbers.ulp,
+        "split": [literal(x) for x in numbers.split],
+        "sine": _horner(numbers.sine, literal),
+        "cosine": _horner(numbers.cosine, literal),
+        **{k: literal(x) for k, x in exact.items()},
+    }
+
+
+def _horner(coefficients: Sequence[float], literal: Callable[[float], str]) -> str:
+    """A polynomial in z."""
+    *rest, code = [literal(c) for c in coefficients]
+    for c in reversed(rest):
+        code = f"{c} + (z * ({code}))"
+    return code
+
+
+def block_size(outputs: int) -> int:
+    """Poses a block: a power of two whose outputs stay in the cache."""
+    fitting = 2 ** int(math.log2(max(_BUFFER // outputs, 1)))
+    return min(max(fitting, _BLOCKS[0]), _BLOCKS[1])
+
+
+def batch_function(
+    program: Program, inputs: Mapping[str, Callable[[int], str]], parameter: str, single: bool, summary: str
+) -> dict[str, Any]:
+    """What the templates print of one program: its arguments, its loop body, the size of its blocks.
+
+    inputs: the C expression of an element, for inputs that do not vary from pose to pose; parameter: the declaration of the
+    parameters' argument.
+    """
+    real = "float" if single else "double"
+    names = [v.name for v in program.inputs]
+    (output, shape) = program.outputs[0]
+    size = f"{program.name.upper()}_BLOCK"
+    arrays = [f"const {real} *{n}" for n in names if n != "p"]
+    inner = [parameter] * ("p" in names) + arrays + [f"{real} *{output}"]
+    algebra = VectorAlgebra(single, iter(small_arguments(program, single)))
+    store = f"{{vector}}[({{index}} * {size}) + i]"
+    sources = dict(inputs) | {n: _component(n, size) for n in names if n not in inputs}
+    body = c_body(program, sources, single=single, indent=" " * 8, algebra=algebra, store=store)
+    unused = [n for n in names if f"{n}[" not in body and f"{n}->" not in body]
+    return {
+        "name": program.name,
+        "summary": summary,
+        "size": size,
+        "block": block_size(program.size(output)),
+        "parameters": "p" in names,
+        "arguments": ", ".join(inner),
+        "block_arguments": ", ".join(inner),
+        "public_parameter": f"{parameter}, " if "p" in names else "",
+        "call": ", ".join(["p"] * ("p" in names) + [f"block_{n}" for n in names if n != "p"] + ["block"]),
+        "prologue": "".join(f"    (void){n};\n" for n in unused),
+        "body": body,
+        "output": output,
+        "outputs": program.size(output),
+        "rows": shape[0],
+    }
+
+
+def _component(name: str, size: str) -> Callable[[int], str]:
+    return lambda k: f"{name}[({k} * {size}) + i]"
+
+
+def stack_bytes(functions: Sequence[Mapping[str, Any]], joints: int, single: bool) -> int:
+    """Stack of the largest function's blocks."""
+    numbers = max((joints + 7 + f["outputs"]) * f["block"] for f in functions)
+    return numbers * (4 if single else 8)
+
+
+def batch_context(functions: Functions, options: Options) -> dict[str, Any]:
+    """What ``batch.c.j2`` prints beside the common names."""
+    model, single = functions.model, options.single
+    fields = {n: f"p->k[{k}]" for k, n in enumerate(model.stiffness_parameters)}
+    fields |= {e.name: f"p->{e.name}" for e in model.effect_parameters}
+    order = model.parameters
+    fixed = {"p": lambda k: fields[order[k]], "context": lambda k: "p->context"}
+    parameter = f"const {model.robot.name}_params_t *p"
+    batches = [
+        batch_function(p, fixed, parameter, single, SUMMARIES[p.name])
+        for p in (functions.deflection, functions.observation)
+    ]
+    return {
+        "batches": batches,
+        "v": vector_context(single),
+        "stack": stack_bytes(batches, model.robot.dof, single),
+    }
