@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from symstiff.discrepancy.problem import Array, Candidate, Index, Problem
+from symstiff.discrepancy.problem import Array, Candidate, Index, Parameter, Problem, Shape
 
 NUMERIC_ZERO = 1e-9
 """Share of a column's squared length below which nothing of it is left outside the model."""
@@ -37,6 +37,15 @@ class Bank:
     def first_entry(self) -> Index:
         """First entry of every candidate (reduceat offsets)."""
         return np.searchsorted(self.owner, np.arange(len(self.candidates)))
+
+    def parameters(self, entry: int) -> tuple[Parameter, ...]:
+        """Parameters of an entry, one a column."""
+        candidate = self.candidates[int(self.owner[entry])]
+        return candidate.parameters_at(self.shape_of(entry))
+
+    def shape_of(self, entry: int) -> Shape:
+        """Shape values of an entry."""
+        return self.candidates[int(self.owner[entry])].shapes[int(self.shape[entry])]
 
     def slice(self, entry: int) -> slice:
         """Columns of an entry."""

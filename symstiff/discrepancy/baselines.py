@@ -118,7 +118,9 @@ def _barred(scan: Scan, chosen: list[int]) -> np.ndarray[tuple[int, ...], np.dty
     return np.asarray(scan.bank.generic[owner] | np.isin(owner, chosen) | (scan.best.rank == 0))
 
 
-def _fold_errors(scan: Scan, entries: list[int], fold: np.ndarray[tuple[int, ...], np.dtype[np.intp]]) -> Array:
+def _fold_errors(
+    scan: Scan, entries: list[int], fold: np.ndarray[tuple[int, ...], np.dtype[np.intp]]
+) -> Array:
     layer = scan.best
     X = np.hstack([layer.Q[:, :0], *(layer.Q[:, scan.bank.slice(e)] for e in entries)])
     out = []

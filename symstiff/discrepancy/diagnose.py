@@ -10,7 +10,6 @@ from dataclasses import replace
 
 import numpy as np
 
-from symstiff.discrepancy.design import share_left, smallest_detectable
 from symstiff.discrepancy.localise import Localisation, best_law, localise
 from symstiff.discrepancy.noise import Noise
 from symstiff.discrepancy.prepare import Prepared, prepare
@@ -28,6 +27,7 @@ from symstiff.discrepancy.tables import (
     steps,
     unavailable,
 )
+from symstiff.discrepancy.testability import testable
 from symstiff.discrepancy.verdict import UNEXPLAINED, UNTESTABLE, Outcome, decide
 
 LEAST_FREEDOM = 5
@@ -78,56 +78,13 @@ def untestable(problem: Problem) -> str:
     return ""
 
 
-def testable(problem: Problem, ready: Prepared) -> Array:
-    """Mask (candidates,) of those of which something is left outside the model and visible at a believable size."""
-    scan, bank = ready.scan, ready.bank
-    sigma2 = scan.best.rss / max(scan.freedom, 1)
-    mask = np.ones(len(bank.candidates), bool)
-    last = np.append(bank.first_entry[1:], len(bank.start))
-    for c, (a, b) in enumerate(zip(bank.first_entry, last, strict=True)):
-        entries = range(int(a), int(b))
-        if max(share_left(scan, e) for e in entries) < 1e-8 or not any(scan.best.rank[e] for e in entries):
-            mask[c] = False
-            continue
-        if bank.generic[c]:
-            continue
-        if fills_its_stratum(problem, ready, int(a)):
-            mask[c] = False
-            continue
-        bound = np.array([max(abs(p.low), abs(p.high)) for p in bank.candidates[c].parameters])
-        if np.all(np.isfinite(bound)) and len(bound) == bank.width[a]:
-            smallest = np.min([smallest_detectable(scan, e, 0.0, sigma2) for e in entries], axis=0)
-            mask[c] = bool(np.any(smallest < 3.0 * bound))
-    return mask
-
-
-def fills_its_stratum(problem: Problem, ready: Prepared, entry: int) -> bool:
-    """Would a candidate that is proportional to the load take so much of what is left there that it fits anything?
-
-    The stratum "proportional to load, by pose" has one degree of freedom for each pose and channel, less the model.
-    """
-    rank = float(ready.scan.best.rank[entry])
-    if rank < 4:
-        return False
-    cells, label = np.unique(np.column_stack([problem.pose, problem.channel]), axis=0, return_inverse=True)
-    label = label.reshape(-1)
-    left = len(cells) - (problem.rows - ready.scan.freedom)
-    if rank <= 0.4 * left:
-        return False
-    load = np.ones(problem.rows) if problem.load is None else problem.load
-    columns = ready.bank.columns[:, ready.bank.slice(entry)]
-    total = np.maximum(np.bincount(label, load**2), 1e-300)
-    slope = np.column_stack([np.bincount(label, load * c) / total for c in columns.T])
-    return bool(np.sum((columns - slope[label] * load[:, None]) ** 2) < 0.01 * np.sum(columns**2))
-
-
 def plausible(problem: Problem, ready: Prepared, proposal: Proposal) -> bool:
     """Are all coefficients of a set within their physical range, two standard deviations allowed?"""
     estimate, deviation, _ = coefficients(ready.scan, problem.A, problem.y, proposal.entries)
     at = problem.A.shape[1]
-    for member, entry in zip(proposal.members, proposal.entries, strict=True):
+    for entry in proposal.entries:
         width = int(ready.bank.width[entry])
-        for i, parameter in enumerate(ready.bank.candidates[member].parameters[:width]):
+        for i, parameter in enumerate(ready.bank.parameters(entry)[:width]):
             value, margin = estimate[at + i], 2.0 * deviation[at + i]
             if value + margin < parameter.low or value - margin > parameter.high:
                 return False

@@ -64,8 +64,8 @@ def localise(problem: Problem, scan: Scan, found: Evidence, residual: Array) -> 
     """Sort the residual (M,), data's unit, and project it back."""
     scale = np.sqrt(scan.best.rss / max(scan.freedom, 1)) * scan.noise.spread
     z = residual / scale
-    views = [back_project(problem, z, scale, v) for v in range(len(problem.virtual_joints))]
-    views = sorted((v for v in views if v is not None), key=lambda v: -v.explained)
+    tried = [back_project(problem, z, scale, v) for v in range(len(problem.virtual_joints))]
+    views = sorted((v for v in tried if v is not None), key=lambda v: -v.explained)
     return Localisation(
         tuple(views),
         _accused(scan, found),
@@ -114,7 +114,9 @@ def _accused(scan: Scan, found: Evidence) -> str:
     return max(places, key=lambda p: (float(logsumexp(places[p])), p))
 
 
-def best_law(problem: Problem, scan: Scan, virtual_joint: str, terms: int = 3, folds: int = 5) -> FittedLaw | None:
+def best_law(
+    problem: Problem, scan: Scan, virtual_joint: str, terms: int = 3, folds: int = 5
+) -> FittedLaw | None:
     """Forward choice from the dictionary at one virtual joint, as long as left-out poses gain from it."""
     if problem.J is None or problem.tau is None or virtual_joint not in problem.virtual_joints:
         return None

@@ -37,7 +37,9 @@ def prepare(problem: Problem, candidates: Sequence[Candidate]) -> Prepared:
     for _ in range(2):
         clean = _without_the_obvious(scan)
         own = _own_share(problem, clean, _data_residual(clean))
-        noise, growth = noises.refine(problem, noises.start(problem), _within_residual(clean), clean.freedom, own)
+        noise, growth = noises.refine(
+            problem, noises.start(problem), _within_residual(clean), clean.freedom, own
+        )
         noise = replace(noise, ratios=_near(noise.ratios, [layer.ratio for layer in scan.layers]))
         scan = prune(open_scan(bank, noise, problem.y, problem.A))
     clean = _without_the_obvious(scan)

@@ -101,8 +101,14 @@ class Candidate:
     """Profile grid of the parameters that are not linear."""
     group: str = ""
     """Structural group: candidates of one group cannot be told apart by any data of this kind."""
+    parameters_of: Callable[[Shape], tuple[Parameter, ...]] | None = None
+    """Parameters of a shape, where they differ between shapes; ``parameters`` are then those of the first."""
     unavailable: str = ""
     """Why these data cannot show the effect (a column is missing, another kind of data); empty if they can."""
+
+    def parameters_at(self, shape: Shape) -> tuple[Parameter, ...]:
+        """The parameters that a shape's columns belong to."""
+        return self.parameters if self.parameters_of is None else self.parameters_of(shape)
 
     @property
     def key(self) -> str:

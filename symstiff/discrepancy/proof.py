@@ -84,7 +84,13 @@ def _rows(noise: Noise, rows: Index) -> Noise:
 
 
 def _select(
-    problem: Problem, bank: Bank, noise: Noise, rows: Index, allowed: Array, threshold: float, options: Options
+    problem: Problem,
+    bank: Bank,
+    noise: Noise,
+    rows: Index,
+    allowed: Array,
+    threshold: float,
+    options: Options,
 ) -> tuple[int, ...]:
     """Forward selection among the named candidates on some rows."""
     part = replace(bank, columns=bank.columns[rows])

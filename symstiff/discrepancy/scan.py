@@ -19,6 +19,9 @@ EXPECTED = (12.0, 48.0, 200.0, 1000.0)
 """Noncentralities that an effect is expected to have; the evidence averages over them."""
 
 
+Mask = np.ndarray[tuple[int, ...], np.dtype[np.bool_]]
+
+
 @dataclass(frozen=True)
 class Layer:
     """All that belongs to one ratio of approach error to noise."""
@@ -143,16 +146,22 @@ def _log_likelihood(scan: Scan, rss: Array) -> Array:
     """Restricted log-likelihood with the scale profiled; rss (R, ...) -> (R, ...)."""
     determinant = np.array([layer.determinant for layer in scan.layers])
     shape = (-1,) + (1,) * (rss.ndim - 1)
-    return np.asarray(-0.5 * scan.freedom * np.log(np.maximum(rss, 1e-300)) - 0.5 * determinant.reshape(shape))
+    return np.asarray(
+        -0.5 * scan.freedom * np.log(np.maximum(rss, 1e-300)) - 0.5 * determinant.reshape(shape)
+    )
 
 
 def explained(scan: Scan) -> Array:
     """(R, S) sum of squares that each entry explains of the residual."""
-    return np.stack([_sum_entries(scan.bank, (layer.Q.T @ layer.y)[:, None] ** 2)[:, 0] for layer in scan.layers])
+    return np.stack(
+        [_sum_entries(scan.bank, (layer.Q.T @ layer.y)[:, None] ** 2)[:, 0] for layer in scan.layers]
+    )
 
 
 def _sum_entries(bank: Bank, squares: Array) -> Array:
-    return np.add.reduceat(squares, bank.start, axis=0) if len(bank.start) else np.zeros((0, squares.shape[1]))
+    return (
+        np.add.reduceat(squares, bank.start, axis=0) if len(bank.start) else np.zeros((0, squares.shape[1]))
+    )
 
 
 def log_bayes(explained: Array, rss: Array, rank: Array, freedom: int) -> Array:
@@ -289,7 +298,7 @@ def simulated_scores(scan: Scan, errors: Array) -> Array:
     return candidate_evidence(scan.bank, entry) + scan.bank.log_prior[:, None]
 
 
-def _maximum(score: Array, mask: Array) -> Array:
+def _maximum(score: Array, mask: Mask) -> Array:
     return np.max(score[mask], axis=0) if np.any(mask) else np.full(score.shape[1], -np.inf)
 
 
@@ -314,7 +323,9 @@ def critical(sample: Array, alpha: float) -> float:
     return float(np.quantile(sample, 1.0 - alpha)) if len(sample) and np.isfinite(sample[-1]) else np.inf
 
 
-def detectable_noncentrality(score: float, log_prior: float, rank: float, freedom: int, power: float = 0.8) -> float:
+def detectable_noncentrality(
+    score: float, log_prior: float, rank: float, freedom: int, power: float = 0.8
+) -> float:
     """Noncentrality at which an effect of this rank exceeds ``score`` with the given power."""
 
     def gap(square: float) -> float:

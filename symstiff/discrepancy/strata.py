@@ -84,10 +84,18 @@ def _left(pose: Index, local: Array, overall: Array, y: Array) -> tuple[float, i
 
 
 def _table(
-    parts: list[tuple[str, int, float]], reference: float, freedom: int, repeated: bool, rest: int, square: float
+    parts: list[tuple[str, int, float]],
+    reference: float,
+    freedom: int,
+    repeated: bool,
+    rest: int,
+    square: float,
 ) -> tuple[Stratum, ...]:
     testable = freedom >= 3 and reference > 0
-    raw = [float(stats.f.sf(ss / df / reference, df, freedom)) if testable and df > 0 else 1.0 for _, df, ss in parts]
+    raw = [
+        float(stats.f.sf(ss / df / reference, df, freedom)) if testable and df > 0 else 1.0
+        for _, df, ss in parts
+    ]
     order = np.argsort(raw)
     adjusted = np.ones(len(raw))
     running = 0.0
@@ -130,7 +138,9 @@ def _levels(problem: Problem) -> int:
     if problem.load is None:
         return 1
     return int(
-        np.median([len(np.unique(np.round(problem.load[problem.pose == p], 6))) for p in np.unique(problem.pose)])
+        np.median(
+            [len(np.unique(np.round(problem.load[problem.pose == p], 6))) for p in np.unique(problem.pose)]
+        )
     )
 
 

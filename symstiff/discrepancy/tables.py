@@ -24,10 +24,10 @@ def _name(candidate: Candidate) -> Name:
     return Name(candidate.effect, candidate.where)
 
 
-def _estimates(candidate: Candidate, value: Array, std: Array) -> Mapping[str, Estimate]:
+def _estimates(bank: Bank, entry: int, value: Array, std: Array) -> Mapping[str, Estimate]:
     return {
         p.name: Estimate(float(v), float(s), p.unit)
-        for p, v, s in zip(candidate.parameters, value, std, strict=False)
+        for p, v, s in zip(bank.parameters(entry), value, std, strict=False)
     }
 
 
@@ -42,7 +42,7 @@ def _fitted(
     for e in entries:
         candidate = bank.candidates[int(bank.owner[e])]
         width = int(bank.width[e])
-        effects.append((_name(candidate), _estimates(candidate, value[at : at + width], std[at : at + width])))
+        effects.append((_name(candidate), _estimates(bank, e, value[at : at + width], std[at : at + width])))
         at += width
     P = problem.A.shape[1]
     return value[:P], std[:P], fitted, effects
@@ -64,7 +64,7 @@ def named_effects(problem: Problem, ready: Prepared, outcome: Outcome) -> tuple[
             confidence = outcome.confidence[i] if number == 0 else share * outcome.confidence[0]
             out.append(
                 NamedEffect(
-                    candidate.effect, candidate.where, candidate.shapes[int(bank.shape[entry])], effects[i][1],
+                    candidate.effect, candidate.where, bank.shape_of(entry), effects[i][1],
                     judged.p_members[i], float(np.clip(confidence, 0.0, 1.0)),
                     max(gained - float(without.best.rank[entry]), 0.0), _confused(ready, entry), number,
                 )
@@ -110,11 +110,13 @@ def candidate_table(
             continue
         entry = int(outcome.found.best_entry[i])
         sizes = smallest_detectable(scan, entry, threshold, sigma2)
-        smallest = _estimates(candidate, sizes, np.zeros_like(sizes))
+        smallest = _estimates(bank, entry, sizes, np.zeros_like(sizes))
         left = share_left(scan, entry)
         if not allowed[i]:
             absorbed = left < 1e-8 or scan.best.rank[entry] == 0
-            reason = "the model absorbs it wholly" if absorbed else "a believable size is below what would be seen"
+            reason = (
+                "the model absorbs it wholly" if absorbed else "a believable size is below what would be seen"
+            )
             out.append(_untested(candidate, reason, left, smallest))
             continue
         effects = _fitted(problem, ready, (entry,))[3]
@@ -124,19 +126,19 @@ def candidate_table(
         out.append(
             CandidateResult(
                 candidate.effect, candidate.where, score, p, True, "",
-                None if verdict is None else verdict.sufficient, _within(candidate, effects[0][1]),
-                candidate.shapes[int(bank.shape[entry])], effects[0][1], left, smallest,
+                None if verdict is None else verdict.sufficient, _within(bank, entry, effects[0][1]),
+                bank.shape_of(entry), effects[0][1], left, smallest,
                 _confused(ready, entry) if p < 0.2 else (),
             )
         )  # fmt: skip
     return tuple(sorted(out, key=lambda c: -c.score))
 
 
-def _within(candidate: Candidate, estimates: Mapping[str, Estimate]) -> bool:
+def _within(bank: Bank, entry: int, estimates: Mapping[str, Estimate]) -> bool:
     return all(
         estimates[p.name].value + 2 * estimates[p.name].std >= p.low
         and estimates[p.name].value - 2 * estimates[p.name].std <= p.high
-        for p in candidate.parameters
+        for p in bank.parameters(entry)
         if p.name in estimates
     )
 

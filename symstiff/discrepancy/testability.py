@@ -1,0 +1,67 @@
+"""Which candidates these data can test: something of them is left outside the model, and it says something."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from symstiff.discrepancy.design import share_left, smallest_detectable
+from symstiff.discrepancy.prepare import Prepared
+from symstiff.discrepancy.problem import Array, Problem
+
+
+def testable(problem: Problem, ready: Prepared) -> Array:
+    """Mask (candidates,) of those of which something is left outside the model and visible at a believable size."""
+    scan, bank = ready.scan, ready.bank
+    sigma2 = scan.best.rss / max(scan.freedom, 1)
+    mask = np.ones(len(bank.candidates), bool)
+    last = np.append(bank.first_entry[1:], len(bank.start))
+    for c, (a, b) in enumerate(zip(bank.first_entry, last, strict=True)):
+        entries = range(int(a), int(b))
+        if max(share_left(scan, e) for e in entries) < 1e-8 or not any(scan.best.rank[e] for e in entries):
+            mask[c] = False
+            continue
+        if bank.generic[c]:
+            continue
+        if fills_its_stratum(problem, ready, int(a)):
+            mask[c] = False
+            continue
+        mask[c] = any(_believable(ready, e, sigma2) for e in entries)
+    return mask
+
+
+def _believable(ready: Prepared, entry: int, sigma2: float) -> bool:
+    """Would some parameter be seen at a size of up to three times its physical range?"""
+    parameters = ready.bank.parameters(entry)
+    bound = np.array([max(abs(p.low), abs(p.high)) for p in parameters])
+    if len(bound) != ready.bank.width[entry] or not np.all(np.isfinite(bound)):
+        return True
+    return bool(np.any(smallest_detectable(ready.scan, entry, 0.0, sigma2) < 3.0 * bound))
+
+
+def fills_its_stratum(problem: Problem, ready: Prepared, entry: int) -> bool:
+    """Would a candidate that is proportional to the load take so much of what is left there that it fits anything?
+
+    The stratum "proportional to load, by pose" has one degree of freedom for each pose and channel, less the model.
+    """
+    rank = float(ready.scan.best.rank[entry])
+    if rank < 4:
+        return False
+    cells, label = np.unique(np.column_stack([problem.pose, problem.channel]), axis=0, return_inverse=True)
+    label = label.reshape(-1)
+    left = len(cells) - (problem.rows - ready.scan.freedom)
+    if rank <= 0.4 * left:
+        return False
+    load = np.ones(problem.rows) if problem.load is None else problem.load
+    columns = ready.bank.columns[:, ready.bank.slice(entry)]
+    total = np.maximum(np.bincount(label, load**2), 1e-300)
+    slope = np.column_stack([np.bincount(label, load * c) / total for c in columns.T])
+    return bool(np.sum((columns - slope[label] * load[:, None]) ** 2) < 0.01 * np.sum(columns**2))
+
+
+def why_not(problem: Problem, ready: Prepared, entry: int) -> str:
+    """The reason, in words, that a candidate is not tested."""
+    if share_left(ready.scan, entry) < 1e-8 or ready.scan.best.rank[entry] == 0:
+        return "the model absorbs it wholly"
+    if fills_its_stratum(problem, ready, entry):
+        return "it would fit whatever is proportional to the load: measure more poses"
+    return "a believable size is below what would be seen"
