@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from functools import cache
 from importlib import resources
 from pathlib import Path
 from typing import Any
 
 from symstiff import __version__
+from symstiff.codegen.batch import batch_context
 from symstiff.codegen.functions import Functions
 from symstiff.codegen.names import LOADS_MEANING, SUMMARIES, meaning
 from symstiff.codegen.options import Options
@@ -44,6 +46,7 @@ def emit_c(functions: Functions, options: Options) -> dict[str, bytes]:
     files = {
         f"{name}.h": "header.h.j2",
         f"{name}.c": "source.c.j2",
+        f"{name}_batch.c": "batch.c.j2",
         f"{name}_selftest.c": "selftest.c.j2",
         f"test_{name}.c": "test.c.j2",
         "main.c": "main.c.j2",
@@ -59,6 +62,13 @@ def emit_c(functions: Functions, options: Options) -> dict[str, bytes]:
 
 def template_context(functions: Functions, options: Options) -> dict[str, Any]:
     """Everything that the C templates print."""
+    literal = CAlgebra(options.single).literal
+    context = base_context(functions, options) | batch_context(functions, options)
+    return context | _selftest(functions, options) | _example(functions, literal)
+
+
+def base_context(functions: Functions, options: Options) -> dict[str, Any]:
+    """What any template may print: names, options, hashes, parameters, functions."""
     model, single = functions.model, options.single
     robot, algebra = model.robot, CAlgebra(single)
     literal = algebra.literal
@@ -113,10 +123,10 @@ def template_context(functions: Functions, options: Options) -> dict[str, Any]:
         ],
         "casadi": "casadi" in options.targets,
         "headers": [f"{robot.name}.h"],
-        "sources": [f"{robot.name}.c", f"{robot.name}_selftest.c"],
+        "sources": [f"{robot.name}.c", f"{robot.name}_batch.c", f"{robot.name}_selftest.c"],
     }
     context["functions"] = [_function(p, functions, context, single) for p in functions.all]
-    return context | _selftest(functions, options) | _example(functions, literal)
+    return context
 
 
 def _defaults_meaning(deviations: Any) -> str:
@@ -138,18 +148,18 @@ def operations_text(counts: dict[str, int]) -> str:
     return f"{counts['add']} add, {counts['mul']} mul{neg}, {counts['trig']} sin/cos{other}"
 
 
-def _function(program: Program, functions: Functions, context: dict[str, Any], single: bool) -> dict[str, Any]:
+def _function(
+    program: Program, functions: Functions, context: dict[str, Any], single: bool
+) -> dict[str, Any]:
     model, real = functions.model, context["real"]
     names = {v.name for v in program.inputs}
-    arguments = []
+    output = program.outputs[0][0]
+    # No two neighbours of one type: arguments cannot be swapped unseen.
+    arguments = [f"const {real} q[{model.robot.dof}]", f"{real} {output}[{program.size(output)}]"]
     if "p" in names:
         arguments.append(f"const {context['name']}_params_t *p")
-    if "q" in names:
-        arguments.append(f"const {real} q[{model.robot.dof}]")
     if "w" in names:
         arguments.append(f"const {real} w[6]")
-    (output, shape) = program.outputs[0]
-    arguments.append(f"{real} {output}[{program.size(output)}]")
     fields = {n: f"p->k[{k}]" for k, n in enumerate(model.stiffness_parameters)}
     fields |= {e.name: f"p->{e.name}" for e in model.effect_parameters}
     order = model.parameters
@@ -183,27 +193,20 @@ def _selftest(functions: Functions, options: Options) -> dict[str, Any]:
     stiffness = len(model.stiffness_parameters)
     parameters = [algebra.literal(values[n]) for n in model.parameters]
 
-    def array(name: str, rows: list[list[Any]]) -> dict[str, Any]:
-        literals = [[algebra.literal(float(x)) for x in row] for row in rows]
-        return {"name": f"test_{name}", "size": len(rows[0]), "rows": literals}
+    def literals(values: Sequence[Any]) -> str:
+        inside = ", ".join(algebra.literal(float(x)) for x in values)
+        return f"{{{inside}}}"
+
+    def members(c: Case) -> list[str]:
+        condition = algebra.literal(round(c.condition) + 1.0 if c.K is not None else 0.0)
+        arrays = [literals(x) for x in (c.q, c.w, c.dt, c.A, c.J, c.T, c.K or [0.0] * 36)]
+        return [*arrays, condition, literals(c.q_cmd)]
 
     return {
-        "cases": found,
+        "cases": [members(c) for c in found],
         "tolerance": algebra.literal(2e-3 if options.single else 1e-10),
         "test_parameters": parameters[:stiffness],
         "test_effect_parameters": parameters[stiffness:],
-        "arrays": [
-            array("q", [list(c.q) for c in found]),
-            array("w", [list(c.w) for c in found]),
-            array("dt", [c.dt for c in found]),
-            array("A", [c.A for c in found]),
-            array("J", [c.J for c in found]),
-            array("T", [c.T for c in found]),
-            array("K", [c.K or [0.0] * 36 for c in found]),
-            array("invertible", [[float(c.K is not None)] for c in found]),
-            array("condition", [[round(c.condition) + 1.0] for c in found]),
-            array("q_cmd", [c.q_cmd for c in found]),
-        ],
     }
 
 
@@ -213,4 +216,4 @@ def _example(functions: Functions, literal: Any) -> dict[str, Any]:
     return {"example_q": [literal(round(x, 3)) for x in q], "example_w": [literal(x) for x in w]}
 
 
-__all__ = ["Case", "emit_c", "environment", "operations_text", "template_context", "templates"]
+__all__ = ["Case", "base_context", "emit_c", "environment", "operations_text", "template_context", "templates"]

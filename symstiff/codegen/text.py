@@ -57,14 +57,17 @@ class CAlgebra:
     def sum(self, terms: Sequence[tuple[int, Text]]) -> Text:
         """Sums and differences; the first term carries the only sign change."""
         (sign, head), *rest = terms
-        code = head.inside(_SUM) if sign > 0 else "-" + head.inside(_PRODUCT)
+        alone = _PRODUCT if not rest else _ATOM
+        code = _added(head) if sign > 0 else "-" + head.inside(alone)
         for sign, x in rest:
-            code += f" + {x.inside(_SUM)}" if sign > 0 else f" - {x.inside(_PRODUCT)}"
+            code += f" + {_added(x)}" if sign > 0 else f" - {x.inside(_ATOM)}"
         return Text(code, _SUM)
 
     def product(self, factors: Sequence[Text]) -> Text:
         """Products."""
-        return Text("*".join(f.inside(_PRODUCT if k == 0 else _ATOM) for k, f in enumerate(factors)), _PRODUCT)
+        return Text(
+            "*".join(f.inside(_PRODUCT if k == 0 else _ATOM) for k, f in enumerate(factors)), _PRODUCT
+        )
 
     def power(self, base: Text, exponent: sp.Expr) -> Text:
         """Small whole powers as products; others by the library."""
@@ -83,8 +86,13 @@ class CAlgebra:
         if function == "sign":
             zero, x = self.literal(0.0), arguments[0].inside(_ATOM)
             one = self.literal(1.0)
-            return Text(f"({x} > {zero} ? {one} : ({x} < {zero} ? -{one} : {zero}))")
+            return Text(f"(({x} > {zero}) ? {one} : (({x} < {zero}) ? -{one} : {zero}))")
         return Text(f"{_FUNCTIONS[function]}{'f' if self.single else ''}({inside})")
+
+
+def _added(x: Text) -> str:
+    """A term of a sum: products in parentheses, as MISRA C rule 12.1 wants them."""
+    return x.code if x.precedence == _SUM else x.inside(_ATOM)
 
 
 def c_body(
