@@ -120,8 +120,11 @@ def identify(
     ``held_out`` is the share of poses kept for validation; ``per_level`` a joint that gets one compliance for each of
     its distinct values (the seed's C2 and J2). Raises UserError for data that cannot determine the model.
     """
-    remarks = [*check_robot(table, robot), *check_loads(table.w), *_repeated(table)]
     seen = experiment_of(table, robot)
+    loading = check_loads(table.w)
+    if seen.loads == "gravity":  # the model is reduced for one direction: nothing to warn of
+        loading = [remark for remark in loading if "one direction" not in remark]
+    remarks = [*check_robot(table, robot), *loading, *_repeated(table)]
     experiment = ExperimentClass(loads or seen.loads, measure or seen.measure, seen.fixed)
     if isinstance(start, StiffnessModel):
         model, reduction = start, None

@@ -2,24 +2,23 @@
 
 The virtual robot is the nonlinear one of ``simulation``: all links elastic, published joint compliances, a gravity
 compensator with its spring geometry; 15 planned poses at 5 values of q₂, a vertical load of 2.5 kN, three markers,
-tracker noise.
+tracker noise and a robot that repeats to 0.06 mm.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any
-
 import numpy as np
 
 from symstiff.calibration.identify import by_level, data_rank, fit_model
-from symstiff.calibration.measurements import Measurements, measurements
+from symstiff.calibration.measurements import Measurements
 from symstiff.calibration.plan import Goal, Load, Search, plan_for
 from symstiff.calibration.planning.region import Region, above_floor
+from symstiff.calibration.poses import with_markers
 from symstiff.calibration.residuals import ResidualTable, residual_table
 from symstiff.calibration.rows import predict
-from symstiff.calibration.simulation import simulate, truth_from_table
+from symstiff.calibration.simulation import Truth, nominal_truth, simulate, truth_from_table
 from symstiff.model import StiffnessModel, joints_only
 from symstiff.reduction import reduce
 from symstiff.robot import load
@@ -27,13 +26,8 @@ from symstiff.robot.schema import Robot
 
 ROBOT, FORCE, POSES, LEVELS = "kuka_kr270", 2500.0, 15, 5
 MARKERS = ("p1", "p2", "p3")
-TRUTH: dict[str, Any] = {
-    "format": 1,
-    "robot": ROBOT,
-    "compliance": {"start": "nominal"},
-    "effect": [{"effect": "gravity_compensator", "where": {"joint": 2}, "shape": "spring", "rate": 4.5e5}],
-    "noise": {"sigma_mm": 0.03},
-}
+REACH = (0.5, 1.9)  # m from the base: the seed's deflections are those of working postures
+SOFTNESS = 1.5  # links against the nominal rule: both links and joints bend, as on the seed's robot
 SEED = {  # positional MAX and RMS [mm], parameters: Table 2 of the seed
     "uncompensated": (None, 8.18, 4.58),
     "C1": (26, 0.45, 0.22),
@@ -55,6 +49,23 @@ class Row:
     model: StiffnessModel
 
 
+def truth() -> Truth:
+    """The virtual robot: joints as published, elastic links, the compensator's spring, tracker and robot noise."""
+    nominal = nominal_truth(load(ROBOT))
+    links = {name: SOFTNESS * value for name, value in nominal.items() if name.startswith("k")}
+    return truth_from_table(
+        {
+            "format": 1,
+            "robot": ROBOT,
+            "compliance": {"start": "nominal", **links},
+            "effect": [
+                {"effect": "gravity_compensator", "where": {"joint": 2}, "shape": "spring", "rate": 4.5e6}
+            ],
+            "noise": {"sigma_mm": 0.03, "approach_mm": 0.06},
+        }
+    )
+
+
 def models(robot: Robot, table: Measurements) -> dict[str, StiffnessModel]:
     """C1 and J1 from the reduction for vertical loads, C2 and J2 with one compliance of joint 2 a value of q₂."""
     complete = StiffnessModel.of(reduce(robot, "gravity", "pose"))
@@ -68,9 +79,9 @@ def table2(seed: int = 1, progress: Callable[[str], None] = lambda stage: None) 
     progress("planning 15 poses at 5 values of q2")
     design = _design(robot, seed)
     progress("measuring the virtual robot")
-    truth = truth_from_table(TRUTH)
-    table = simulate(truth, design, seed)
-    fresh = simulate(truth, _fresh(design, seed), seed + 1)
+    virtual = truth()
+    table = simulate(virtual, design, seed)
+    fresh = simulate(virtual, _fresh(design, seed), seed + 1)
     rows = []
     for name, model in models(robot, table).items():
         progress(f"fitting {name}")
@@ -97,24 +108,11 @@ def _design(robot: Robot, seed: int) -> Measurements:
         Load("gravity", FORCE),
         MARKERS,
         (30e-6, 100e-6),
-        Region((), (above_floor(0.3),)),
+        Region((), (above_floor(0.3),), REACH),
         levels={2: LEVELS},
         search=Search(candidates=4000, starts=3, seed=seed, refine=False),
     )
     return with_markers(plan.q, plan.w, MARKERS)
-
-
-def with_markers(q: np.ndarray, w: np.ndarray, markers: tuple[str, ...]) -> Measurements:
-    """A poses table with one row a pose and marker."""
-    n, k = len(q), len(markers)
-    return measurements(
-        np.repeat(q, k, axis=0),
-        np.repeat(w, k, axis=0),
-        labels=[f"p{i + 1}" for i in range(n)],
-        pose=np.repeat(np.arange(n), k),
-        points=markers,
-        point=np.tile(np.arange(k), n),
-    )
 
 
 def _fresh(design: Measurements, seed: int) -> Measurements:

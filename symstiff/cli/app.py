@@ -101,6 +101,7 @@ def plan(
     candidates: Annotated[int, typer.Option(help="Size of the candidate set.")] = 20000,
     sigma: Annotated[float, typer.Option(help="Measurement noise of a coordinate [mm].")] = 0.03,
     levels: Annotated[str | None, typer.Option(help="Distinct values of a joint, e.g. q2=5.")] = None,
+    markers: Annotated[str | None, typer.Option(help="Measured points, e.g. p1,p2,p3; the pose itself where none.")] = None,
     fixed: Fixed = None,
     keep_out: Annotated[str | None, typer.Option(help="Box to avoid [m]: x1,y1,z1,x2,y2,z2.")] = None,
     floor: Annotated[float | None, typer.Option(help="Nothing of the robot below this height [m].")] = None,
@@ -116,8 +117,9 @@ def plan(
 
     run_plan(
         PlanRequest(
-            robot, poses, output, loads, measure, criterion, test_poses, force, candidates, sigma, levels, fixed,
-            keep_out, floor, separate, seed, refine, cluster, plot, json,
+            robot, poses, output, loads, measure, criterion, test_poses, force, candidates, sigma, levels,
+            _list(markers), fixed, keep_out, floor, separate, seed, refine,
+            cluster, plot, json,
         )
     )  # fmt: skip
 
@@ -193,6 +195,16 @@ def compensate(
     from symstiff.cli.calibrate import run_compensate
 
     run_compensate(model, trajectory, output, json)
+
+
+@app.command(epilog="Example: symstiff reproduce")
+def reproduce(
+    seed: Annotated[int, typer.Option(help="Seed of the virtual experiment.")] = 1, json: Json = None
+) -> None:
+    """Reproduce the two tables of Klimchik et al., ICINCO 2014: reduction, and compensation by four models."""
+    from symstiff.cli.reproduce import run_reproduce
+
+    run_reproduce(seed, json)
 
 
 def _list(text: str | None) -> tuple[str, ...]:

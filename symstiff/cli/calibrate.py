@@ -34,6 +34,7 @@ class PlanRequest:
     candidates: int
     sigma: float
     levels: str | None
+    markers: tuple[str, ...]
     fixed: str | None
     keep_out: str | None
     floor: float | None
@@ -49,6 +50,8 @@ def run_plan(request: PlanRequest) -> None:
     """Choose poses, write them, say what they promise."""
     from symstiff.calibration.plan import Goal, Load, Search, plan_for, robot_of
     from symstiff.calibration.planning.poses import draw_plan, save_figure, summary, write_poses
+    from symstiff.calibration.poses import with_markers
+    from symstiff.calibration.table import write_table
     from symstiff.model import StiffnessModel
     from symstiff.reduction import reduce
 
@@ -68,12 +71,15 @@ def run_plan(request: PlanRequest) -> None:
         )
         sigma = (request.sigma * 1e-3, request.sigma * 1e-3 / 0.3)
         plan = plan_for(
-            model, goal, Load(load_class, request.force), (), sigma, _region(request),
+            model, goal, Load(load_class, request.force), request.markers, sigma, _region(request),
             {j: float(v) for j, v in fixed.items()}, _levels(request.levels), search,
             lambda label, share: progress(f"{label} {share:.0%}"),
         )  # fmt: skip
     geometry = robot_of(model)
-    write_poses(plan, geometry, request.output)
+    if request.markers:
+        write_table(with_markers(plan.q, plan.w, request.markers), request.output, "deg")
+    else:
+        write_poses(plan, geometry, request.output)
     if request.plot is not None:
         save_figure(draw_plan(plan, geometry), request.plot)
     _print_plan(out, plan, model.units)
@@ -222,13 +228,13 @@ def _print_identification(out: Console, result: Identification) -> None:
 
     fit, model = result.fit, result.model
     table = Table(title=f"{model.robot.title or model.robot.name}: {len(fit.names)} parameters", title_justify="left")
-    for column in ("parameter", "value", "σ", "σ/value", "95 % interval", "unit"):
+    for column in ("parameter", "value", "σ", "σ/value", "95 % ±", "unit"):
         table.add_column(column, justify="left" if column in ("parameter", "unit") else "right")
     for k, name in enumerate(fit.names):
         value, std = float(model.values[name]), float(fit.std[k])
         share = f"{100 * std / abs(value):.1f} %" if value else "–"
         table.add_row(
-            name, f"{value:.4e}", f"{std:.1e}", share, f"{fit.lower[k]:.3e} … {fit.upper[k]:.3e}", model.units[name]
+            name, f"{value:.4e}", f"{std:.1e}", share, f"{(fit.upper[k] - fit.lower[k]) / 2:.1e}", model.units[name]
         )
     out.print(table)
     print_residuals(out, [("identified poses", result.training), ("held-out poses", result.validation)])
