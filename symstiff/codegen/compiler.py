@@ -30,7 +30,9 @@ class Compiler:
     @property
     def is_gcc(self) -> bool:
         """Whether it understands -fstack-usage as gcc does."""
-        return _version(self.command).startswith("gcc") or "Free Software Foundation" in _version(self.command)
+        return _version(self.command).startswith("gcc") or "Free Software Foundation" in _version(
+            self.command
+        )
 
     def run(self, arguments: Sequence[str], cwd: Path | None = None) -> subprocess.CompletedProcess[str]:
         """Run it; the caller looks at the return code."""
@@ -50,6 +52,11 @@ def find_compiler() -> Compiler | None:
     if importlib.util.find_spec("ziglang") is not None:
         return Compiler((sys.executable, "-m", "ziglang", "cc"))
     return None
+
+
+def library_sources(folder: Path, name: str) -> list[Path]:
+    """C sources of a generated library, self-test included; test, example and fuzzing programs are others."""
+    return sorted(folder.glob(f"{name}*.c"))
 
 
 def _version(command: Sequence[str]) -> str:

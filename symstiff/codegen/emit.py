@@ -204,14 +204,14 @@ def _selftest(functions: Functions, options: Options) -> dict[str, Any]:
 
     return {
         "cases": [members(c) for c in found],
-        "tolerance": algebra.literal(2e-3 if options.single else 1e-10),
+        "tolerance": algebra.literal(2e-5 if options.single else 1e-12),
         "test_parameters": parameters[:stiffness],
         "test_effect_parameters": parameters[stiffness:],
     }
 
 
 def _example(functions: Functions, literal: Any) -> dict[str, Any]:
-    (q, _) = configurations(functions.model, 1, seed=11)[0]
+    (q, _) = configurations(functions, 1, seed=11)[0]
     w = [0.0, 0.0, -1000.0, 0.0, 0.0, 0.0]
     return {"example_q": [literal(round(x, 3)) for x in q], "example_w": [literal(x) for x in w]}
 

@@ -1,21 +1,24 @@
-"""Reference values with 50 digits: the observation's columns and mpmath's own solvers, not the recursion that is emitted."""
+"""50-digit reference values: the observation's columns and mpmath's solvers, not the recursion that is emitted."""
 
 from __future__ import annotations
 
 import random
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
 import mpmath
 import numpy as np
+import sympy as sp
 
 from symstiff.codegen.functions import Functions
 from symstiff.model import StiffnessModel
-from symstiff.symbolic.algebras import evaluate_decimal, evaluate_numpy
+from symstiff.symbolic.algebras import DecimalAlgebra, evaluate_numpy
+from symstiff.symbolic.program import Constant, Program, evaluate
 
 DIGITS = 50
 _SIZES = {"m/N": 5e-8, "rad/N": 5e-8, "rad/(N*m)": 5e-7}
+Input = tuple[tuple[float, ...], tuple[float, ...]]
 
 
 @dataclass(frozen=True)
@@ -35,11 +38,11 @@ class Case:
 
 
 def unit_length(model: StiffnessModel) -> float:
-    """Length that weighs a radian against a metre: a quarter of the reach, a hundredth where position comes first."""
+    """Metres that weigh as much as a radian: a quarter of the reach, a hundredth where position comes first."""
     return round(model.robot.reach * (0.25 if model.robot.dof >= 6 else 0.01), 4) or 0.01
 
 
-def test_values(model: StiffnessModel, seed: int = 7) -> dict[str, float]:
+def test_values(model: StiffnessModel, seed: int = 7) -> dict[str, float]:  # noqa: PT028
     """Plausible parameter values, exact in single precision, for tests only."""
     rng = random.Random(seed)
     values = {}
@@ -51,51 +54,98 @@ def test_values(model: StiffnessModel, seed: int = 7) -> dict[str, float]:
     return {n: values[n] for n in model.parameters}
 
 
-def configurations(model: StiffnessModel, n: int, seed: int = 3) -> list[tuple[tuple[float, ...], tuple[float, ...]]]:
+def configurations(functions: Functions, n: int, seed: int = 3) -> list[Input]:
     """Joint variables within limits and wrenches, multiples of powers of two, away from singular poses."""
     rng = random.Random(seed)
-    found: list[tuple[tuple[float, ...], tuple[float, ...]]] = []
-    jacobian = Functions(model).jacobian
-    for _ in range(200 * n):
-        q = tuple(round(rng.uniform(*joint.range) * 1024) / 1024 for joint in model.robot.joint)
-        w = tuple(round(rng.uniform(-s, s) * 4) / 4 for s in (2000, 2000, 2000, 400, 400, 400))
-        J = evaluate_numpy(jacobian, q=np.array([q]))["J"][0]
-        J[3:] *= 0.25 * model.robot.reach
+    robot = functions.model.robot
+    found: list[Input] = []
+    for _ in range(100):
+        drawn = [_drawn(robot, rng) for _ in range(2 * n)]
+        J = evaluate_numpy(functions.jacobian, q=np.array([q for q, _ in drawn]))["J"]
+        J[:, 3:] *= 0.25 * robot.reach
         s = np.linalg.svd(J, compute_uv=False)
-        if s[-1] > 0.01 * s[0]:
-            found.append((q, w))
-        if len(found) == n:
+        found += [x for x, regular in zip(drawn, s[:, -1] > 0.01 * s[:, 0], strict=True) if regular]
+        if len(found) >= n:
             break
-    return found
+    return found[:n]
 
 
-def cases(functions: Functions, values: dict[str, float], n: int = 3, seed: int = 3) -> list[Case]:
-    """Evaluate n random configurations with 50 digits."""
-    return [_case(functions, values, q, w) for q, w in configurations(functions.model, n, seed)]
+def _drawn(robot: Any, rng: random.Random) -> Input:
+    q = tuple(round(rng.uniform(*joint.range) * 1024) / 1024 for joint in robot.joint)
+    w = tuple(round(rng.uniform(-s, s) * 4) / 4 for s in (2000, 2000, 2000, 400, 400, 400))
+    return q, w
 
 
-def _case(functions: Functions, values: dict[str, float], q: Sequence[float], w: Sequence[float]) -> Case:
-    model = functions.model
-    p = [values[n] for n in model.parameters]
-    context = {"context": [1.0] * len(v.symbols) for v in model.deflection_program.inputs if v.name == "context"}
-    A = evaluate_decimal(model.observation_program, DIGITS, q=q, w=w, **_only(model.observation_program, context))["A"]
-    J = evaluate_decimal(functions.jacobian, DIGITS, q=q)["J"]
-    T = evaluate_decimal(functions.forward, DIGITS, q=q)["T"]
-    C = evaluate_decimal(functions.compliance, DIGITS, p=p, q=q, **_only(functions.compliance, context))["C"]
+def cases(functions: Functions, values: Mapping[str, float], n: int = 3, seed: int = 3) -> list[Case]:
+    """Evaluate n random configurations with 50 digits, all at once."""
+    model, found = functions.model, configurations(functions, n, seed)
     with mpmath.workdps(DIGITS):
+        inputs = {
+            "p": [mpmath.mpf(values[name]) for name in model.parameters],
+            "q": _columns([q for q, _ in found]),
+            "w": _columns([w for _, w in found]),
+        }
+        A = _evaluated(model.observation_program, inputs, len(found))
+        J = _evaluated(functions.jacobian, inputs, len(found))
+        T = _evaluated(functions.forward, inputs, len(found))
+        C = _evaluated(functions.compliance, inputs, len(found))
+        p = np.array(inputs["p"][: len(model.stiffness_parameters)], dtype=object)
         if model.effects:
-            dt = evaluate_decimal(model.deflection_program, DIGITS, p=p, q=q, w=w, **context)["dt"]
+            dt = _evaluated(model.deflection_program, inputs, len(found))
         else:
-            rows = len(model.stiffness_parameters)
-            dt = [mpmath.fsum(A[r * rows + c] * p[c] for c in range(rows)) for r in range(6)]
-        K, condition = _inverse(C, unit_length(model))
-        step = _solved(J, dt, unit_length(model))
-        q_cmd = [mpmath.mpf(x) - s for x, s in zip(q, step, strict=True)]
-    return Case(tuple(q), tuple(w), dt, A, J, T, C, K, condition, q_cmd)
+            dt = (A.reshape(len(found), 6, -1) * p).sum(-1)
+        return [_case(model, *found[i], *(list(x[i]) for x in (dt, A, J, T, C))) for i in range(len(found))]
 
 
-def _only(program: Any, context: dict[str, list[float]]) -> dict[str, list[float]]:
-    return {"context": [1.0] * len(v.symbols) for v in program.inputs if v.name == "context"}
+def _case(
+    model: StiffnessModel,
+    q: tuple[float, ...],
+    w: tuple[float, ...],
+    dt: list[Any],
+    A: list[Any],
+    J: list[Any],
+    T: list[Any],
+    C: list[Any],
+) -> Case:
+    K, condition = _inverse(C, unit_length(model))
+    q_cmd = [mpmath.mpf(x) - s for x, s in zip(q, _solved(J, dt, unit_length(model)), strict=True)]
+    return Case(q, w, dt, A, J, T, C, K, condition, q_cmd)
+
+
+class _DecimalArrays(DecimalAlgebra):
+    """mpmath numbers in arrays of objects: one walk of a program serves all configurations."""
+
+    def number(self, value: sp.Expr) -> Any:
+        """The number in an array of its own: mpmath's product with an array is slow."""
+        return np.array(super().number(value), dtype=object)
+
+    def constant(self, constant: Constant) -> Any:
+        """The exact value."""
+        return self.number(constant.exact)
+
+    def power(self, base: Any, exponent: sp.Expr) -> Any:
+        """x**e."""
+        return base ** (int(exponent) if exponent.is_Integer else self.number(exponent))
+
+    def call(self, function: str, arguments: Sequence[Any]) -> Any:
+        """mpmath's function of that name, element by element."""
+        return np.frompyfunc(lambda *x: super(_DecimalArrays, self).call(function, x), len(arguments), 1)(
+            *arguments
+        )
+
+
+def _columns(rows: Sequence[Sequence[float]]) -> list[Any]:
+    return [np.array([mpmath.mpf(x) for x in column], dtype=object) for column in zip(*rows, strict=True)]
+
+
+def _evaluated(program: Program, inputs: Mapping[str, Any], n: int) -> np.ndarray:
+    """The only output of a program, (n, size) 50-digit numbers; the context (time, temperature, …) is one."""
+    known = {v.name: inputs.get(v.name, [mpmath.mpf(1)] * len(v.symbols)) for v in program.inputs}
+    (flat,) = evaluate(program, known, _DecimalArrays()).values()
+    result = np.empty((n, len(flat)), dtype=object)
+    for k, x in enumerate(flat):
+        result[:, k] = x
+    return result
 
 
 def _inverse(C: Sequence[Any], unit: float) -> tuple[list[Any] | None, float]:
@@ -104,8 +154,8 @@ def _inverse(C: Sequence[Any], unit: float) -> tuple[list[Any] | None, float]:
     for i in range(6):
         for j in range(6):
             matrix[i, j] = C[6 * i + j] * scale[i] * scale[j]
-    s = mpmath.svd_r(matrix, compute_uv=False)
-    if s[5] < s[0] * mpmath.mpf(10) ** -8:
+    s = np.linalg.svd(np.array(matrix.tolist(), dtype=float), compute_uv=False)
+    if s[5] < s[0] * 1e-8:
         return None, 1.0
     inverse = matrix**-1
     K = [inverse[i, j] * scale[i] * scale[j] for i in range(6) for j in range(6)]
@@ -113,7 +163,7 @@ def _inverse(C: Sequence[Any], unit: float) -> tuple[list[Any] | None, float]:
 
 
 def _solved(J: Sequence[Any], dt: Sequence[Any], unit: float) -> list[Any]:
-    """Least squares (tall) or least norm (wide) with rotations weighed by ``unit``, by normal equations at 50 digits."""
+    """Least squares (tall) or least norm (wide), rotations weighed by ``unit``, by normal equations."""
     n = len(J) // 6
     scale = [1, 1, 1, unit, unit, unit]
     M = mpmath.matrix(6, n)

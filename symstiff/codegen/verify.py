@@ -1,4 +1,4 @@
-"""Proof of what was generated: compiled strictly, self-tested, and compared with CasADi and 50 digits at random inputs."""
+"""Proof of what was generated: compiled strictly, self-tested, and held against 50 digits."""
 
 from __future__ import annotations
 
@@ -6,29 +6,36 @@ import ctypes
 import re
 import subprocess
 import tempfile
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from symstiff.codegen.compiler import STRICT, Compiler
+from symstiff.codegen.compiler import STRICT, Compiler, library_sources
 from symstiff.codegen.functions import Functions
 from symstiff.codegen.reference import Case, cases, test_values
 from symstiff.errors import UserError
 
+CONFIGURATIONS = 64  # random ones over the joint range that the bounds of a compiled library are measured at
+TWIST = (slice(0, 3), slice(3, 6))
+
 
 @dataclass(frozen=True)
 class Verification:
-    """What was compiled and seen: greatest relative errors by pair, code size and stack by function [bytes]."""
+    """What was compiled and seen: greatest relative errors by function, against 50-digit values.
+
+    errors: CasADi's and C's greatest; bounds: C's by function, the stiffness matrix's divided by its condition
+    number, the compensated joint variables' absolute [rad, m]; footprint: code, stack, instructions by machine.
+    """
 
     compiled: bool
     compiler: str = ""
     selftest: float | None = None
     errors: dict[str, float] = field(default_factory=dict)
-    code_bytes: dict[str, int] = field(default_factory=dict)
-    stack_bytes: dict[str, int] = field(default_factory=dict)
+    bounds: dict[str, float] = field(default_factory=dict)
+    footprint: dict[str, Any] = field(default_factory=dict)
 
     @property
     def max_relative_error(self) -> float | None:
@@ -44,37 +51,65 @@ class Verification:
             "max_relative_error": self.max_relative_error,
             "selftest_error": self.selftest,
             "errors": self.errors,
-            "code_bytes": self.code_bytes,
-            "stack_bytes": self.stack_bytes,
+            "bounds": {"configurations": CONFIGURATIONS, **self.bounds} if self.bounds else {},
+            "footprint": self.footprint,
         }
 
 
 def verify(
-    folder: Path, functions: Functions, compiler: Compiler | None, single: bool, casadi: bool, c: bool = True
+    folder: Path,
+    functions: Functions,
+    compiler: Compiler | None,
+    single: bool,
+    casadi: bool,
+    c: bool = True,
+    footprint: bool = False,
 ) -> Verification:
-    """Compile and run the self-test in a scratch folder, then compare all evaluations of the model."""
+    """Compile and run the self-test in a scratch folder, then compare all evaluations of the model.
+
+    footprint: also measure code, stack and instructions, on every machine that the tools at hand can show.
+    """
+    compiled = compiler is not None and c
     values = test_values(functions.model)
-    found = cases(functions, values, n=4, seed=23)
+    found = cases(functions, values, n=CONFIGURATIONS if compiled else 4, seed=23)
     errors: dict[str, float] = {}
     if casadi:
-        errors["casadi"] = _casadi_error(folder, functions, found, values)
+        errors["casadi"] = _casadi_error(folder, functions, found[:4], values)
     if compiler is None or not c:
         return Verification(False, errors=errors)
     with tempfile.TemporaryDirectory() as scratch:
         name = functions.model.robot.name
-        worst = _run_selftest(folder, Path(scratch), name, compiler)
-        library = build_library(folder, Path(scratch), name, compiler)
-        errors["c"] = _c_error(library, functions, found, values, single)
-        sizes, stacks = _footprint(folder, Path(scratch), name, compiler)
-    return Verification(True, compiler.name, worst, errors, sizes, stacks)
+        objects = _objects(folder, Path(scratch), name, compiler)
+        worst = _run_selftest(folder, Path(scratch), name, compiler, objects)
+        library = _linked(Path(scratch) / f"lib{name}.so", objects, compiler)
+        bounds = c_errors(library, functions, found, values, single)
+    errors["c"] = max(bounds.values())
+    measured: dict[str, Any] = {}
+    if footprint:
+        from symstiff.codegen.footprint import measure
+
+        measured = measure(folder, functions, single)
+    return Verification(True, compiler.name, worst, errors, bounds, measured)
 
 
-def _run_selftest(folder: Path, scratch: Path, name: str, compiler: Compiler) -> float:
-    program = scratch / "selftest"
-    sources = [str(folder / f) for f in (f"{name}.c", f"{name}_selftest.c", f"test_{name}.c")]
-    done = compiler.run([*STRICT, "-O2", f"-I{folder}", *sources, "-o", str(program), "-lm"])
+def _objects(
+    folder: Path, scratch: Path, name: str, compiler: Compiler, flags: Sequence[str] = ("-O2",)
+) -> list[str]:
+    sources = [str(path) for path in library_sources(folder, name)]
+    done = compiler.run([*STRICT, *flags, "-fPIC", "-c", f"-I{folder}", *sources], cwd=scratch)
     if done.returncode != 0:
         raise RuntimeError(f"the generated C does not compile:\n{done.stderr[:2000]}")
+    return [str(scratch / f"{Path(source).stem}.o") for source in sources]
+
+
+def _run_selftest(
+    folder: Path, scratch: Path, name: str, compiler: Compiler, objects: Sequence[str]
+) -> float:
+    program = scratch / "selftest"
+    source = str(folder / f"test_{name}.c")
+    done = compiler.run([*STRICT, f"-I{folder}", source, *objects, "-o", str(program), "-lm"])
+    if done.returncode != 0:
+        raise RuntimeError(f"the generated self-test does not compile:\n{done.stderr[:2000]}")
     run = subprocess.run([str(program)], capture_output=True, text=True, check=False, timeout=60)
     match = re.search(r"error ([-+.0-9e]+)", run.stdout)
     if run.returncode != 0 or match is None:
@@ -82,14 +117,18 @@ def _run_selftest(folder: Path, scratch: Path, name: str, compiler: Compiler) ->
     return float(match.group(1))
 
 
-def build_library(folder: Path, scratch: Path, name: str, compiler: Compiler, flags: Sequence[str] = ("-O2",)) -> Path:
-    """Compile a shared library of the generated sources."""
-    library = scratch / f"lib{name}.so"
-    sources = [str(folder / f"{name}.c"), str(folder / f"{name}_selftest.c")]
-    done = compiler.run([*STRICT, *flags, "-fPIC", "-shared", f"-I{folder}", *sources, "-o", str(library), "-lm"])
+def _linked(library: Path, objects: Sequence[str], compiler: Compiler) -> Path:
+    done = compiler.run(["-shared", *objects, "-o", str(library), "-lm"])
     if done.returncode != 0:
         raise UserError(f"{compiler.name} could not build a shared library: {done.stderr.strip()[:300]}")
     return library
+
+
+def build_library(
+    folder: Path, scratch: Path, name: str, compiler: Compiler, flags: Sequence[str] = ("-O2",)
+) -> Path:
+    """Compile a shared library of the generated sources."""
+    return _linked(scratch / f"lib{name}.so", _objects(folder, scratch, name, compiler, flags), compiler)
 
 
 def relative(x: Sequence[float] | np.ndarray, reference: Sequence[Any], blocks: Sequence[slice]) -> float:
@@ -103,30 +142,47 @@ def relative(x: Sequence[float] | np.ndarray, reference: Sequence[Any], blocks: 
     return worst
 
 
-TWIST = (slice(0, 3), slice(3, 6))
-
-
-def _c_error(
-    library: Path, functions: Functions, found: Sequence[Case], values: dict[str, float], single: bool
-) -> float:
+def c_errors(
+    library: Path, functions: Functions, found: Sequence[Case], values: Mapping[str, float], single: bool
+) -> dict[str, float]:
+    """Greatest errors of a compiled library's functions over configurations with 50-digit values."""
     model = functions.model
-    loaded = ctypes.CDLL(str(library))
+    loaded, prefix = ctypes.CDLL(str(library)), model.robot.name
     real: Any = ctypes.c_float if single else ctypes.c_double
     n, m = model.robot.dof, len(model.stiffness_parameters)
     p = (real * len(model.parameters))(*model.vector(values))
-    worst = 0.0
+    rows, whole = [slice(r * m, (r + 1) * m) for r in range(6)], [slice(None)]
+    worst: dict[str, float] = {}
+
+    def called(function: str, size: int, *inputs: Any) -> list[float]:
+        output = (real * size)()
+        status = getattr(loaded, f"{prefix}_{function}")(*inputs, output)
+        if status:
+            raise RuntimeError(f"{prefix}_{function} returned error {status} at a regular pose")
+        return list(output)
+
     for case in found:
         q, w = (real * n)(*case.q), (real * 6)(*case.w)
-        dt, A = (real * 6)(), (real * (6 * m))()
-        prefix = model.robot.name
-        if getattr(loaded, f"{prefix}_deflection")(p, q, w, dt) or getattr(loaded, f"{prefix}_observation")(q, w, A):
-            raise RuntimeError("a generated function returned an error at a regular pose")
-        rows = [slice(r * m, (r + 1) * m) for r in range(6)]
-        worst = max(worst, relative(dt, case.dt, TWIST), relative(A, case.A, rows))
+        seen = {
+            "deflection": relative(called("deflection", 6, p, q, w), case.dt, TWIST),
+            "observation": relative(called("observation", 6 * m, q, w), case.A, rows),
+            "jacobian": relative(called("jacobian", 6 * n, q), case.J, whole),
+            "forward": relative(called("forward", 16, q), case.T, whole),
+            "compensate": _greatest_difference(called("compensate", n, p, q, w), case.q_cmd),
+        }
+        if case.K is not None:
+            seen["stiffness"] = relative(called("stiffness", 36, p, q), case.K, whole) / case.condition
+        worst = {k: max(error, worst.get(k, 0.0)) for k, error in seen.items()}
     return worst
 
 
-def _casadi_error(folder: Path, functions: Functions, found: Sequence[Case], values: dict[str, float]) -> float:
+def _greatest_difference(x: Sequence[float], reference: Sequence[Any]) -> float:
+    return max(abs(float(a - b)) for a, b in zip(x, reference, strict=True))
+
+
+def _casadi_error(
+    folder: Path, functions: Functions, found: Sequence[Case], values: dict[str, float]
+) -> float:
     import casadi as ca
 
     model, name = functions.model, functions.model.robot.name
@@ -142,24 +198,3 @@ def _casadi_error(folder: Path, functions: Functions, found: Sequence[Case], val
         rows = [slice(r * m, (r + 1) * m) for r in range(6)]
         worst = max(worst, relative(dt, case.dt, TWIST), relative(A, case.A, rows))
     return worst
-
-
-def _footprint(folder: Path, scratch: Path, name: str, compiler: Compiler) -> tuple[dict[str, int], dict[str, int]]:
-    """Bytes of code and of static stack of every public function, where the compiler tells (gcc)."""
-    done = compiler.run(
-        ["-std=c99", "-O2", "-fstack-usage", "-c", f"-I{folder}", str(folder / f"{name}.c"), "-o", "m.o"], cwd=scratch
-    )
-    usage = scratch / "m.su"
-    if done.returncode != 0 or not usage.exists():
-        return {}, {}
-    stacks = {}
-    for line in usage.read_text().splitlines():
-        place, size, _ = line.split("\t")
-        stacks[place.rsplit(":", 1)[1]] = int(size)
-    sizes = {}
-    listed = subprocess.run(["nm", "-S", "--defined-only", "m.o"], cwd=scratch, capture_output=True, text=True, check=False)
-    for line in listed.stdout.splitlines():
-        parts = line.split()
-        if len(parts) == 4 and parts[2] in "tT":
-            sizes[parts[3]] = int(parts[1], 16)
-    return sizes, {k: v for k, v in stacks.items() if not k.endswith(".part.0")}
