@@ -64,7 +64,9 @@ def _moved(temporary: Path, target: Path) -> None:
         return
     kept = _foreign(target)
     if kept:
-        raise UserError(f"{target} holds {kept}, which symstiff did not write: give a new or generated folder")
+        raise UserError(
+            f"{target} holds {kept}, which symstiff did not write: give a new or generated folder"
+        )
     old = Path(tempfile.mkdtemp(prefix=f".{target.name}.old.", dir=target.parent))
     os.replace(target, old / "was")
     os.replace(temporary, target)

@@ -144,9 +144,7 @@ class StiffnessModel:
         """Deflection of the tool centre point (N, 6) [m, rad] for q (N, n), W (N, 6)."""
         return self._deflection(q, w, self.vector(values), context)
 
-    def _deflection(
-        self, q: np.ndarray, w: np.ndarray, p: np.ndarray, context: Context | None
-    ) -> np.ndarray:
+    def _deflection(self, q: np.ndarray, w: np.ndarray, p: np.ndarray, context: Context | None) -> np.ndarray:
         extra = _context(self.deflection_program, context)
         return evaluate_numpy(self.deflection_program, p=p, q=q, w=w, **extra)["dt"]
 
@@ -269,8 +267,8 @@ def known_values(robot: Robot, parameters: Sequence[Parameter]) -> dict[str, flo
     from symstiff.symbolic.program import Builder
 
     chain = ElasticChain(robot)
-    names = {p.name for p in parameters}
-    values = {n: 0.0 for n in names}
+    names = tuple(p.name for p in parameters)
+    values = dict.fromkeys(names, 0.0)
     for i, link in enumerate(robot.links):
         for entry, value in link.compliance.items():
             if f"k{i}_{entry}" in names:

@@ -11,7 +11,7 @@ from symstiff.robot import Robot, from_table
 
 @pytest.fixture(scope="session")
 def odd3r() -> Robot:
-    """Three joints where nothing is parallel: odd angles and offsets, inclined beams, a turned base and tool."""
+    """Nothing parallel: odd angles and offsets, inclined beams, a turned base and tool."""
     return from_table(odd3r_table())
 
 

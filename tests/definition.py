@@ -1,7 +1,8 @@
-"""The elastic chain by its definition, for tests: a product of 4 × 4 matrices with virtual joints, differentiated.
+"""The elastic chain by its definition: a product of 4 × 4 matrices with virtual joints, differentiated.
 
-Nothing of the package but the robot's data: each DH convention by its textbook formula, the six springs of a link at
-the end of its rigid body, a spring in every joint. Works on numbers of any kind that ``alg`` has sine and cosine of.
+Nothing of the package but the robot's data: each DH convention by its textbook formula, the six springs of
+a link at the end of its rigid body, a spring in every joint. Works on numbers of any kind that ``alg`` has
+sine and cosine of.
 """
 
 from __future__ import annotations

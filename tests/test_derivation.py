@@ -1,4 +1,4 @@
-"""Derivation: the chain's geometry against the definition, columns against recursion, and laws of elasticity."""
+"""Derivation: geometry against the definition, columns against recursion, and laws of elasticity."""
 
 from __future__ import annotations
 
@@ -70,7 +70,7 @@ def partial_derivatives(robot: Robot) -> list[sp.Expr]:
     columns = []
     for place in places(robot):
         moved = pose(robot, variables, {place: theta}, **arithmetic)
-        change = np.array([[sp.diff(x, theta).subs(theta, 0) for x in row] for row in moved], dtype=object)
+        change = np.array([[sp.diff(x, theta).xreplace({theta: sp.S.Zero}) for x in row] for row in moved])
         columns.append(twist(change, at))
     return [column[r] for r in range(6) for column in columns]
 
@@ -196,7 +196,7 @@ def symmetric_terms(robot: Robot) -> tuple[tuple[Term, ...], tuple[str, ...]]:
 
 
 @given(tables, st.integers(0, 2**31))
-@settings(max_examples=12, deadline=None)
+@settings(max_examples=8, deadline=None)
 def test_columns_recursion_and_definition_agree_on_any_robot(table: dict[str, Any], seed: int) -> None:
     robot = from_table(table)
     chain, (terms, names) = ElasticChain(robot), symmetric_terms(robot)
@@ -213,7 +213,7 @@ def test_columns_recursion_and_definition_agree_on_any_robot(table: dict[str, An
 
 
 @given(tables, st.integers(0, 2**31))
-@settings(max_examples=6, deadline=None)
+@settings(max_examples=4, deadline=None)
 def test_the_compliance_matrix_is_symmetric_and_gives_the_deflection(
     table: dict[str, Any], seed: int
 ) -> None:
@@ -238,7 +238,7 @@ def modified(robot: Robot) -> dict[str, Any]:
 
 
 @given(tables, st.integers(0, 2**31))
-@settings(max_examples=6, deadline=None)
+@settings(max_examples=4, deadline=None)
 def test_a_robot_gives_the_same_deflections_in_both_dh_conventions(table: dict[str, Any], seed: int) -> None:
     assume(len(table["joint"]) > 1)
     table = {**table, "convention": "standard"}  # a modified file has no a, alpha after its last joint
@@ -403,10 +403,7 @@ def test_symbolic_lengths_with_their_numbers_put_in_are_the_numeric_program(name
         numbers |= {f"a_{i}": float(rows[i - 1].a), f"d_{i}": float(rows[i - 1].d)}
     numbers |= {f"t_{axis}": float(v) for axis, v in zip("xyz", robot.tool.xyz, strict=True)}
     program = virtual_jacobian_program(chain)
-    found = sum(
-        (sorted(s.expression.free_symbols & set(chain.lengths()), key=str) for s in program.statements), []
-    )
-    assert {s.name for s in found} <= set(numbers)
+    assert {s.name for s in chain.lengths()} <= set(numbers)
     angles, _ = samples(robot, 1, seed=2)
     known = {q(i): sp.Float(angles[0, i - 1]) for i in range(1, robot.dof + 1)}
     known |= {s: sp.Float(numbers[s.name]) for s in chain.lengths()}

@@ -163,7 +163,9 @@ def fit_model(
     values = dict(model.values)
     for _ in range(1 if model.is_linear else _ROUNDS):
         e = equations(model, table, values)
-        fit = estimate(e.A, e.y, weights(e), model.parameters, units=[model.units[n] for n in model.parameters])
+        fit = estimate(
+            e.A, e.y, weights(e), model.parameters, units=[model.units[n] for n in model.parameters]
+        )
         step = fit.values - model.vector(values)
         values = dict(zip(model.parameters, fit.values.tolist(), strict=True))
         if np.abs(step / np.where(fit.std > 0, fit.std, 1.0)).max(initial=0.0) < 1e-3:
@@ -236,8 +238,10 @@ def _finite(values: dict[str, float]) -> dict[str, float]:
 
 def _repeated(table: Measurements) -> list[str]:
     labels = [table.labels[k] for k in table.pose]
-    one = table.point == table.point[0]
-    return check_poses(table.q[one], table.w[one], [label for label, keep in zip(labels, one, strict=True) if keep])
+    one = np.asarray(table.point == table.point[0])
+    return check_poses(
+        table.q[one], table.w[one], [label for label, keep in zip(labels, one, strict=True) if keep]
+    )
 
 
 def _axes(model: StiffnessModel, table: Measurements, e: Equations) -> list[str]:
@@ -253,6 +257,4 @@ def _axes(model: StiffnessModel, table: Measurements, e: Equations) -> list[str]
 
 
 def _cannot_be_negative(name: str) -> bool:
-    return name[0] == "c" and name[1:].isdigit() or (name[0] == "k" and name[-2:-1] == name[-1:])
-
-
+    return (name[0] == "c" and name[1:].isdigit()) or (name[0] == "k" and name[-2] == name[-1])

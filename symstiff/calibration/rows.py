@@ -76,7 +76,9 @@ def equations(
     Raises UserError for absolute data, whose placement and geometry ``diagnose`` estimates.
     """
     if table.kind != "deflection":
-        raise UserError("absolute positions, not deflections: use symstiff diagnose, which estimates placement")
+        raise UserError(
+            "absolute positions, not deflections: use symstiff diagnose, which estimates placement"
+        )
     matrix = at_points(model, table, model.observation(table.q, table.w, context_of(table), values))
     row, component = np.nonzero(table.measured)
     A, y = matrix[row, component], table.values[row, component]

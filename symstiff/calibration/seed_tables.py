@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+
 import numpy as np
 
 from symstiff.calibration.identify import by_level, data_rank, fit_model
@@ -70,10 +71,17 @@ def models(robot: Robot, table: Measurements) -> dict[str, StiffnessModel]:
     """C1 and J1 from the reduction for vertical loads, C2 and J2 with one compliance of joint 2 a value of q₂."""
     complete = StiffnessModel.of(reduce(robot, "gravity", "pose"))
     joints = joints_only(robot, "gravity", "pose")
-    return {"C1": complete, "C2": by_level(complete, table, 2), "J1": joints, "J2": by_level(joints, table, 2)}
+    return {
+        "C1": complete,
+        "C2": by_level(complete, table, 2),
+        "J1": joints,
+        "J2": by_level(joints, table, 2),
+    }
 
 
-def table2(seed: int = 1, progress: Callable[[str], None] = lambda stage: None) -> tuple[Measurements, list[Row]]:
+def table2(
+    seed: int = 1, progress: Callable[[str], None] = lambda stage: None
+) -> tuple[Measurements, list[Row]]:
     """Plan, measure virtually, fit the four models; returns the measurements and the rows."""
     robot = load(ROBOT)
     progress("planning 15 poses at 5 values of q2")

@@ -66,17 +66,25 @@ def generate(
     loads: Annotated[str | None, typer.Option(help="Class of loads: wrench, force or gravity.")] = None,
     measure: Annotated[str | None, typer.Option(help="What is measured: pose or position.")] = None,
     fixed: Fixed = None,
-    model: Annotated[Path | None, typer.Option(help="An identified model (model.toml) instead of a fresh one.")] = None,
+    model: Annotated[
+        Path | None, typer.Option(help="An identified model (model.toml) instead of a fresh one.")
+    ] = None,
     precision: Annotated[str, typer.Option(help="Real type of the C code: double or float.")] = "double",
     layout: Annotated[str, typer.Option(help="C code: unrolled (fast) or compact (small).")] = "unrolled",
-    targets: Annotated[str, typer.Option(help="What to emit, comma-separated (symstiff targets lists them).")] = "c,casadi",
-    compile: Annotated[bool, typer.Option(help="Compile and run the self-test where a compiler is found.")] = True,
+    targets: Annotated[
+        str, typer.Option(help="What to emit, comma-separated (symstiff targets lists them).")
+    ] = "c,casadi",
+    compile: Annotated[
+        bool, typer.Option(help="Compile and run the self-test where a compiler is found.")
+    ] = True,
     json: Json = None,
 ) -> None:
     """Derive, reduce, emit, compile and verify: C and CasADi code for a controller, in a folder that stands alone."""
     from symstiff.cli.produce import run_generate
 
-    run_generate(robot, output, loads, measure, fixed, model, precision, layout, _list(targets), compile, json)
+    run_generate(
+        robot, output, loads, measure, fixed, model, precision, layout, _list(targets), compile, json
+    )
 
 
 @app.command(epilog="Example: symstiff targets")
@@ -95,20 +103,30 @@ def plan(
     output: Annotated[Path, typer.Option("-o", "--output", help="Table of poses (CSV) to write.")],
     loads: Loads = "wrench",
     measure: Measure = "pose",
-    criterion: Annotated[str, typer.Option(help="D, A or test (error after compensation at --test-poses).")] = "D",
-    test_poses: Annotated[Path | None, typer.Option(help="Poses at which accuracy matters, for criterion test.")] = None,
+    criterion: Annotated[
+        str, typer.Option(help="D, A or test (error after compensation at --test-poses).")
+    ] = "D",
+    test_poses: Annotated[
+        Path | None, typer.Option(help="Poses at which accuracy matters, for criterion test.")
+    ] = None,
     force: Annotated[float, typer.Option(help="Magnitude of the load [N].")] = 1000.0,
     candidates: Annotated[int, typer.Option(help="Size of the candidate set.")] = 20000,
     sigma: Annotated[float, typer.Option(help="Measurement noise of a coordinate [mm].")] = 0.03,
     levels: Annotated[str | None, typer.Option(help="Distinct values of a joint, e.g. q2=5.")] = None,
-    markers: Annotated[str | None, typer.Option(help="Measured points, e.g. p1,p2,p3; the pose itself where none.")] = None,
+    markers: Annotated[
+        str | None, typer.Option(help="Measured points, e.g. p1,p2,p3; the pose itself where none.")
+    ] = None,
     fixed: Fixed = None,
     keep_out: Annotated[str | None, typer.Option(help="Box to avoid [m]: x1,y1,z1,x2,y2,z2.")] = None,
     floor: Annotated[float | None, typer.Option(help="Nothing of the robot below this height [m].")] = None,
-    separate: Annotated[Path | None, typer.Option(help="A verdict.json: choose poses that decide among its effects.")] = None,
+    separate: Annotated[
+        Path | None, typer.Option(help="A verdict.json: choose poses that decide among its effects.")
+    ] = None,
     seed: Annotated[int, typer.Option(help="Seed of the candidate set.")] = 1,
     refine: Annotated[bool, typer.Option(help="Refine the chosen poses continuously.")] = True,
-    cluster: Annotated[str | None, typer.Option(help="Address of a Dask scheduler, e.g. tcp://host:8786.")] = None,
+    cluster: Annotated[
+        str | None, typer.Option(help="Address of a Dask scheduler, e.g. tcp://host:8786.")
+    ] = None,
     plot: Annotated[Path | None, typer.Option(help="Picture of the poses (PNG or SVG).")] = None,
     json: Json = None,
 ) -> None:
@@ -124,7 +142,9 @@ def plan(
     )  # fmt: skip
 
 
-@app.command(epilog="Example: symstiff simulate truth.toml --poses poses.csv --noise 0.03 --seed 1 -o data.csv")
+@app.command(
+    epilog="Example: symstiff simulate truth.toml --poses poses.csv --noise 0.03 --seed 1 -o data.csv"
+)
 def simulate(
     truth: Annotated[Path, typer.Argument(help="What is true (TOML): compliances, effects, noise.")],
     poses: Annotated[Path, typer.Option(help="Poses and loads (CSV).")],
@@ -144,13 +164,25 @@ def identify(
     data: Annotated[list[Path], typer.Argument(help="Measurement tables (CSV).")],
     output: Annotated[Path, typer.Option("-o", "--output", help="Model file to write.")],
     start: Annotated[str, typer.Option(help="complete, joints, or a model file.")] = "complete",
-    loads: Annotated[str | None, typer.Option(help="Class of loads; read from the data where not given.")] = None,
-    measure: Annotated[str | None, typer.Option(help="pose or position; read from the data where not given.")] = None,
-    robust: Annotated[bool, typer.Option("--robust", help="Huber's estimator, and a report of outliers.")] = False,
-    physical: Annotated[bool, typer.Option("--physical", help="Keep every link matrix positive semidefinite.")] = False,
+    loads: Annotated[
+        str | None, typer.Option(help="Class of loads; read from the data where not given.")
+    ] = None,
+    measure: Annotated[
+        str | None, typer.Option(help="pose or position; read from the data where not given.")
+    ] = None,
+    robust: Annotated[
+        bool, typer.Option("--robust", help="Huber's estimator, and a report of outliers.")
+    ] = False,
+    physical: Annotated[
+        bool, typer.Option("--physical", help="Keep every link matrix positive semidefinite.")
+    ] = False,
     held_out: Annotated[float, typer.Option(help="Share of the poses kept for validation.")] = 0.0,
-    per_level: Annotated[str | None, typer.Option(help="Joint whose compliance differs for each of its values, e.g. q2.")] = None,
-    reconstruct: Annotated[Path | None, typer.Option(help="Write complete link matrices (JSON) with bounds.")] = None,
+    per_level: Annotated[
+        str | None, typer.Option(help="Joint whose compliance differs for each of its values, e.g. q2.")
+    ] = None,
+    reconstruct: Annotated[
+        Path | None, typer.Option(help="Write complete link matrices (JSON) with bounds.")
+    ] = None,
     plot: Annotated[Path | None, typer.Option(help="Picture of the residuals (PNG or SVG).")] = None,
     seed: Annotated[int, typer.Option(help="Seed of the held-out choice.")] = 0,
     json: Json = None,
@@ -172,8 +204,12 @@ def diagnose(
     data: Annotated[list[Path], typer.Argument(help="Measurement tables (CSV).")],
     output: Annotated[Path, typer.Option("-o", "--output", help="Folder of the report.")],
     start: Annotated[str, typer.Option(help="complete, joints, or a model file.")] = "complete",
-    loads: Annotated[str | None, typer.Option(help="Class of loads; read from the data where not given.")] = None,
-    measure: Annotated[str | None, typer.Option(help="pose or position; read from the data where not given.")] = None,
+    loads: Annotated[
+        str | None, typer.Option(help="Class of loads; read from the data where not given.")
+    ] = None,
+    measure: Annotated[
+        str | None, typer.Option(help="pose or position; read from the data where not given.")
+    ] = None,
     max_effects: Annotated[int, typer.Option(help="At most so many effects are added.")] = 3,
     seed: Annotated[int, typer.Option(help="Seed of the bootstrap.")] = 0,
     json: Json = None,

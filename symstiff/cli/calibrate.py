@@ -130,7 +130,10 @@ def _region(request: PlanRequest) -> Region | None:
 def _print_plan(out: Console, plan: Plan, units: dict[str, str]) -> None:
     from rich.table import Table
 
-    table = Table(title=f"{len(plan)} poses, criterion {plan.criterion}: predicted standard deviations", title_justify="left")
+    table = Table(
+        title=f"{len(plan)} poses, criterion {plan.criterion}: predicted standard deviations",
+        title_justify="left",
+    )
     for column in ("parameter", "σ", "unit"):
         table.add_column(column, justify="right" if column == "σ" else "left")
     for name, std in zip(plan.parameters, plan.std, strict=True):
@@ -227,20 +230,29 @@ def _print_identification(out: Console, result: Identification) -> None:
     from rich.table import Table
 
     fit, model = result.fit, result.model
-    table = Table(title=f"{model.robot.title or model.robot.name}: {len(fit.names)} parameters", title_justify="left")
+    table = Table(
+        title=f"{model.robot.title or model.robot.name}: {len(fit.names)} parameters", title_justify="left"
+    )
     for column in ("parameter", "value", "σ", "σ/value", "95 % ±", "unit"):
         table.add_column(column, justify="left" if column in ("parameter", "unit") else "right")
     for k, name in enumerate(fit.names):
         value, std = float(model.values[name]), float(fit.std[k])
         share = f"{100 * std / abs(value):.1f} %" if value else "–"
         table.add_row(
-            name, f"{value:.4e}", f"{std:.1e}", share, f"{(fit.upper[k] - fit.lower[k]) / 2:.1e}", model.units[name]
+            name,
+            f"{value:.4e}",
+            f"{std:.1e}",
+            share,
+            f"{(fit.upper[k] - fit.lower[k]) / 2:.1e}",
+            model.units[name],
         )
     out.print(table)
     print_residuals(out, [("identified poses", result.training), ("held-out poses", result.validation)])
     out.print(f"rank: {fit.rank}")
     if fit.fit_p is not None:
-        out.print(f"unit variance {fit.s0_squared:.2f} ({fit.dof} degrees of freedom), fit p = {fit.fit_p:.2g}")
+        out.print(
+            f"unit variance {fit.s0_squared:.2f} ({fit.dof} degrees of freedom), fit p = {fit.fit_p:.2g}"
+        )
     for a, b, value in fit.correlated()[:5]:
         out.print(f"strongly correlated: {a}, {b} ({value:+.3f})")
     if result.robust is not None:
@@ -294,15 +306,26 @@ def run_compensate(model_file: Path, trajectory: Path, output: Path, json: str |
     rms = [float(np.sqrt((e[:, :3] ** 2).sum(axis=1).mean())) for e in (found.before, found.after)]
     labels = tuple(str(k + 1) for k in range(len(table)))
     write_table(
-        replace(table, q=found.q_cmd, labels=labels, pose=np.arange(len(table))) if _moves(table) else replace(table, q=found.q_cmd),
+        replace(table, q=found.q_cmd, labels=labels, pose=np.arange(len(table)))
+        if _moves(table)
+        else replace(table, q=found.q_cmd),
         output,
     )
-    out.print(f"{len(table)} poses: predicted error {1e3 * rms[0]:.3f} mm rms, after compensation {1e3 * rms[1]:.2g} mm")
+    out.print(
+        f"{len(table)} poses: predicted error {1e3 * rms[0]:.3f} mm rms, after compensation {1e3 * rms[1]:.2g} mm"
+    )
     singular = int((~found.solved).sum())
     if singular:
         out.print(f"[yellow]note[/yellow]: {singular} singular poses keep their command")
     out.print(f"wrote {output}")
-    write_json(json, {"poses": len(table), "rms_mm": {"before": 1e3 * rms[0], "after": 1e3 * rms[1]}, "singular": singular})
+    write_json(
+        json,
+        {
+            "poses": len(table),
+            "rms_mm": {"before": 1e3 * rms[0], "after": 1e3 * rms[1]},
+            "singular": singular,
+        },
+    )
 
 
 def _moves(table: Any) -> bool:

@@ -65,7 +65,9 @@ def _identified(robot: str, model_file: Path, loads: str | None, measure: str | 
         raise UserError(f"{model_file} is a model of {model.robot.name}, not of {name}")
     for key, wanted, has in (("loads", loads, model.loads), ("measure", measure, model.measure)):
         if wanted is not None and wanted != has:
-            raise UserError(f"{model_file} was reduced for {key} {has}: leave out --{key} {wanted}, or identify again")
+            raise UserError(
+                f"{model_file} was reduced for {key} {has}: leave out --{key} {wanted}, or identify again"
+            )
     return model
 
 
@@ -82,7 +84,9 @@ def _report(out: Console, result: Generated) -> None:
     if proof.compiled:
         out.print(f"compiled by {proof.compiler} without a warning, self-test passed")
     elif "c" in result.manifest["options"]["targets"].split(","):
-        out.print("not compiled: no C compiler was found or wanted (pip install symstiff\\[compiler] brings one)")
+        out.print(
+            "not compiled: no C compiler was found or wanted (pip install symstiff\\[compiler] brings one)"
+        )
     if proof.max_relative_error is not None:
         out.print(f"greatest relative error against 50-digit values: {proof.max_relative_error:.1e}")
     out.print(f"wrote {result.folder}")

@@ -18,11 +18,26 @@ def run_reproduce(seed: int, json: str | None) -> None:
     print_stages(out, reduce(load(ROBOT), "gravity", "pose"))
     with stages(out) as progress:
         _, rows = table2(seed, progress)
-    table = Table(title="positional errors [mm]: a virtual KR 270, and the seed's Table 2", title_justify="left")
-    for column in ("model", "parameters", "rank", "MAX", "RMS", "compensated", "fresh poses", "seed: n", "MAX", "RMS"):
+    table = Table(
+        title="positional errors [mm]: a virtual KR 270, and the seed's Table 2", title_justify="left"
+    )
+    for column in (
+        "model",
+        "parameters",
+        "rank",
+        "MAX",
+        "RMS",
+        "compensated",
+        "fresh poses",
+        "seed: n",
+        "MAX",
+        "RMS",
+    ):
         table.add_column(column, justify="left" if column == "model" else "right")
     before = rows[0].fitted.before["positional"]
-    table.add_row("none", "–", "–", f"{1e3 * before.max:.2f}", f"{1e3 * before.rms:.2f}", "–", "–", "–", "8.18", "4.58")
+    table.add_row(
+        "none", "–", "–", f"{1e3 * before.max:.2f}", f"{1e3 * before.rms:.2f}", "–", "–", "–", "8.18", "4.58"
+    )
     record = {}
     for row in rows:
         after, fresh = row.fitted.after["positional"], row.fresh.after["positional"]

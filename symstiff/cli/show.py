@@ -28,7 +28,15 @@ def show_robots(json: str | None) -> None:
         robot = load(name)
         kinds = "".join("P" if j.prismatic else "R" for j in robot.joint)
         table.add_row(name, robot.title, f"{robot.dof} {kinds}", f"{robot.reach:.2f}", robot.source)
-        rows.append({"robot": name, "title": robot.title, "dof": robot.dof, "reach": robot.reach, "source": robot.source})
+        rows.append(
+            {
+                "robot": name,
+                "title": robot.title,
+                "dof": robot.dof,
+                "reach": robot.reach,
+                "source": robot.source,
+            }
+        )
     console(json).print(table)
     write_json(json, rows)
 
@@ -48,7 +56,13 @@ def parse_fixed(text: str | None) -> dict[int, Exact]:
 
 
 def show_reduction(
-    robot: str, loads: str, measure: str, fixed: str | None, prefer: Sequence[str], avoid: Sequence[str], json: str | None
+    robot: str,
+    loads: str,
+    measure: str,
+    fixed: str | None,
+    prefer: Sequence[str],
+    avoid: Sequence[str],
+    json: str | None,
 ) -> None:
     """Print the reduction stage by stage."""
     from symstiff.reduction import reduce
@@ -81,7 +95,9 @@ def print_stages(out: Console, reduction: Reduction) -> None:
 
     p, robot, e = reduction.partition, reduction.robot, reduction.experiment
     words = {"n": robot.dof, "links": robot.dof + 1, "g1": len(p.g1), "g2": len(p.g2), "g3": len(p.g3)}
-    table = Table(title=f"{robot.title or robot.name}: loads {e.loads}, measured {e.measure}", title_justify="left")
+    table = Table(
+        title=f"{robot.title or robot.name}: loads {e.loads}, measured {e.measure}", title_justify="left"
+    )
     table.add_column("step")
     table.add_column("parameters", justify="right")
     table.add_column("what")
@@ -92,7 +108,11 @@ def print_stages(out: Console, reduction: Reduction) -> None:
 
 def _print_groups(out: Console, reduction: Reduction) -> None:
     p = reduction.partition
-    for label, names in (("G1 identifiable", p.g1), ("G2 without influence", p.g2), ("G3 semi-identifiable", p.g3)):
+    for label, names in (
+        ("G1 identifiable", p.g1),
+        ("G2 without influence", p.g2),
+        ("G3 semi-identifiable", p.g3),
+    ):
         out.print(f"[bold]{label}[/bold] ({len(names)}): {' '.join(names) or '–'}")
     for k, block in enumerate(p.blocks, start=1):
         kept = sum(name in p.kept for name in block)
@@ -105,7 +125,9 @@ def _print_couplings(out: Console, couplings: dict[str, dict[str, Any]]) -> None
         return
     from rich.table import Table
 
-    table = Table(title="couplings: column of the eliminated = Σ coefficient × column of the kept", title_justify="left")
+    table = Table(
+        title="couplings: column of the eliminated = Σ coefficient × column of the kept", title_justify="left"
+    )
     table.add_column("eliminated")
     table.add_column("= Σ over kept")
     for eliminated, row in couplings.items():

@@ -89,12 +89,14 @@ def vector_context(single: bool) -> dict[str, Any]:
     suffix = "f" if single else ""
     exact = {
         "half": 0.5, "one": 1.0, "two": 2.0, "four": 4.0, "quarter": 0.25, "three_eighths": 0.375, "one_half": 1.5,
-        "two_over_pi": 2.0 / math.pi, "shift": numbers.shift, "reach": numbers.reach, "domain": numbers.domain,
+        "two_over_pi": 2.0 / math.pi, "shift": numbers.shift, "zero": 0.0,
+        "half_over_reach": 0.5 / numbers.reach, "reach": numbers.reach, "domain": numbers.domain,
     }  # fmt: skip
     return {
         "real": "float" if single else "double",
         **{f: f + suffix for f in ("sin", "cos", "fabs")},
         "ulp": numbers.ulp,
+        "whole_bits": 22 if single else 51,
         "split": [literal(x) for x in numbers.split],
         "sine": _horner(numbers.sine, literal),
         "cosine": _horner(numbers.cosine, literal),
@@ -106,7 +108,7 @@ def _horner(coefficients: Sequence[float], literal: Callable[[float], str]) -> s
     """A polynomial in z."""
     *rest, code = [literal(c) for c in coefficients]
     for c in reversed(rest):
-        code = f"{c} + (z * ({code}))"
+        code = f"({c} + (z * {code}))"
     return code
 
 
@@ -134,6 +136,9 @@ def batch_function(
     store = f"{{vector}}[({{index}} * {size}) + i]"
     sources = dict(inputs) | {n: _component(n, size) for n in names if n not in inputs}
     body = c_body(program, sources, single=single, indent=" " * 8, algebra=algebra, store=store)
+    zero = f"] = {algebra.literal(0.0)};"
+    lines = body.split("\n")
+    body = "\n".join(line for line in lines if not line.endswith(zero))
     unused = [n for n in names if f"{n}[" not in body and f"{n}->" not in body]
     return {
         "name": program.name,
@@ -147,6 +152,7 @@ def batch_function(
         "call": ", ".join(["p"] * ("p" in names) + [f"block_{n}" for n in names if n != "p"] + ["block"]),
         "prologue": "".join(f"    (void){n};\n" for n in unused),
         "body": body,
+        "zeros": len(body) < sum(len(line) + 1 for line in lines) - 1,
         "output": output,
         "outputs": program.size(output),
         "rows": shape[0],

@@ -128,20 +128,36 @@ def judge(shop: Workshop, proposal: Proposal) -> Judged:
     options = shop.options
     members, entries = proposal.members, proposal.entries
     scan, left = shop.look(entries)
-    distribution = shop.null(members, entries)
     named = float(np.max(shop.score(members, entries, False), initial=-np.inf))
     unnamed = float(np.max(shop.score(members, entries, True), initial=-np.inf))
+    # the null of the start decides clear cases; draws for this set are made where it could tip the balance
+    distribution = shop.null((), ())
     p_named, p_unnamed = distribution.p_named(named), distribution.p_generic(unnamed)
+    if min(p_named, p_unnamed) < 5.0 * options.alpha_sufficient and max(p_named, p_unnamed) > 1e-5:
+        distribution = shop.null(members, entries)
+        p_named, p_unnamed = distribution.p_named(named), distribution.p_generic(unnamed)
     scale2 = scan.best.rss / max(scan.freedom, 1)
     gained = (shop.start.best.rss - scan.best.rss) / max(scale2, 1e-300)
     missed = _missed_share(shop, proposal, scan, gained)
     rival, who = _rival(shop, proposal)
-    lack = p_named < options.alpha_sufficient or p_unnamed < 0.5 * options.alpha_sufficient
+    close = missed < options.tolerated_share
+    lack_named = p_named < options.alpha_sufficient and not (close and _at_a_member(shop, proposal))
+    lack_unnamed = p_unnamed < 0.5 * options.alpha_sufficient and not close
     p_members = tuple(_needed(shop, proposal, i) for i in range(len(members)))
     return Judged(
         members, entries, proposal.score, scan, left, gained, p_named, p_unnamed, missed, rival, who,
-        (not lack) or missed < options.tolerated_share, p_members,
+        not (lack_named or lack_unnamed), p_members,
     )  # fmt: skip
+
+
+def _at_a_member(shop: Workshop, proposal: Proposal) -> bool:
+    """Does the best further candidate of the catalogue sit where a member sits? Then only the shape is off."""
+    bank = shop.start.bank
+    score = shop.score(proposal.members, proposal.entries, False)
+    if not len(score):
+        return False
+    where = bank.candidates[int(np.argmax(score))].where
+    return any(bank.candidates[m].where == where for m in proposal.members)
 
 
 def _missed_share(shop: Workshop, proposal: Proposal, scan: Scan, gained: float) -> float:
@@ -197,4 +213,4 @@ def _needed(shop: Workshop, proposal: Proposal, place: int) -> float:
     members = tuple(m for i, m in enumerate(proposal.members) if i != place)
     entries = tuple(e for i, e in enumerate(proposal.entries) if i != place)
     score = float(shop.look(entries)[1].score[proposal.members[place]])
-    return shop.null(members, entries).p_named(score)
+    return shop.null((), ()).p_named(score)

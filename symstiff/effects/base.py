@@ -73,33 +73,35 @@ class Scales:
 
 
 class Situation(Protocol):
-    """What an effect that is no law of virtual joints may look at: N load cases, M rows of data.
+    """What an effect that is no law of virtual joints may look at: N states (pose, load case, point), M rows.
 
-    ``labels`` name the poses; ``row_pose`` (M,) and ``row_axis`` (M,) number each row's pose and component
-    (0–5);
-    ``J`` (N, 6, V) and ``virtual_joints`` are the virtual-joint Jacobian at the tool centre point, base
-    axes; ``theta``
-    (N, V) the current model's deflections; ``wrench`` (N, 6); ``respond(tau)`` the current model's
-    deflections (N, V)
-    for loads (N, V); ``rows(twist, points)`` takes (N, 6) twists of the tool centre point, or (points, N,
-    6) of every
-    point, to rows (M,); ``offsets`` (points, N, 3) lead from the tool centre point to each point.
+    ``labels`` name the poses; ``row_pose`` and ``row_axis`` (M,) number each row's pose and component
+    (0–5); ``J``
+    (N, 6, V) is the virtual-joint Jacobian at the tool centre point, base axes; ``theta`` (N, V) the
+    current model's
+    deflections; ``wrench`` (N, 6); ``offset`` (N, 3) leads from the tool centre point to the measured point.
     """
 
-    labels: tuple[str, ...]
-    row_pose: np.ndarray
-    row_axis: np.ndarray
-    J: np.ndarray
-    virtual_joints: tuple[VirtualJoint, ...]
-    theta: np.ndarray
-    wrench: np.ndarray
-    offsets: np.ndarray
+    @property
+    def labels(self) -> tuple[str, ...]: ...  # noqa: D102
+    @property
+    def row_pose(self) -> np.ndarray: ...  # noqa: D102
+    @property
+    def row_axis(self) -> np.ndarray: ...  # noqa: D102
+    @property
+    def J(self) -> np.ndarray: ...  # noqa: D102
+    @property
+    def theta(self) -> np.ndarray: ...  # noqa: D102
+    @property
+    def wrench(self) -> np.ndarray: ...  # noqa: D102
+    @property
+    def offset(self) -> np.ndarray: ...  # noqa: D102
 
-    def respond(self, tau: np.ndarray) -> np.ndarray:
-        """Deflections (N, V) of the current model for loads (N, V)."""
+    def respond(self, loads: np.ndarray) -> np.ndarray:
+        """Further deflections (N, V) of the current model under further loads (N, V)."""
 
-    def rows(self, twist: np.ndarray) -> np.ndarray:
-        """Rows (M,) that twists (points, N, 6) of the measured points are seen as."""
+    def rows(self, twists: np.ndarray) -> np.ndarray:
+        """Rows (M,) that twists (N, 6) of the measured points are seen as."""
 
 
 def _no_shape(robot: Robot, where: Where, scales: Scales) -> tuple[Shape, ...]:

@@ -61,9 +61,10 @@ def _spring(robot: Robot, j: int, shape: Shape) -> sp.Expr:
         float(shape.get(k, known.get(k, d)))
         for k, d in (("a", 0.7), ("L", 0.19), ("s0", 0.46), ("alpha", 0.0))
     )
+    stiffness, ratio = _stiffness(a, L, s0), exact(shape.get("ratio", 0.0))
+    values = {_ANGLE: q(j), _ALPHA: exact(alpha)}
     with sp.evaluate(False):
-        law = _stiffness(a, L, s0).xreplace({_ANGLE: q(j), _ALPHA: exact(alpha)})
-        ratio = exact(shape.get("ratio", 0.0))
+        law = stiffness.xreplace(values)
         return load_of(j) * law / (1 + ratio * law) if ratio else load_of(j) * law
 
 

@@ -37,13 +37,10 @@ def _moved(J: np.ndarray, theta: np.ndarray) -> np.ndarray:
 def _columns(situation: Situation, where: Where, shape: Shape) -> np.ndarray:
     J, theta = situation.J, situation.theta
     further = situation.respond(np.einsum("nrv,nr->nv", _moved(J, theta), situation.wrench))
-    twists = []
-    for offset in situation.offsets:
-        point = J.copy()
-        point[:, :3] += np.cross(J[:, 3:], offset[:, :, None], axis=1)
-        curved = np.einsum("nrv,nv->nr", _moved(point, theta), theta) / 2
-        twists.append(curved + np.einsum("nrv,nv->nr", point, further))
-    return situation.rows(np.stack(twists))[:, None]
+    point = J.copy()
+    point[:, :3] += np.cross(J[:, 3:], situation.offset[:, :, None], axis=1)
+    curved = np.einsum("nrv,nv->nr", _moved(point, theta), theta) / 2
+    return situation.rows(curved + np.einsum("nrv,nv->nr", point, further))[:, None]
 
 
 EFFECT = Effect(

@@ -89,7 +89,9 @@ def original(robot: Robot) -> Stage:
 
 def symmetrised(before: Stage) -> Stage:
     """M1: one parameter for every pair k_ij = k_ji (Maxwell's reciprocity)."""
-    names = {p.name: f"k{p.body}_{p.column}{p.row}" if p.row > p.column else p.name for p in before.parameters}
+    names = {
+        p.name: f"k{p.body}_{p.column}{p.row}" if p.row > p.column else p.name for p in before.parameters
+    }
     reasons = {
         old: f"equals {new}: compliance matrices are symmetric" for old, new in names.items() if old != new
     }

@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 import sympy as sp
 
-from symstiff.symbolic.program import Constant
+from symstiff.symbolic.program import Constant, nearby
 
 PRIMES = tuple(sp.prevprime(2**31 - 1 - 7919 * k) for k in range(1, 25))
 Residues = Any  # an int, or an int64 array (N,)
@@ -59,9 +59,11 @@ class PrimeAlgebra:
         """An angle of known value; irrational sines get a rational stand-in that agrees to 1e-12."""
         c, s = sp.cos(value), sp.sin(value)
         if not (c.is_Rational and s.is_Rational):
-            half = sp.Rational(*_nearby(float(sp.tan(value / 2))))
+            half = nearby(float(sp.tan(value / 2)))
             c, s = (1 - half**2) / (1 + half**2), 2 * half / (1 + half**2)
-        number = self.number(sp.Rational(value)) if value.is_Rational else self._oracle("angle", [hash_of(value)])
+        number = (
+            self.number(sp.Rational(value)) if value.is_Rational else self._oracle("angle", [hash_of(value)])
+        )
         return Angle(number, self.number(c), self.number(s))
 
     def number(self, value: sp.Expr) -> Any:
@@ -134,12 +136,7 @@ class PrimeAlgebra:
 
 def hash_of(value: sp.Expr) -> int:
     """A number that depends on an expression's text alone (no interpreter's hash)."""
-    return sum(ord(c) * 31**k for k, c in enumerate(str(value))) % (2**31 - 1)
-
-
-def _nearby(value: float) -> tuple[int, int]:
-    fraction = Fraction(value).limit_denominator(3_000_000)
-    return fraction.numerator, fraction.denominator
+    return int(sum(ord(c) * 31**k for k, c in enumerate(str(value))) % (2**31 - 1))
 
 
 def echelon(matrix: np.ndarray, prime: int) -> tuple[np.ndarray, list[int]]:

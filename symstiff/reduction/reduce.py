@@ -88,7 +88,9 @@ class Reduction:
         eliminated = [p.name for p in self.full if p.name not in self.parameters]
         wrong = sorted(set(fixed) - set(eliminated))
         if wrong:
-            raise UserError(f"{wrong[0]!r} is no eliminated parameter of {self.robot.name}: it cannot be fixed")
+            raise UserError(
+                f"{wrong[0]!r} is no eliminated parameter of {self.robot.name}: it cannot be fixed"
+            )
         values = {n: fixed.get(n, 0.0) for n in eliminated}
         shift = self.reduced_values(values)
         values |= {n: reduced[n] - shift[n] for n in self.parameters}
@@ -168,7 +170,9 @@ def preference(
     names = [p.name for p in full]
     for wish in (*prefer, *avoid):
         if wish not in names:
-            raise UserError(f"no parameter {wish!r} after M3 of {chain.robot.name}: known are {', '.join(names)}")
+            raise UserError(
+                f"no parameter {wish!r} after M3 of {chain.robot.name}: known are {', '.join(names)}"
+            )
     sense = {p.name: _sense(chain, p) for p in full}
 
     def key(name: str) -> tuple[int, int, int]:

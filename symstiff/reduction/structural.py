@@ -67,7 +67,7 @@ def partition(names: Sequence[str], kept: Sequence[str], couplings: Couplings) -
     zero = [n for n in names if n in couplings and not couplings[n]]
     coupled = {k for row in couplings.values() for k in row}
     g1 = [n for n in kept if n not in coupled]
-    g3 = [n for n in names if n in coupled or (n in couplings and couplings[n])]
+    g3 = [n for n in names if n in coupled or couplings.get(n)]
     real = {n: row for n, row in couplings.items() if row}
     in_order = sorted(kept, key=list(names).index)
     return Partition(
@@ -114,7 +114,10 @@ class ExactEngine:
         rng = np.random.default_rng([self.seed, prime])
         rows = MEASURES[self.experiment.measure]
         n = (5 * len(self.names)) // (4 * len(rows)) + 12
-        inputs: dict[str, list[Any]] = {"q": self._joints(algebra, rng, n), "w": self._wrench(algebra, rng, n)}
+        inputs: dict[str, list[Any]] = {
+            "q": self._joints(algebra, rng, n),
+            "w": self._wrench(algebra, rng, n),
+        }
         for vector in self.program.inputs:
             if vector.name == "lengths":
                 inputs["lengths"] = list(lengths)
@@ -142,7 +145,9 @@ class ExactEngine:
         acting = LOADS[self.experiment.loads]
         return [algebra.random(rng, n) if c in acting else 0 for c in range(1, 7)]
 
-    def reduced(self, prime: int, order: Sequence[int], lengths: Sequence[int] = ()) -> tuple[np.ndarray, list[int]]:
+    def reduced(
+        self, prime: int, order: Sequence[int], lengths: Sequence[int] = ()
+    ) -> tuple[np.ndarray, list[int]]:
         """Echelon form with columns in the given order; pivots as positions in that order."""
         return echelon(self.matrix(prime, lengths)[:, list(order)], prime)
 

@@ -79,7 +79,7 @@ class ElasticChain:
     def tool_offset(self) -> Vec:
         """Frame n to tool centre point, in the axes of frame n (the tool's rotation turns about its tip)."""
         values = {e.kind: self.length(e.value, f"t_{e.kind[1]}") for e in self.tool if e.kind[0] == "t"}
-        return tuple(values.get(k, sp.S.Zero) for k in ("tx", "ty", "tz"))  # type: ignore[return-value]
+        return tuple(values.get(k, sp.S.Zero) for k in ("tx", "ty", "tz"))
 
     def lengths(self) -> tuple[sp.Symbol, ...]:
         """The length symbols of a symbolic chain, base to tip."""
@@ -145,8 +145,8 @@ def _turned(axes: Axes, k: int, c: sp.Expr, s: sp.Expr) -> Axes:
     """Axes after a rotation about their own k-th axis."""
     i, j = (k + 1) % 3, (k + 2) % 3
     new = list(axes)
-    new[i] = tuple(c * x + s * y for x, y in zip(axes[i], axes[j], strict=True))  # type: ignore[assignment]
-    new[j] = tuple(c * y - s * x for x, y in zip(axes[i], axes[j], strict=True))  # type: ignore[assignment]
+    new[i] = tuple(c * x + s * y for x, y in zip(axes[i], axes[j], strict=True))
+    new[j] = tuple(c * y - s * x for x, y in zip(axes[i], axes[j], strict=True))
     return tuple(new)  # type: ignore[return-value]
 
 
@@ -198,11 +198,11 @@ def frames(chain: ElasticChain, b: Builder) -> Frames:
     for i in range(chain.dof, 0, -1):
         a, _, d = chain.offset(i)
         z = axes[i - 1][2]
-        rho = b.vector(plus(plus(rho, b.vector(scaled(axes[i][0], a))), b.vector(scaled(z, d))))  # type: ignore[assignment]
+        rho = b.vector(plus(plus(rho, b.vector(scaled(axes[i][0], a))), b.vector(scaled(z, d))))
         levers.append(rho)
         joint_moment = _about_joint(chain, b, i, axes[i], moments[-1], steps[i - 1], a)
         x, y, _ = (b.vector(cross(e, rho)) for e in axes[i - 1])
-        moments.append((x, y, joint_moment))  # type: ignore[arg-type]
+        moments.append((x, y, joint_moment))
     return Frames(tuple(axes), tuple(levers[::-1]), tuple(moments[::-1]))
 
 
@@ -212,7 +212,7 @@ def _about_joint(
     """z_{i−1} × ρ_{i−1} from frame i's moments: z = sin α·y_i + cos α·z_i, and a·(z × x_i) for the lever's change."""
     c, s = chain.alpha(b, i)
     moment = b.vector(plus(scaled(moments[1], s), scaled(moments[2], c)))
-    return b.vector(plus(moment, b.vector(scaled(before, a))))  # type: ignore[return-value,arg-type]
+    return b.vector(plus(moment, b.vector(scaled(before, a))))
 
 
 def _orientations(chain: ElasticChain, b: Builder) -> tuple[list[Axes], list[Vec]]:
@@ -224,9 +224,9 @@ def _orientations(chain: ElasticChain, b: Builder) -> tuple[list[Axes], list[Vec
         angle, name = angle + chain.angle(i), f"{name}_{i}"
         c, s = b.cos_sin(angle, name)
         x, y, z = (b.vector(v) for v in _turned(start, 2, c, s))
-        sides.append(y)  # type: ignore[arg-type]
+        sides.append(y)
         ca, sa = chain.alpha(b, i)
-        frame: Axes = tuple(b.vector(v) for v in _turned((x, y, z), 0, ca, sa))  # type: ignore[assignment,arg-type]
+        frame: Axes = tuple(b.vector(v) for v in _turned((x, y, z), 0, ca, sa))
         axes.append(frame)
         if chain.rows[i - 1].alpha:
             start, angle, name = frame, sp.S.Zero, ""
@@ -236,7 +236,7 @@ def _orientations(chain: ElasticChain, b: Builder) -> tuple[list[Axes], list[Vec
 def _combined(b: Builder, axes: Axes, components: Vec) -> Vec:
     """Σ component_k · axis_k, bound."""
     total = tuple(sp.Add(*[components[k] * axes[k][r] for k in range(3)]) for r in range(3))
-    return b.vector(total)  # type: ignore[return-value]
+    return b.vector(total)
 
 
 def jacobian_columns(chain: ElasticChain, b: Builder, f: Frames) -> dict[VirtualJoint, tuple[sp.Expr, ...]]:

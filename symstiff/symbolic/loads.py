@@ -27,7 +27,7 @@ def turns(chain: ElasticChain, b: Builder) -> Turns:
 def to_parent(chain: ElasticChain, b: Builder, t: Turns, i: int, v: Vec) -> Vec:
     """Vector from axes of frame i to axes of frame i−1."""
     c, s = t.pairs[i - 1]
-    return b.vector(turn_z(b.vector(turn_x(v, *chain.alpha(b, i))), c, s))  # type: ignore[arg-type,return-value]
+    return b.vector(turn_z(b.vector(turn_x(v, *chain.alpha(b, i))), c, s))
 
 
 def lever(chain: ElasticChain, b: Builder, t: Turns) -> Vec:
@@ -35,14 +35,14 @@ def lever(chain: ElasticChain, b: Builder, t: Turns) -> Vec:
     r = chain.tool_offset()
     for i in range(chain.dof, 0, -1):
         c, s = t.pairs[i - 1]
-        turned: Vec = b.vector(turn_x(r, *chain.alpha(b, i)))  # type: ignore[assignment]
-        r = b.vector(turn_z(b.vector(plus(turned, chain.offset(i))), c, s))  # type: ignore[arg-type,assignment]
+        turned: Vec = b.vector(turn_x(r, *chain.alpha(b, i)))
+        r = b.vector(turn_z(b.vector(plus(turned, chain.offset(i))), c, s))
     return r
 
 
 def in_base(axes: Sequence[Vec], v: Sequence[sp.Expr]) -> Vec:
     """Components along the axes of frame 0 of a vector in world axes (axes: columns of R_0)."""
-    return tuple(dot(a, v) for a in axes)  # type: ignore[return-value]
+    return tuple(dot(a, v) for a in axes)
 
 
 def passed_loads(
@@ -50,20 +50,20 @@ def passed_loads(
 ) -> dict[VirtualJoint, sp.Expr]:
     """τ_v = J_vᵀ·W for every virtual joint by recursion over the links, base to tip."""
     axes = chain.base_axes(b)
-    force: Vec = b.vector(in_base(axes, wrench[:3]))  # type: ignore[assignment]
-    couple: Vec = b.vector(in_base(axes, wrench[3:]))  # type: ignore[assignment]
-    moment: Vec = b.vector(plus(couple, b.vector(cross(r0, force))))  # type: ignore[assignment,arg-type]
+    force: Vec = b.vector(in_base(axes, wrench[:3]))
+    couple: Vec = b.vector(in_base(axes, wrench[3:]))
+    moment: Vec = b.vector(plus(couple, b.vector(cross(r0, force))))
     loads = _link_loads(chain, b, 0, force, moment)
     for i in range(1, chain.dof + 1):
         loads[actuated_joint(i)] = force[2] if chain.rows[i - 1].prismatic else moment[2]
         c, s = t.pairs[i - 1]
         ca, sa = chain.alpha(b, i)
-        force = b.vector(turn_z(force, c, -s))  # type: ignore[assignment]
-        moment = b.vector(turn_z(moment, c, -s))  # type: ignore[assignment]
+        force = b.vector(turn_z(force, c, -s))
+        moment = b.vector(turn_z(moment, c, -s))
         arm = cross(force, chain.offset(i))  # −p × f
-        moment = b.vector(plus(moment, arm))  # type: ignore[assignment]
-        force = b.vector(turn_x(force, ca, -sa))  # type: ignore[assignment]
-        moment = b.vector(turn_x(moment, ca, -sa))  # type: ignore[assignment]
+        moment = b.vector(plus(moment, arm))
+        force = b.vector(turn_x(force, ca, -sa))
+        moment = b.vector(turn_x(moment, ca, -sa))
         loads |= _link_loads(chain, b, i, force, moment)
     return loads
 

@@ -38,14 +38,14 @@ class Kinematics:
 
     def loads(self, w: np.ndarray) -> np.ndarray:
         """τ_v = J_vᵀ·W: (N, V) for wrenches (N, 6)."""
-        return np.einsum("nrv,nr->nv", self.J_theta, np.broadcast_to(w, (len(self.T), 6)))
+        return np.asarray(np.einsum("nrv,nr->nv", self.J_theta, np.broadcast_to(w, (len(self.T), 6))))
 
     def point_offset(self, robot: Robot, point: str) -> np.ndarray:
         """Tool centre point to a marker, base axes (N, 3); zeros for ``tcp``."""
         if point == "tcp":
             return np.zeros((len(self.T), 3))
         local = np.array([float(x) for x in robot.marker_position(point)])
-        return np.einsum("nij,j->ni", self.R[:, -1], local) - self.rho[:, -1]
+        return np.asarray(np.einsum("nij,j->ni", self.R[:, -1], local) - self.rho[:, -1])
 
 
 def kinematics(robot: Robot, q: np.ndarray) -> Kinematics:

@@ -10,6 +10,7 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
+from fractions import Fraction
 from itertools import count
 from typing import Any, Protocol
 
@@ -237,7 +238,7 @@ class Builder:
         if float(cosine) < 0:
             c, s = self.rotation(-cosine, -sine)
             return -c, -s
-        half = sp.Rational(*_limited(float(sine) / (1.0 + float(cosine))))
+        half = nearby(float(sine) / (1.0 + float(cosine)))
         square = 1 + half**2
         return self.constant(cosine, (1 - half**2) / square), self.constant(sine, 2 * half / square)
 
@@ -278,11 +279,10 @@ class Builder:
         return Program(self.name, self.inputs, constants, _renamed(statements), tuple(self._outputs.items()))
 
 
-def _limited(value: float) -> tuple[int, int]:
-    from fractions import Fraction
-
+def nearby(value: float) -> sp.Rational:
+    """A rational of moderate denominator within 1e-13: tan(angle/2) of a rational rotation."""
     fraction = Fraction(value).limit_denominator(3_000_000)
-    return fraction.numerator, fraction.denominator
+    return sp.Rational(fraction.numerator, fraction.denominator)
 
 
 def _quarter_turns(c: sp.Expr, s: sp.Expr, turns: int) -> tuple[sp.Expr, sp.Expr]:

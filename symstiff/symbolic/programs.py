@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, field
+from functools import partial
 
 import sympy as sp
 
@@ -92,14 +93,14 @@ class Passes:
         """A twist of the tip at frame i's origin and axes, seen at frame i−1's."""
         b, (c, s) = self.b, self.turns.pairs[i - 1]
         ca, sa = self.chain.alpha(b, i)
-        v: Vec = b.vector(turn_x(twist[0], ca, sa))  # type: ignore[assignment]
-        r: Vec = b.vector(turn_x(twist[1], ca, sa))  # type: ignore[assignment]
-        v = b.vector(plus(v, cross(self.chain.offset(i), r)))  # type: ignore[assignment]
-        return b.vector(turn_z(v, c, s)), b.vector(turn_z(r, c, s))  # type: ignore[return-value]
+        v: Vec = b.vector(turn_x(twist[0], ca, sa))
+        r: Vec = b.vector(turn_x(twist[1], ca, sa))
+        v = b.vector(plus(v, cross(self.chain.offset(i), r)))
+        return b.vector(turn_z(v, c, s)), b.vector(turn_z(r, c, s))
 
     def at_tool(self, twist: Twist) -> tuple[sp.Expr, ...]:
         """A twist at frame 0 moved to the tool centre point, in world axes."""
-        v: Vec = self.b.vector(plus(twist[0], cross(twist[1], self.r0)))  # type: ignore[assignment]
+        v: Vec = self.b.vector(plus(twist[0], cross(twist[1], self.r0)))
         rows = tuple(zip(*self.base, strict=True))
         return (*(dot(r, v) for r in rows), *(dot(r, twist[1]) for r in rows))
 
@@ -126,7 +127,7 @@ class Passes:
         return twist
 
     def _add(self, a: Twist, c: Twist) -> Twist:
-        return self.b.vector(plus(a[0], c[0])), self.b.vector(plus(a[1], c[1]))  # type: ignore[return-value]
+        return self.b.vector(plus(a[0], c[0])), self.b.vector(plus(a[1], c[1]))
 
 
 @dataclass(frozen=True)
@@ -189,7 +190,7 @@ def _with_weights(
     for i in range(1, chain.dof + 1):
         c, s = passes.turns.pairs[i - 1]
         ca, sa = chain.alpha(b, i)
-        ups.append(b.vector(turn_x(b.vector(turn_z(ups[-1], c, -s)), ca, -sa)))  # type: ignore[arg-type]
+        ups.append(b.vector(turn_x(b.vector(turn_z(ups[-1], c, -s)), ca, -sa)))
     values = {up(i, k + 1): u[k] for i, u in enumerate(ups) for k in range(3)}
     total = dict(loads)
 
@@ -197,23 +198,23 @@ def _with_weights(
         return [bound(b, laws.at(VirtualJoint("body", body, a)), values) for a in AXES]
 
     payload = wrench(chain.dof + 1)
-    force: Vec = b.vector(payload[:3])  # type: ignore[assignment]
-    moment: Vec = b.vector(payload[3:])  # type: ignore[assignment]
+    force: Vec = b.vector(payload[:3])
+    moment: Vec = b.vector(payload[3:])
     for i in range(chain.dof, -1, -1):
         e = chain.elastic_axes(b, i)
         for k in range(3):
             total[link_joint(i, k + 1)] += dot(e[k], force)
             total[link_joint(i, k + 4)] += dot(e[k], moment)
         body = wrench(i)
-        force = b.vector(plus(force, (body[0], body[1], body[2])))  # type: ignore[assignment]
-        moment = b.vector(plus(moment, (body[3], body[4], body[5])))  # type: ignore[assignment]
+        force = b.vector(plus(force, (body[0], body[1], body[2])))
+        moment = b.vector(plus(moment, (body[3], body[4], body[5])))
         if i:
             ca, sa = chain.alpha(b, i)
             c, s = passes.turns.pairs[i - 1]
-            force = b.vector(turn_x(force, ca, sa))  # type: ignore[assignment]
-            moment = b.vector(turn_x(moment, ca, sa))  # type: ignore[assignment]
-            moment = b.vector(plus(moment, cross(chain.offset(i), force)))  # type: ignore[assignment]
-            force, moment = b.vector(turn_z(force, c, s)), b.vector(turn_z(moment, c, s))  # type: ignore[assignment]
+            force = b.vector(turn_x(force, ca, sa))
+            moment = b.vector(turn_x(moment, ca, sa))
+            moment = b.vector(plus(moment, cross(chain.offset(i), force)))
+            force, moment = b.vector(turn_z(force, c, s)), b.vector(turn_z(moment, c, s))
             total[actuated_joint(i)] += force[2] if chain.rows[i - 1].prismatic else moment[2]
     return {v: b.let(x) for v, x in total.items()}
 
@@ -244,7 +245,7 @@ def _geometry(
     """Columns J_v and loads τ_v, both bound; weights and load errors are no part of the columns."""
     f = frames(chain, b)
     columns = jacobian_columns(chain, b, f)
-    r0: Vec = b.vector(in_base(f.axes[0], f.levers[0]))  # type: ignore[assignment]
+    r0: Vec = b.vector(in_base(f.axes[0], f.levers[0]))
     loads = passed_loads(chain, b, turns(chain, b), r0, [w(c) for c in AXES])
     return columns, {tau(v): load for v, load in loads.items()}
 
@@ -291,8 +292,8 @@ def _turned_about(
 ) -> tuple[Vec, Vec, Vec]:
     i, j = (k + 1) % 3, (k + 2) % 3
     new = list(axes)
-    new[i] = b.vector(plus(scaled(axes[i], c), scaled(axes[j], s)))  # type: ignore[call-overload]
-    new[j] = b.vector(plus(scaled(axes[j], c), scaled(axes[i], -s)))  # type: ignore[call-overload]
+    new[i] = b.vector(plus(scaled(axes[i], c), scaled(axes[j], s)))
+    new[j] = b.vector(plus(scaled(axes[j], c), scaled(axes[i], -s)))
     return tuple(new)  # type: ignore[return-value]
 
 
@@ -318,7 +319,7 @@ def compliance_program(chain: ElasticChain, terms: Sequence[Term], parameters: S
     for i in range(chain.dof, -1, -1):
         matrix = _added(b, matrix, _local(passes, laws, i))
         if i:
-            matrix = _congruent(matrix, lambda twist, i=i: passes.lifted(i, twist))
+            matrix = _congruent(matrix, partial(passes.lifted, i))
             k = 2 if chain.rows[i - 1].prismatic else 5
             matrix[k][k] = b.let(matrix[k][k] + _slope(b, laws, actuated_joint(i), actuated_joint(i)))
     matrix = _congruent(matrix, lambda twist: _split(b.vector(passes.at_tool(twist))))
@@ -327,7 +328,7 @@ def compliance_program(chain: ElasticChain, terms: Sequence[Term], parameters: S
 
 
 def _split(twist: Sequence[sp.Expr]) -> Twist:
-    return tuple(twist[:3]), tuple(twist[3:])  # type: ignore[return-value]
+    return tuple(twist[:3]), tuple(twist[3:])
 
 
 def _congruent(matrix: list[list[sp.Expr]], move: Callable[[Twist], Twist]) -> list[list[sp.Expr]]:
