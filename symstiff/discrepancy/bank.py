@@ -32,6 +32,8 @@ class Bank:
     """(S,) candidate of each entry, ascending."""
     shape: Index
     """(S,) number of the shape within its candidate."""
+    place: tuple[str, ...] = ()
+    """Virtual joint that each candidate acts at alone; empty where it acts at several, or somewhere else."""
 
     @property
     def first_entry(self) -> Index:
@@ -103,7 +105,30 @@ def build(
         width,
         np.array(owner, dtype=np.intp),
         np.array(shape, dtype=np.intp),
+        tuple(
+            str(c.where["at"]) if g else _place(problem, blocks[owner.index(i)])
+            for i, (c, g) in enumerate(zip(kept, is_generic, strict=True))
+        ),
     )
+
+
+def _place(problem: Problem, block: Array) -> str:
+    """The virtual joint of an actuated joint whose Jacobian column carries a candidate's first shape."""
+    if problem.J is None:
+        return ""
+    _, label = np.unique(np.column_stack([problem.pose, problem.case]), axis=0, return_inverse=True)
+    label = label.reshape(-1)
+    total = float(np.sum(block**2))
+    for v, j in enumerate(problem.joint_of):
+        if j < 0:
+            continue
+        J = problem.J[:, v]
+        weight = np.bincount(label, J**2)
+        weight[weight == 0] = 1.0
+        inner = np.stack([np.bincount(label, J * c) for c in block.T])
+        if float(np.sum(inner**2 / weight)) > (1.0 - 1e-6) * total:
+            return problem.virtual_joints[v]
+    return ""
 
 
 def _blocks(problem: Problem, candidate: Candidate) -> list[tuple[int, Array]]:

@@ -13,6 +13,8 @@ ONE_MORE = float(np.log(0.2))
 """Log prior weight of one more effect against none more."""
 SAME_SIGNAL = 0.85
 """Share of an unnamed law's signal inside a set's space from which both describe the same thing."""
+SAME_PLACE = 0.5
+"""The same share for a law at the virtual joint where the set's member sits: another shape of one effect."""
 
 
 @dataclass(frozen=True)
@@ -156,8 +158,11 @@ def _at_a_member(shop: Workshop, proposal: Proposal) -> bool:
     score = shop.score(proposal.members, proposal.entries, False)
     if not len(score):
         return False
-    where = bank.candidates[int(np.argmax(score))].where
-    return any(bank.candidates[m].where == where for m in proposal.members)
+    best = int(np.argmax(score))
+    where, place = bank.candidates[best].where, bank.place[best]
+    return any(
+        bank.candidates[m].where == where or (place and bank.place[m] == place) for m in proposal.members
+    )
 
 
 def _missed_share(shop: Workshop, proposal: Proposal, scan: Scan, gained: float) -> float:
@@ -204,8 +209,11 @@ def _same(scan: Scan, law: int, entries: tuple[int, ...]) -> bool:
     U, s, _ = np.linalg.svd(np.hstack([layer.Q[:, bank.slice(e)] for e in entries]), full_matrices=False)
     U = U[:, s > 1e-7]
     inside = U.T @ signal
-    near = float(inside @ inside) > SAME_SIGNAL * max(float(signal @ signal), 1e-300)
-    return near and U.shape[1] <= layer.rank[law] + 2
+    share = float(inside @ inside) / max(float(signal @ signal), 1e-300)
+    place = bank.place[int(bank.owner[law])]
+    if any(bank.place[int(bank.owner[e])] == place for e in entries) and share > SAME_PLACE:
+        return True
+    return share > SAME_SIGNAL and U.shape[1] <= layer.rank[law] + 2
 
 
 def _needed(shop: Workshop, proposal: Proposal, place: int) -> float:

@@ -1,0 +1,362 @@
+"""The statistical engine of the discrepancy workflow on a planar arm, with laws that its candidates only resemble."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from symstiff.discrepancy import baselines
+from symstiff.discrepancy.design import confusability, deciding_poses, share_left
+from symstiff.discrepancy.diagnose import diagnose
+from symstiff.discrepancy.noise import Noise
+from symstiff.discrepancy.prepare import prepare
+from symstiff.discrepancy.problem import Array, Candidate, Options, Parameter, Problem
+from symstiff.discrepancy.scan import detectable_noncentrality, evidence, explained, open_scan, tail
+from symstiff.discrepancy.strata import strata
+from symstiff.errors import UserError
+
+SIGMA = 3e-5
+QUICK = Options(draws=150, held_out=False)
+
+
+@dataclass(frozen=True)
+class Arm:
+    """A planar arm of three joints under tip forces: J (M, 3), tau (M, 3) and what a problem needs."""
+
+    problem: Problem
+    candidates: tuple[Candidate, ...]
+
+
+def arm(poses: int = 20, levels: tuple[float, ...] = (0.3, 0.65, 1.0, 0.6, 0.3), seed: int = 1) -> Arm:
+    rng = np.random.default_rng(seed)
+    length = np.array([1.0, 0.8, 0.5])
+    rows: dict[str, list[object]] = {
+        k: [] for k in ("pose", "case", "axis", "J", "tau", "q", "load", "branch", "t")
+    }
+    for p in range(poses):
+        q = rng.uniform(-1.3, 1.3, 3)
+        force = rng.normal(size=2)
+        force *= 800.0 / np.linalg.norm(force)
+        heading = np.cumsum(q)
+        link = np.column_stack([length * np.cos(heading), length * np.sin(heading)])
+        arm_of = np.array([link[j:].sum(axis=0) for j in range(3)])
+        J = np.column_stack([-arm_of[:, 1], arm_of[:, 0]]).T
+        for c, level in enumerate(levels):
+            for axis in range(2):
+                rows["pose"].append(p)
+                rows["case"].append(c)
+                rows["axis"].append(axis)
+                rows["J"].append(J[axis])
+                rows["tau"].append(J.T @ force * level)
+                rows["q"].append(q)
+                rows["load"].append(level)
+                rows["branch"].append(-1.0 if c > int(np.argmax(levels)) else 1.0)
+                rows["t"].append(p + c / len(levels))
+    number = {k: np.array(rows[k], dtype=np.intp) for k in ("pose", "case", "axis")}
+    value = {k: np.array(rows[k], dtype=float) for k in ("J", "tau", "q", "load", "branch", "t")}
+    A = value["J"] * value["tau"]
+    problem = Problem(
+        A @ np.array([1e-6, 2e-6, 3e-6]), A, number["pose"], number["case"], number["axis"], number["axis"],
+        load=value["load"], J=value["J"], tau=value["tau"], q=value["q"], time=value["t"], branch=value["branch"],
+        virtual_joints=("joint 1", "joint 2", "joint 3"), joint_of=(0, 1, 2),
+    )  # fmt: skip
+    return Arm(problem, catalogue(problem))
+
+
+def catalogue(problem: Problem) -> tuple[Candidate, ...]:
+    J, tau = problem.J, problem.tau
+    assert J is not None
+    assert tau is not None
+    out = []
+    for v in range(3):
+        t, peak, where = tau[:, v], np.max(np.abs(tau[:, v])), {"joint": v + 1}
+
+        def bend(shape: dict[str, float], v: int = v, t: Array = t, peak: float = peak) -> Array:
+            return (J[:, v] * np.sign(t) * np.abs(t / peak) ** shape["power"])[:, None]
+
+        def gap(shape: dict[str, float], v: int = v, t: Array = t, peak: float = peak) -> Array:
+            return (J[:, v] * np.tanh(t / (0.05 * peak)))[:, None]
+
+        def loop(shape: dict[str, float], v: int = v, t: Array = t, peak: float = peak) -> Array:
+            return (J[:, v] * problem.branch * np.tanh(t / (0.05 * peak)))[:, None]
+
+        def slack(shape: dict[str, float], v: int = v, t: Array = t) -> Array:
+            return (J[:, v] * t)[:, None]
+
+        shapes = ({"power": 2.0}, {"power": 3.0})
+        unit = (Parameter("size", "rad", -1e-2, 1e-2),)
+        out.append(Candidate("bend", where, unit, bend, shapes))
+        out.append(Candidate("gap", where, unit, gap))
+        out.append(Candidate("loop", where, unit, loop))
+        out.append(Candidate("slack", where, unit, slack))
+    drift = (Parameter("x", "m"), Parameter("y", "m"))
+
+    def drifting(shape: dict[str, float]) -> Array:
+        return np.stack([(problem.axis == a) * problem.time for a in (0, 1)], axis=1)
+
+    out.append(Candidate("drift", {"measurement": "frame"}, drift, drifting))
+    return tuple(out)
+
+
+def scaled(problem: Problem, signal: Array, noncentrality: float) -> Array:
+    """The signal at a size that leaves this much outside the model, by plain least squares."""
+    left = signal - problem.A @ np.linalg.lstsq(problem.A, signal, rcond=None)[0]
+    return signal * SIGMA * np.sqrt(noncentrality / (left @ left))
+
+
+def measured(problem: Problem, signal: Array | float = 0.0, seed: int = 0, approach: float = 0.0) -> Problem:
+    rng = np.random.default_rng(100 + seed)
+    shared = rng.normal(size=(problem.poses, 2)) * approach
+    noise = rng.normal(size=problem.rows) * SIGMA + shared[problem.pose, problem.axis]
+    return replace(problem, y=problem.y + signal + noise)
+
+
+def saturating(problem: Problem, v: int) -> Array:
+    t = problem.tau[:, v] / np.max(np.abs(problem.tau[:, v]))
+    return np.asarray(problem.J[:, v] * np.tanh(2.5 * t))
+
+
+def test_explained_squares_are_the_drop_of_a_generalised_least_squares_residual() -> None:
+    a = arm(6)
+    problem = measured(a.problem)
+    ready = prepare(problem, a.candidates)
+    scan = open_scan(
+        ready.bank, Noise(np.full(problem.rows, SIGMA), (0.7,), ready.scan.noise.blocks), problem.y, problem.A
+    )
+    V = np.eye(problem.rows)
+    for rows, K in scan.noise.blocks:
+        for r, k in zip(rows, K, strict=True):
+            V[np.ix_(r, r)] += 0.7 * k
+    L = np.linalg.inv(np.linalg.cholesky(V)) / SIGMA
+
+    def residual(X: Array) -> float:
+        y, W = L @ problem.y, L @ X
+        return float(np.sum((y - W @ np.linalg.lstsq(W, y, rcond=None)[0]) ** 2))
+
+    found = explained(scan)[0]
+    for entry in range(0, len(ready.bank.start), 17):
+        C = ready.bank.columns[:, ready.bank.slice(entry)]
+        if share_left(scan, entry) > 1e-6:
+            drop = residual(problem.A) - residual(np.hstack([problem.A, C]))
+            assert found[entry] == pytest.approx(drop, rel=1e-5, abs=1e-5)
+
+
+def test_nothing_is_named_where_nothing_is_missing() -> None:
+    a = arm(12)
+    verdicts = [diagnose(measured(a.problem, seed=s), a.candidates, QUICK).verdict for s in range(20)]
+    assert verdicts.count("nothing_missing") >= 18
+
+
+def test_an_approach_error_common_to_a_poses_load_cases_raises_no_alarm() -> None:
+    a = arm(12)
+    found = [diagnose(measured(a.problem, 0.0, s, 2 * SIGMA), a.candidates, QUICK) for s in range(10)]
+    assert [d.verdict for d in found].count("nothing_missing") >= 9
+    assert np.median([d.noise.approach for d in found]) == pytest.approx(2 * SIGMA, rel=0.5)
+
+
+@pytest.mark.parametrize("joint", [1, 2, 3])
+def test_a_softening_joint_is_named_though_the_candidates_shapes_only_resemble_it(joint: int) -> None:
+    a = arm()
+    signal = scaled(a.problem, saturating(a.problem, joint - 1), 120.0)
+    d = diagnose(measured(a.problem, signal, joint, 0.5 * SIGMA), a.candidates, QUICK)
+    assert d.verdict == "named"
+    assert [(e.effect, e.where) for e in d.effects] == [("bend", {"joint": joint})]
+    assert d.effects[0].p_value < 1e-3
+    assert d.effects[0].confidence > 0.8
+    assert len(d.growth) == 2
+    assert d.rms.after < d.rms.before
+
+
+def test_two_effects_are_both_named_and_the_growth_path_has_both_steps() -> None:
+    a = arm()
+    problem = a.problem
+    loop = problem.J[:, 1] * problem.branch * np.sign(problem.tau[:, 1]) * np.sqrt(np.abs(problem.tau[:, 1]))
+    signal = scaled(problem, saturating(problem, 2), 150.0) + scaled(problem, loop, 150.0)
+    d = diagnose(measured(problem, signal, 3), a.candidates, QUICK)
+    assert d.verdict == "named"
+    assert {(e.effect, e.where["joint"]) for e in d.effects} == {("bend", 3), ("loop", 2)}
+    assert [s.rms for s in d.growth] == sorted((s.rms for s in d.growth), reverse=True)
+    assert len(d.growth) == 3
+
+
+def test_a_law_that_the_catalogue_does_not_hold_is_not_given_a_name() -> None:
+    a = arm()
+    problem = a.problem
+    signal = scaled(problem, problem.J[:, 1] * problem.tau[:, 1] * np.sin(3 * problem.q[:, 1] + 0.4), 200.0)
+    d = diagnose(measured(problem, signal, 4), a.candidates, QUICK)
+    assert d.verdict == "unexplained"
+    assert d.effects == ()
+    assert d.localisation is not None
+    assert d.localisation.accused == "joint 2"
+    assert d.law is not None
+    assert "3*q2" in d.law.expression
+    assert d.law.cross_validated > 0.2
+
+
+def test_a_candidate_inside_the_model_is_called_untestable_with_its_reason() -> None:
+    a = arm(12)
+    d = diagnose(measured(a.problem), a.candidates, QUICK)
+    slack = [c for c in d.candidates if c.effect == "slack"]
+    assert len(slack) == 3
+    assert all(not c.testable and "absorbs" in c.reason for c in slack)
+    assert all(c.testable for c in d.candidates if c.effect in ("bend", "loop"))
+
+
+def test_a_candidate_whose_data_are_missing_is_listed_with_the_reason_it_gave() -> None:
+    a = arm(8)
+    closed = replace(a.candidates[0], unavailable="needs temperature")
+    d = diagnose(measured(a.problem), (closed, *a.candidates[1:]), QUICK)
+    (row,) = [c for c in d.candidates if c.effect == "bend" and c.where == {"joint": 1}]
+    assert not row.testable
+    assert row.reason == "needs temperature"
+
+
+def test_one_pose_without_sigma_or_repeats_gives_a_verdict_that_says_so() -> None:
+    a = arm(1)
+    d = diagnose(measured(a.problem), a.candidates, QUICK)
+    assert d.verdict == "untestable"
+    assert "one pose" in d.reason
+    assert not any(c.testable for c in d.candidates)
+
+
+def test_an_implausible_size_is_not_named() -> None:
+    a = arm()
+    signal = scaled(a.problem, saturating(a.problem, 1), 200.0)
+    small = tuple(
+        replace(c, parameters=(Parameter("size", "rad", 0.0, np.inf),)) if c.effect == "bend" else c
+        for c in a.candidates
+    )
+    names = [
+        {
+            (e.effect, e.where["joint"])
+            for e in diagnose(measured(a.problem, s * signal, 5), small, QUICK).effects
+        }
+        for s in (1.0, -1.0)
+    ]
+    assert sorted([("bend", 2) in n for n in names]) == [False, True]
+
+
+@pytest.mark.parametrize("factor", [0.8, 1.2])
+def test_a_misstated_sigma_is_noticed_and_changes_no_p_value(factor: float) -> None:
+    a = arm(20)
+    problem = measured(a.problem, scaled(a.problem, saturating(a.problem, 0), 60.0), 6)
+    right = diagnose(replace(problem, sigma=np.full(problem.rows, SIGMA)), a.candidates, QUICK)
+    wrong = diagnose(replace(problem, sigma=np.full(problem.rows, SIGMA * factor)), a.candidates, QUICK)
+    assert wrong.noise.misstated
+    assert not right.noise.misstated
+    assert wrong.noise.ratio == pytest.approx(1 / factor, rel=0.1)
+    assert wrong.p_missing == pytest.approx(right.p_missing, rel=1e-3)
+    assert wrong.verdict == right.verdict
+
+
+def test_noise_that_grows_with_distance_is_found() -> None:
+    a = arm(30)
+    distance = np.linspace(1.0, 4.0, a.problem.rows)
+    rng = np.random.default_rng(8)
+    y = a.problem.y + rng.normal(size=a.problem.rows) * SIGMA * distance
+    d = diagnose(replace(a.problem, y=y, spread={"distance": distance}), a.candidates, QUICK)
+    assert d.noise.growth["distance"] == pytest.approx(1.0, abs=0.4)
+    assert d.verdict == "nothing_missing"
+
+
+def test_held_out_poses_show_the_gap_shrink_and_select_the_effect_in_every_fold() -> None:
+    a = arm()
+    signal = scaled(a.problem, saturating(a.problem, 1), 400.0)
+    d = diagnose(measured(a.problem, signal, 7), a.candidates, replace(QUICK, held_out=True))
+    assert d.held_out is not None
+    assert d.held_out.after < d.held_out.before
+    assert d.held_out.closure > 0.7
+    assert all("bend@joint=2" in fold for fold in d.held_out.selected)
+
+
+def test_the_same_data_give_the_same_diagnosis() -> None:
+    a = arm(10)
+    problem = measured(a.problem, scaled(a.problem, saturating(a.problem, 2), 80.0))
+    one, two = (diagnose(problem, a.candidates, QUICK) for _ in range(2))
+    assert one.candidates == two.candidates
+    assert one.effects == two.effects
+    assert one.p_missing == two.p_missing
+
+
+def test_strata_share_out_the_whole_residual() -> None:
+    a = arm(10)
+    ready = prepare(measured(a.problem), a.candidates)
+    parts = strata(a.problem, ready.scan)
+    assert sum(s.degrees_of_freedom for s in parts) == a.problem.rows - 3
+    rest = parts[-1].sum_of_squares / parts[-1].degrees_of_freedom
+    total = sum(s.sum_of_squares for s in parts)
+    assert total * (rest and 1.0) == pytest.approx(
+        ready.scan.best.rss / (ready.scan.best.rss / total), rel=1e-9
+    )
+    assert {"nonlinear in load", "loading against unloading"} <= {s.name for s in parts}
+
+
+def test_load_nonlinearity_shows_in_its_own_stratum() -> None:
+    a = arm(20)
+    signal = scaled(a.problem, a.problem.J[:, 1] * a.problem.tau[:, 1] ** 3, 900.0)
+    ready = prepare(measured(a.problem, signal), a.candidates)
+    p = {s.name: s.p_value for s in strata(a.problem, ready.scan)}
+    assert p["nonlinear in load"] < 1e-3
+
+
+def test_what_two_candidates_leave_of_each_other_is_at_most_what_the_model_leaves() -> None:
+    a = arm(10)
+    ready = prepare(measured(a.problem, scaled(a.problem, saturating(a.problem, 0), 100.0)), a.candidates)
+    D = confusability(ready.scan, [int(e) for e in evidence(ready.scan).best_entry[:6]])
+    assert np.all(np.diag(D)[:, None] >= D - 1e-9)
+
+
+def test_deciding_poses_are_those_where_the_rivals_differ() -> None:
+    rng = np.random.default_rng(0)
+    pose = np.repeat(np.arange(6), 4)
+    model = rng.normal(size=(24, 2))
+    first = rng.normal(size=(24, 1))
+    second = np.array(first)
+    second[pose == 4] = rng.normal(size=(4, 1))
+    chosen = deciding_poses(model, [first, second], [np.array([1.0]), np.array([1.0])], pose, 0.1, 3)
+    assert 4 in chosen.poses
+    assert chosen.separation[-1] > 0
+    assert all(b >= a - 1e-9 for a, b in zip(chosen.separation, chosen.separation[1:], strict=False))
+
+
+def test_competing_methods_find_a_strong_effect_too() -> None:
+    a = arm()
+    problem = measured(a.problem, scaled(a.problem, saturating(a.problem, 1), 300.0), 9)
+    ready = prepare(problem, a.candidates)
+
+    def names(chosen: tuple[int, ...]) -> set[str]:
+        return {ready.bank.candidates[c].key for c in chosen}
+
+    assert "bend@joint=2" in names(baselines.aic(ready.scan))
+    assert "bend@joint=2" in names(baselines.bic(ready.scan))
+    assert names(baselines.cross_validation(ready.scan, problem))
+    assert names(baselines.lasso(ready.scan, problem))
+
+
+def test_data_that_cannot_be_used_are_refused_in_one_line() -> None:
+    p = arm(3).problem
+    with pytest.raises(UserError, match="finite"):
+        replace(p, y=np.full(p.rows, np.nan))
+    with pytest.raises(UserError, match="sigma"):
+        replace(p, sigma=np.zeros(p.rows))
+    with pytest.raises(UserError, match="rows"):
+        replace(p, A=p.A[:-1])
+
+
+@settings(max_examples=50, deadline=None)
+@given(st.lists(st.floats(-5, 5), min_size=60, max_size=80), st.floats(-6, 20), st.floats(0, 5))
+def test_a_higher_score_never_has_a_larger_p_value(sample: list[float], value: float, more: float) -> None:
+    null = np.sort(np.array(sample))
+    assert 0 < tail(null, value + more) <= tail(null, value) + 1e-12 <= 1 + 1e-12
+
+
+@settings(max_examples=25, deadline=None)
+@given(st.floats(-1, 6), st.integers(1, 6), st.integers(40, 400))
+def test_more_columns_or_a_higher_bar_need_a_larger_effect(score: float, rank: int, freedom: int) -> None:
+    base = detectable_noncentrality(score, -4.0, float(rank), freedom)
+    assert detectable_noncentrality(score + 1.0, -4.0, float(rank), freedom) > base
+    assert base > 0
