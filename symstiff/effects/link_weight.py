@@ -1,4 +1,4 @@
-"""The weight of a link as a load on every virtual joint before it: mass and first moment in DH frame i."""
+"""The weight of a link as a load on every virtual joint before its frame: mass and first moment in DH frame i."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ NAME = "link_weight"
 def _realise(robot: Robot, where: Where, shape: Shape) -> Realisation:
     link = int(where["link"])
     low = -robot.links[link].mass if robot.links[link].mass else 0.0
-    return weight(NAME, where, link, link, low)
+    return weight(NAME, where, link, low)
 
 
 EFFECT = Effect(

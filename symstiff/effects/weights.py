@@ -7,12 +7,12 @@ from symstiff.effects.common import GRAVITY, XYZ, couple, parameter
 from symstiff.symbolic.terms import Term, VirtualJoint, up
 
 
-def weight(effect: str, where: Where, body: int, frame: int, lightest: float) -> Realisation:
-    """Mass [kg] and first moment [kg·m] of a body, in the axes of DH frame ``frame``.
+def weight(effect: str, where: Where, body: int, lightest: float) -> Realisation:
+    """Mass [kg] and first moment [kg·m] of a body, in the axes of its DH frame.
 
     The force is −m·g·up, the moment about the frame's origin is −g·(m·c) × up.
     """
-    upward = [up(frame, k) for k in (1, 2, 3)]
+    upward = [up(body, k) for k in (1, 2, 3)]
     mass = parameter(effect, where, "m", "kg", lightest, 1000.0, 1.0)
     terms = [Term(mass.name, VirtualJoint("body", body, k), -GRAVITY * u) for k, u in enumerate(upward, 1)]
     moments = [parameter(effect, where, f"m{x}", "kg*m", -500.0, 500.0, 0.5) for x in XYZ]

@@ -184,7 +184,7 @@ def deflection_program(chain: ElasticChain, terms: Sequence[Term], parameters: S
 def _with_weights(
     passes: Passes, laws: Laws, loads: dict[VirtualJoint, sp.Expr]
 ) -> dict[VirtualJoint, sp.Expr]:
-    """Add the loads of wrenches on the links (kind ``body``) on all virtual joints before them, tip to base."""
+    """Add the loads of wrenches on the links (kind ``body``) on all virtual joints before their frames."""
     chain, b = passes.chain, passes.b
     ups = [in_base(passes.base, IDENTITY[2])]
     for i in range(1, chain.dof + 1):
@@ -193,21 +193,16 @@ def _with_weights(
         ups.append(b.vector(turn_x(b.vector(turn_z(ups[-1], c, -s)), ca, -sa)))
     values = {up(i, k + 1): u[k] for i, u in enumerate(ups) for k in range(3)}
     total = dict(loads)
-
-    def wrench(body: int) -> list[sp.Expr]:
-        return [bound(b, laws.at(VirtualJoint("body", body, a)), values) for a in AXES]
-
-    payload = wrench(chain.dof + 1)
-    force: Vec = b.vector(payload[:3])
-    moment: Vec = b.vector(payload[3:])
+    force: Vec = ZERO
+    moment: Vec = ZERO
     for i in range(chain.dof, -1, -1):
+        body = [bound(b, laws.at(VirtualJoint("body", i, a)), values) for a in AXES]
+        force = b.vector(plus(force, (body[0], body[1], body[2])))
+        moment = b.vector(plus(moment, (body[3], body[4], body[5])))
         e = chain.elastic_axes(b, i)
         for k in range(3):
             total[link_joint(i, k + 1)] += dot(e[k], force)
             total[link_joint(i, k + 4)] += dot(e[k], moment)
-        body = wrench(i)
-        force = b.vector(plus(force, (body[0], body[1], body[2])))
-        moment = b.vector(plus(moment, (body[3], body[4], body[5])))
         if i:
             ca, sa = chain.alpha(b, i)
             c, s = passes.turns.pairs[i - 1]

@@ -20,8 +20,8 @@ class VirtualJoint:
 
     kind: ``link`` (body 0…n, axis 1…6 of its elastic frame, translations first), ``joint`` (body 1…n, axis 0),
     ``measure`` (axis 1…6, added to the predicted deflection at the tool centre point, base axes),
-    ``load`` (axis 1…6, added to the wrench), ``body`` (axis 1…6, a wrench on link ``body`` ahead of its springs, at
-    DH frame ``body`` in that frame's axes: weights; body n+1 is the tool, behind all springs, in the axes of frame n).
+    ``load`` (axis 1…6, added to the wrench), ``body`` (axis 1…6, a wrench on link ``body`` at DH
+    frame ``body``, behind its springs, in that frame's axes: weights).
     """
 
     kind: str

@@ -1,0 +1,106 @@
+"""The bridge: from a model and a measurement table to the statistics' rows, columns and candidates.
+
+Stages: view (geometry, loads) → placement of the device, where positions are absolute → current model's
+columns and
+fitted deflections → problem → candidates of the whole catalogue at all places.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from threadpoolctl import threadpool_limits
+
+from symstiff.calibration.measurements import Measurements
+from symstiff.discrepancy.candidates import candidates as candidates_of
+from symstiff.discrepancy.candidates import grouped
+from symstiff.discrepancy.current import Current, settled, sigma_of
+from symstiff.discrepancy.problem import Array, Candidate, Problem
+from symstiff.discrepancy.situation import Situation, View, load_factor
+from symstiff.effects.base import Effect, catalogue
+from symstiff.errors import UserError
+from symstiff.model import StiffnessModel
+from symstiff.symbolic.terms import VirtualJoint
+
+
+@dataclass(frozen=True)
+class Assembly:
+    """A problem with the candidates for it, and what they were made from.
+
+    ``names`` are the parameters of the problem's columns; ``fitted`` their values (the current model's
+    where the data
+    do not tell); ``prediction`` (M,) by them. Candidates that cannot be told from the model are
+    ``unavailable``.
+    """
+
+    problem: Problem
+    candidates: tuple[Candidate, ...]
+    situation: Situation
+    names: tuple[str, ...]
+    fitted: dict[str, float]
+
+
+def assemble(model: StiffnessModel, table: Measurements, effects: Sequence[Effect] | None = None) -> Assembly:
+    """Put the problem and the candidates of the catalogue (or of ``effects``) together.
+
+    Raises UserError where table and robot do not fit, or nothing was measured.
+    """
+    from symstiff.calibration.checks import check_robot
+
+    check_robot(table, model.robot)
+    if table.kind == "none" or not table.measured.any():
+        raise UserError("nothing measured: give deflections (dx[mm] …) or positions (x[mm] …)")
+    found = catalogue().values() if effects is None else effects
+    with threadpool_limits(1):  # small matrices: threads cost more than they give
+        current = settled(model, table)
+        problem = _problem(current.situation.view, current)
+        candidates = grouped(problem, tuple(candidates_of(model, current, problem, found)))
+    fitted = {n: current.fitted[n] for n in model.parameters if n in current.fitted}
+    return Assembly(problem, candidates, current.situation, current.names, fitted)
+
+
+def _problem(view: View, current: Current) -> Problem:
+    table, state = view.table, view.state
+    pose = np.unique(table.pose, return_inverse=True)[1].reshape(-1)
+    keys = np.column_stack([table.w, np.nan_to_num(table.branch), np.nan_to_num(table.load_step)])
+    case = np.unique(np.round(keys, 9), axis=0, return_inverse=True)[1].reshape(-1)
+    point = np.unique(table.point, return_inverse=True)[1].reshape(-1)
+    return Problem(
+        y=current.y,
+        A=current.A,
+        pose=pose[state],
+        case=case[state],
+        channel=point[state] * 6 + view.component,
+        axis=np.array(view.component, dtype=np.intp),
+        sigma=sigma_of(view),
+        load=load_factor(table)[state],
+        J=view.J,
+        tau=view.tau[state],
+        virtual_joints=tuple(_title(v) for v in view.joints),
+        joint_of=tuple(v.body - 1 if v.kind == "joint" else -1 for v in view.joints),
+        q=table.q[state],
+        time=_context(table.time, state),
+        temperature=_context(table.temperature, state),
+        branch=_context(table.branch, state),
+        spread=_spreads(view),
+    )
+
+
+def _title(v: VirtualJoint) -> str:
+    return f"joint {v.body}" if v.kind == "joint" else f"link {v.body} axis {v.axis}"
+
+
+def _context(values: Array, state: np.ndarray) -> Array | None:
+    return np.nan_to_num(values)[state] if np.isfinite(values).any() else None
+
+
+def _spreads(view: View) -> dict[str, Array]:
+    found: dict[str, Array] = {}
+    load = np.abs(load_factor(view.table))
+    if np.ptp(load) > 0:
+        found["load"] = np.maximum(load, 0.05)[view.state]
+    if view.table.kind == "absolute":
+        found["distance"] = np.maximum(np.linalg.norm(view.table.values[:, :3], axis=1), 0.05)[view.state]
+    return found

@@ -1,0 +1,180 @@
+"""Candidates: every effect of the catalogue at all its places, with its shapes sized to the experiment."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+
+from symstiff.calibration.measurements import Measurements
+from symstiff.discrepancy.current import Current, spread_of
+from symstiff.discrepancy.problem import Array, Candidate, Parameter, Problem, Shape
+from symstiff.discrepancy.scan import column_space
+from symstiff.discrepancy.situation import Situation, View, load_factor
+from symstiff.effects.base import Effect, Realisation, Scales, Where
+from symstiff.model import StiffnessModel
+
+_LEFT = 1e-9
+"""Share of a column's squared length below which nothing of it is outside the model."""
+_SAME = 1e-6
+_SAME_ANGLE = 2e-3
+
+
+def candidates(
+    model: StiffnessModel, current: Current, problem: Problem, effects: Iterable[Effect]
+) -> Iterator[Candidate]:
+    """Every effect at every place, those that the data cannot show with the reason why."""
+    situation = current.situation
+    table = situation.view.table
+    scales = scales_of(situation.view)
+    taken = set(model.parameters)
+    there = [(e.effect, dict(e.where)) for e in model.effects]
+    basis = column_space(problem.A / spread_of(situation.view)[:, None])
+    for effect in effects:
+        why = _missing(effect, table)
+        places = effect.places(model.robot) if effect.places_in is None else effect.places_in(situation)
+        for where in places:
+            reason = why or ("the model has it" if (effect.identifier, dict(where)) in there else "")
+            shapes = () if reason else effect.shapes(model.robot, where, scales)
+            if not shapes:
+                reason = reason or "the table does not hold what it depends on"
+                yield _unavailable(effect, where, reason)
+                continue
+            for parameters, members in _by_parameters(model, effect, where, shapes, taken):
+                columns = _Columns(situation, effect, where, tuple(p.name for p in parameters), members)
+                if not parameters:
+                    yield _unavailable(effect, where, "the model has all of its parameters")
+                elif _inside(columns, basis, situation.view):
+                    yield _unavailable(
+                        effect, where, "its columns are combinations of the model's", parameters
+                    )
+                else:
+                    kept = tuple(shape for shape, _ in members)
+                    yield Candidate(effect.identifier, where, parameters, columns, kept)
+
+
+Member = tuple[Shape, Realisation]
+
+
+def _by_parameters(
+    model: StiffnessModel, effect: Effect, where: Where, shapes: Sequence[Shape], taken: set[str]
+) -> list[tuple[tuple[Parameter, ...], list[Member]]]:
+    """Shapes that share their parameters make one candidate; parameters that the model has are left out."""
+    found: dict[tuple[Parameter, ...], list[Member]] = {}
+    for shape in shapes:
+        realised = effect.realise(model.robot, where, shape)
+        own = tuple(
+            Parameter(p.name, p.unit, p.low, p.high) for p in realised.parameters if p.name not in taken
+        )
+        found.setdefault(own, []).append((shape, realised))
+    return list(found.items())
+
+
+def _unavailable(
+    effect: Effect, where: Where, reason: str, parameters: tuple[Parameter, ...] = ()
+) -> Candidate:
+    return Candidate(effect.identifier, where, parameters, lambda shape: np.zeros((0, 0)), unavailable=reason)
+
+
+@dataclass(frozen=True, eq=False)
+class _Columns:
+    """The columns of one effect at one place, by shape; each shape is computed once."""
+
+    situation: Situation
+    effect: Effect
+    where: Where
+    names: tuple[str, ...]
+    members: Sequence[Member]
+    _seen: dict[tuple[tuple[str, float], ...], Array] = field(default_factory=dict)
+
+    def __call__(self, shape: Shape) -> Array:
+        key = tuple(sorted(shape.items()))
+        if key not in self._seen:
+            realised = next((r for s, r in self.members if s == shape), None)
+            if realised is None:
+                realised = self.effect.realise(self.situation.view.robot, self.where, shape)
+            self._seen[key] = self._computed(shape, realised)
+        return self._seen[key]
+
+    def _computed(self, shape: Shape, realised: Realisation) -> Array:
+        if self.effect.columns is None:
+            return self.situation.columns(realised.terms, self.names)
+        block = self.effect.columns(self.situation, self.where, shape)
+        chosen = [k for k, p in enumerate(realised.parameters) if p.name in self.names]
+        return np.asarray(block[:, chosen], dtype=float)
+
+
+def _inside(columns: _Columns, basis: Array, view: View) -> bool:
+    """Whether the current model's columns contain all of the candidate's."""
+    weight = 1.0 / spread_of(view)
+    for shape, _ in columns.members:
+        block = columns(shape) * weight[:, None]
+        left = block - basis @ (basis.T @ block)
+        if np.any(np.einsum("mk,mk->k", left, left) > _LEFT * np.einsum("mk,mk->k", block, block)):
+            return False
+    return True
+
+
+def grouped(problem: Problem, candidates: Sequence[Candidate]) -> tuple[Candidate, ...]:
+    """Name the groups of candidates without shapes that add the same space to the model."""
+    basis = column_space(problem.A)
+    probe = np.random.default_rng(0).standard_normal(problem.rows)
+    spaces: list[tuple[str, Array]] = []
+    out = []
+    for candidate in candidates:
+        if candidate.unavailable or len(candidate.shapes) > 1:
+            out.append(candidate)
+            continue
+        block = candidate.columns(candidate.shapes[0])
+        length = np.linalg.norm(block, axis=0)
+        block = block[:, length > 0] / length[length > 0]
+        own = column_space(block - basis @ (basis.T @ block), 1e-7)
+        shadow = own @ (own.T @ probe)  # equal spaces cast equal shadows
+        same = (
+            name for name, other in spaces if np.linalg.norm(other - shadow) < _SAME * np.linalg.norm(shadow)
+        )
+        name = next(same, candidate.key)
+        spaces.append((name, shadow))
+        out.append(replace(candidate, group=name))
+    return tuple(out)
+
+
+def scales_of(view: View) -> Scales:
+    """The experiment's sizes, over which shapes are profiled."""
+    table = view.table
+    load = {v: float(np.abs(view.tau[:, k]).max()) for k, v in enumerate(view.joints) if v.kind == "joint"}
+    angles = []
+    poses = len(np.unique(table.pose))
+    for j in range(table.dof):
+        values = np.sort(np.unique(table.q[:, j]))
+        start = np.concatenate([[True], np.diff(values) > _SAME_ANGLE])
+        levels = [float(np.mean(part)) for part in np.split(values, np.flatnonzero(start)[1:])]
+        angles.append(tuple(levels) if 2 * len(levels) <= poses else ())
+    context, lowest = {}, {}
+    for name, values in (("time", table.time), ("temperature", table.temperature)):
+        if np.isfinite(values).any():
+            context[name] = float(np.nanmax(values) - (np.nanmin(values) if name == "temperature" else 0.0))
+            lowest[name] = float(np.nanmin(values))
+            if np.nanmax(values) == np.nanmin(values):
+                del context[name]
+    return Scales(table.kind, load, tuple(angles), context, lowest)
+
+
+def _missing(effect: Effect, table: Measurements) -> str:
+    """Why this table cannot show the effect; empty if it can."""
+    if table.kind not in effect.seen_in:
+        return f"cannot be seen in {table.kind} data"
+    share = load_factor(table)
+    levels = max(len(np.unique(np.round(share[table.pose == p], 6))) for p in np.unique(table.pose))
+    available = {
+        "time": np.isfinite(table.time).any() and np.nanmax(table.time) > np.nanmin(table.time),
+        "temperature": np.isfinite(table.temperature).any()
+        and np.nanmax(table.temperature) > np.nanmin(table.temperature),
+        "branch": bool((table.branch > 0).any() and (table.branch < 0).any()),
+        "load_levels": levels > 1,
+    }
+    for need in sorted(effect.needs):
+        if not any(available.get(name, False) for name in need.split(" or ")):
+            return f"needs {need.replace('_', ' ')}, which the table does not hold"
+    return ""

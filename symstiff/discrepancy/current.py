@@ -1,0 +1,128 @@
+"""The current model on the data: its columns, the values that fit, and what is left to explain."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from symstiff.calibration.measurements import Measurements
+from symstiff.discrepancy.placement import placed, placement_columns
+from symstiff.discrepancy.problem import Array, Shape
+from symstiff.discrepancy.situation import Laws, Situation, View, has_weights, look, under_weights
+from symstiff.effects.base import Realisation, Where, find
+from symstiff.model import StiffnessModel
+from symstiff.reduction.physical import Parameter as Compliance
+from symstiff.reduction.physical import physical_stages, terms_of
+from symstiff.symbolic.terms import Term
+
+
+@dataclass(frozen=True, eq=False)
+class Current:
+    """The current model on the data: its situation, columns, what they are to explain, and fitted values."""
+
+    situation: Situation
+    names: tuple[str, ...]
+    A: Array
+    y: Array
+    fitted: dict[str, float]
+
+
+def settled(model: StiffnessModel, table: Measurements) -> Current:
+    """The current model on the data; with absolute positions the device's placement settles along with it."""
+    view, known = look(model.robot, table), dict(model.values)
+    if table.kind != "absolute":
+        view, y = placed(view, Laws(view, model.terms, known))
+        return _current(model, model.terms, (), view, y, known)
+    view = under_weights(view)
+    hidden = _hidden(model) if has_weights(model.robot) else ()
+    terms = (*model.terms, *terms_of(hidden))
+    for _ in range(3):
+        view, y = placed(view, Laws(view, terms, known))
+        current = _current(model, terms, tuple(p.name for p in hidden), view, y, known)
+        known = current.fitted
+    return current
+
+
+def _hidden(model: StiffnessModel) -> tuple[Compliance, ...]:
+    """Compliances that loads at the tool leave out of a complete model, and weights on the links bring
+    back."""
+    elastic = {p.body for p in model.compliances if not p.is_joint}
+    full = physical_stages(model.robot)[-1].parameters
+    return tuple(p for p in full if p.body in elastic and p.name not in model.parameters)
+
+
+def _current(
+    model: StiffnessModel,
+    terms: tuple[Term, ...],
+    hidden: tuple[str, ...],
+    view: View,
+    y: Array,
+    known: dict[str, float],
+) -> Current:
+    """Columns of the model at ``known`` values, and values that fit the data."""
+    nominal = {n: v for r in model.realisations for n, v in r.nominal.items()}
+    named = tuple(n for n in model.parameters if n not in nominal)
+    free = (*named, *hidden)
+    fit = dict(known)
+    for _ in range(2):  # terms of loads and of the device lean on the fitted compliances
+        situation = Situation(view, Laws(view, terms, {**fit, **nominal}))
+        A = situation.columns(terms, free)
+        place = {n: k for k, n in enumerate(free)}
+        target = np.array(y)
+        for effect, realised in zip(model.effects, model.realisations, strict=True):
+            for name, column in _own_columns(situation, effect.effect, effect.where, effect.shape, realised):
+                if name in place:
+                    A[:, place[name]] += column
+                else:
+                    target -= nominal[name] * column
+        extra = placement_columns(view)
+        solution = _fitted(np.hstack([A, extra]), target, view, [known.get(n, 0.0) for n in free])
+        fit = dict(zip(free, solution, strict=True))
+    keep = np.any(A != 0, axis=0)
+    names = tuple(n for n, k in zip(named, keep, strict=False) if k)
+    return Current(situation, names, np.hstack([A[:, keep], extra]), target, fit | nominal)
+
+
+def _own_columns(
+    situation: Situation, identifier: str, where: Where, shape: Shape, realised: Realisation
+) -> Iterator[tuple[str, Array]]:
+    columns = find(identifier).columns
+    if columns is not None:
+        block = columns(situation, where, shape)
+        for k, parameter in enumerate(realised.parameters):
+            yield parameter.name, block[:, k]
+
+
+def _fitted(A: Array, y: Array, view: View, start: Sequence[float]) -> list[float]:
+    """Least squares about the start values; directions that the data do not hold stay there."""
+    weight = 1.0 / spread_of(view)
+    count = len(start)
+    begin = np.concatenate([start, np.zeros(A.shape[1] - count)])
+    X, r = A * weight[:, None], (y - A @ begin) * weight
+    length = np.linalg.norm(X, axis=0)
+    length[length == 0] = 1.0
+    U, s, Vt = np.linalg.svd(X / length, full_matrices=False)
+    keep = s > 1e-5 * s[0] if len(s) else s > 0
+    step = Vt[keep].T @ ((U[:, keep].T @ r) / s[keep]) / length
+    return [float(x) for x in (begin + step)[:count]]
+
+
+def spread_of(view: View) -> Array:
+    """Standard deviation of every row where stated, else one for lengths and one for angles."""
+    stated = sigma_of(view)
+    return np.where(view.component < 3, 1e-4, 1e-3) if stated is None else stated
+
+
+def sigma_of(view: View) -> Array | None:
+    """(M,) stated sigma; gaps take the median of their kind, None where a kind has none."""
+    sigma = np.array(view.table.sigma[view.state, view.component])
+    for kind in (view.component < 3, view.component >= 3):
+        if not kind.any():
+            continue
+        known = sigma[kind & np.isfinite(sigma)]
+        if not len(known):
+            return None
+        sigma[kind & ~np.isfinite(sigma)] = np.median(known)
+    return sigma

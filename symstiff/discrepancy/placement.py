@@ -1,0 +1,67 @@
+"""Where the measuring device stands: six numbers that absolute data always determine along with everything
+else."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from symstiff.discrepancy.situation import Floats, Laws, View
+
+
+def placed(view: View, laws: Laws) -> tuple[View, Floats]:
+    """The view in the device's axes, and what its rows read beyond the rigid robot (M,).
+
+    Deflections are read in base axes and come back as they are. For absolute data the device's placement is
+    the
+    rotation and shift that bring the predicted points closest to the measured ones (Kabsch).
+    """
+    table = view.table
+    if table.kind != "absolute":
+        return view, np.array(table.values[view.state, view.component])
+    rigid = view.found.T[:, :3, 3] + view.offset
+    base = replace(view, turn=np.eye(3))
+    moved = np.einsum("nrv,nv->nr", base.at_point, laws(view.tau))
+    complete = table.measured[:, :3].all(axis=1)
+    turn, shift = _closest(rigid[complete] + moved[complete, :3], table.values[complete, :3])
+    excess = np.zeros((len(table), 6))
+    excess[:, :3] = table.values[:, :3] - (rigid @ turn.T + shift)
+    if table.measured[:, 3:].any():
+        excess[:, 3:] = _attitudes(view, turn)
+    turned = replace(view, turn=turn)
+    return turned, np.array(excess[view.state, view.component])
+
+
+def _closest(points: Floats, seen: Floats) -> tuple[Floats, Floats]:
+    """Rotation and shift with seen ≈ turn·point + shift, least squares."""
+    if not len(points):
+        return np.eye(3), np.zeros(3)
+    a, b = points.mean(axis=0), seen.mean(axis=0)
+    U, _, Vt = np.linalg.svd((points - a).T @ (seen - b))
+    sign = np.sign(np.linalg.det(Vt.T @ U.T)) or 1.0
+    turn = Vt.T @ np.diag([1.0, 1.0, sign]) @ U.T
+    return turn, b - turn @ a
+
+
+def _attitudes(view: View, turn: Floats) -> Floats:
+    """Rotation vectors (N, 3) from the rigid robot's tool attitude to the measured one, device axes."""
+    from scipy.spatial.transform import Rotation
+
+    values = np.nan_to_num(view.table.values[:, 3:])
+    seen = Rotation.from_rotvec(values).as_matrix()
+    rigid = turn @ view.found.R[:, -1]
+    return np.asarray(Rotation.from_matrix(seen @ rigid.transpose(0, 2, 1)).as_rotvec())
+
+
+def placement_columns(view: View) -> Floats:
+    """(M, 6) small shifts and turns of the device; none (M, 0) for deflections."""
+    if view.table.kind != "absolute":
+        return np.zeros((len(view.state), 0))
+    seen = np.nan_to_num(view.table.values[:, :3])
+    twist = np.zeros((len(view.table), 6, 6))
+    for k in range(3):
+        twist[:, k, k] = 1.0
+        twist[:, :3, 3 + k] = np.cross(np.eye(3)[k], seen - seen.mean(axis=0))
+        twist[:, 3 + k, 3 + k] = 1.0
+    return np.asarray(twist[view.state, view.component])

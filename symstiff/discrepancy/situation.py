@@ -1,0 +1,309 @@
+"""An experiment seen through a model: geometry, loads, deflections, and what the terms of any effect would
+add.
+
+One state is one row of the measurement table (pose, load case, point); one data row is one measured
+component.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+import sympy as sp
+from numpy.typing import NDArray
+
+from symstiff.calibration.measurements import Measurements
+from symstiff.robot.schema import Robot
+from symstiff.symbolic.algebras import NumpyAlgebra
+from symstiff.symbolic.numeric import Kinematics, kinematics, virtual_joints
+from symstiff.symbolic.program import walk
+from symstiff.symbolic.terms import (
+    AXES,
+    BRANCH,
+    TEMPERATURE,
+    TIME,
+    Term,
+    VirtualJoint,
+    deflection,
+    q,
+    tau,
+    up,
+    w,
+)
+
+Floats = NDArray[np.float64]
+Ints = NDArray[np.intp]
+GRAVITY = 9.80665
+_ALGEBRA = NumpyAlgebra()
+
+
+@dataclass(frozen=True, eq=False)
+class View:
+    """N states and the M data rows that are read from them.
+
+    ``turn`` (3, 3) takes base axes to the device's; ``state`` and ``component`` (M,) say what each row reads.
+    """
+
+    robot: Robot
+    table: Measurements
+    found: Kinematics
+    offset: Floats
+    """(N, 3) tool centre point to measured point, base axes."""
+    state: Ints
+    component: Ints
+    tau: Floats
+    """(N, V)"""
+    turn: Floats
+
+    @cached_property
+    def joints(self) -> tuple[VirtualJoint, ...]:
+        """The V virtual joints, base to tip."""
+        return virtual_joints(self.robot)
+
+    @cached_property
+    def index(self) -> dict[VirtualJoint, int]:
+        """Column of each virtual joint."""
+        return {v: k for k, v in enumerate(self.joints)}
+
+    @cached_property
+    def at_point(self) -> Floats:
+        """(N, 6, V) twists of the measured points for unit deflections, in the device's axes."""
+        J = self.found.J_theta
+        lin = J[:, :3] + np.cross(J[:, 3:], self.offset[:, :, None], axis=1)
+        return np.concatenate([self.turn @ lin, self.turn @ J[:, 3:]], axis=1)
+
+    @cached_property
+    def J(self) -> Floats:
+        """(M, V) rows of the virtual-joint Jacobian."""
+        return np.asarray(self.at_point[self.state, self.component])
+
+    def read(self, twists: Floats) -> Floats:
+        """Rows (M,) of twists (N, 6) of the measured points, device axes."""
+        return np.asarray(twists[self.state, self.component])
+
+    @cached_property
+    def values(self) -> dict[sp.Symbol, Floats]:
+        """Numbers (N,) for the symbols of a factor."""
+        known: dict[sp.Symbol, Floats] = {tau(v): self.tau[:, k] for k, v in enumerate(self.joints)}
+        known |= {q(j + 1): self.table.q[:, j] for j in range(self.table.dof)}
+        known |= {w(c): self.table.w[:, c - 1] for c in AXES}
+        frames = self.found.R.shape[1]
+        known |= {up(i, k + 1): self.found.R[:, i, 2, k] for i in range(frames) for k in range(3)}
+        known |= {
+            TIME: np.nan_to_num(self.table.time),
+            TEMPERATURE: np.nan_to_num(self.table.temperature, nan=20.0),
+            BRANCH: np.nan_to_num(self.table.branch),
+        }
+        return known
+
+    def factor(self, expression: sp.Expr, more: Mapping[sp.Symbol, Floats] | None = None) -> Floats:
+        """A term's factor at every state (N,)."""
+        values = self.values if not more else {**self.values, **more}
+        return np.asarray(np.broadcast_to(walk(expression, values, _ALGEBRA), (len(self.table),)))
+
+    def load_of(self, at: VirtualJoint, factor: Floats) -> Floats:
+        """Loads (N, V) that a term of the wrench or of a body's weight puts on the virtual joints."""
+        J = self.found.J_theta
+        if at.kind == "load":
+            return np.asarray(J[:, at.axis - 1] * factor[:, None])
+        frame = at.body
+        axis = self.found.R[:, frame, :, (at.axis - 1) % 3]
+        if at.axis > 3:
+            load = np.einsum("nr,nrv->nv", axis, J[:, 3:])
+        else:
+            point = J[:, :3] - np.cross(J[:, 3:], self.found.rho[:, frame, :, None], axis=1)
+            load = np.einsum("nr,nrv->nv", axis, point)
+        load[:, 7 * at.body + 6 :] = 0.0  # a body's weight acts on what is before it, its own springs included
+        return np.asarray(load * factor[:, None])
+
+
+def look(robot: Robot, table: Measurements, turn: Floats | None = None) -> View:
+    """Geometry and external loads of a table's states."""
+    poses, back = np.unique(table.q, axis=0, return_inverse=True)
+    back = back.reshape(-1)
+    once = kinematics(robot, poses)
+    found = Kinematics(once.J_theta[back], once.T[back], once.R[back], once.rho[back])
+    offset = np.zeros((len(table), 3))
+    for k, name in enumerate(table.points):
+        hit = table.point == k
+        if hit.any():
+            offset[hit] = found.point_offset(robot, name)[hit]
+    state, component = np.nonzero(table.measured)
+    return View(
+        robot,
+        table,
+        found,
+        offset,
+        state,
+        component,
+        found.loads(table.w),
+        np.eye(3) if turn is None else turn,
+    )
+
+
+def under_weights(view: View) -> View:
+    """The view with the weight of the robot's links added to the loads, as in absolute data."""
+    total = np.array(view.tau)
+    for i, link in enumerate(view.robot.links):
+        if link.mass and i:
+            upward = view.found.R[:, i, 2]
+            down = -GRAVITY * np.asarray(link.mass * upward)
+            moment = -GRAVITY * link.mass * np.cross(np.array(link.com), upward)
+            for k in range(3):
+                total += view.load_of(VirtualJoint("body", i, k + 1), down[:, k])
+                total += view.load_of(VirtualJoint("body", i, k + 4), moment[:, k])
+    return replace(view, tau=total)
+
+
+def has_weights(robot: Robot) -> bool:
+    """Whether the robot file tells the mass of any link."""
+    return any(link.mass for link in robot.links)
+
+
+@dataclass(frozen=True, eq=False)
+class Laws:
+    """Terms with values: the deflections of the virtual joints as a function of their loads."""
+
+    view: View
+    terms: tuple[Term, ...]
+    numbers: Mapping[str, float]
+
+    @cached_property
+    def _parts(self) -> tuple[Floats, list[tuple[int, sp.Expr, float]]]:
+        """Compliance matrix (V, V) of the linear terms, and the other terms."""
+        index = {tau(v): k for k, v in enumerate(self.view.joints)}
+        matrix = np.zeros((len(self.view.joints),) * 2)
+        rest = []
+        for term in self.terms:
+            number = self.numbers.get(term.parameter, 0.0)
+            if term.at.kind not in ("link", "joint") or number == 0.0:
+                continue
+            at = self.view.index[term.at]
+            if term.factor in index:
+                matrix[at, index[term.factor]] += number
+            else:
+                rest.append((at, term.factor, number))
+        return matrix, rest
+
+    def __call__(self, loads: Floats) -> Floats:
+        """Δθ (N, V) under loads (N, V)."""
+        matrix, rest = self._parts
+        theta = loads @ matrix.T
+        if rest:
+            moved = replace(self.view, tau=loads)
+            for at, factor, number in rest:
+                theta[:, at] += number * moved.factor(factor)
+        return np.asarray(theta)
+
+
+def linear_columns(view: View, terms: Sequence[Term], names: Sequence[str]) -> Floats:
+    """(M, len(names)) columns of terms at links and joints; other terms are left out."""
+    columns = np.zeros((len(view.state), len(names)))
+    place = {n: k for k, n in enumerate(names)}
+    for term in terms:
+        if term.at.kind in ("link", "joint") and term.parameter in place:
+            v = view.index[term.at]
+            columns[:, place[term.parameter]] += view.J[:, v] * view.factor(term.factor)[view.state]
+    return columns
+
+
+@dataclass(frozen=True, eq=False)
+class Situation:
+    """A view with the current model's fitted deflections: what effects' columns are computed from."""
+
+    view: View
+    laws: Laws
+
+    @property
+    def labels(self) -> tuple[str, ...]:
+        """Names of the poses that the data hold."""
+        present = set(self.view.table.pose.tolist())
+        return tuple(label for k, label in enumerate(self.view.table.labels) if k in present)
+
+    @property
+    def row_pose(self) -> Ints:
+        """(M,) position in ``labels``."""
+        _, number = np.unique(self.view.table.pose, return_inverse=True)
+        return np.asarray(number.reshape(-1)[self.view.state], dtype=np.intp)
+
+    @property
+    def row_axis(self) -> Ints:
+        """(M,) component 0–5."""
+        return self.view.component
+
+    @property
+    def J(self) -> Floats:
+        """(N, 6, V) at the tool centre point, base axes."""
+        return self.view.found.J_theta
+
+    @property
+    def virtual_joints(self) -> tuple[VirtualJoint, ...]:
+        """The columns of J."""
+        return self.view.joints
+
+    @property
+    def wrench(self) -> Floats:
+        """(N, 6)"""
+        return self.view.table.w
+
+    @property
+    def offset(self) -> Floats:
+        """(N, 3) tool centre point to measured point, base axes."""
+        return self.view.offset
+
+    @cached_property
+    def theta(self) -> Floats:
+        """(N, V) deflections by the current model."""
+        return self.laws(self.view.tau)
+
+    def respond(self, loads: Floats) -> Floats:
+        """(N, V) further deflections under further loads (N, V)."""
+        return np.asarray(self.laws(self.view.tau + loads) - self.theta)
+
+    def rows(self, twists: Floats) -> Floats:
+        """Rows (M,) of twists (N, 6) of the measured points, base axes."""
+        turn = self.view.turn
+        return self.view.read(np.concatenate([twists[:, :3] @ turn.T, twists[:, 3:] @ turn.T], axis=1))
+
+    @cached_property
+    def reading(self) -> dict[sp.Symbol, Floats]:
+        """Predicted deflection (N,) of the measured points by component, for terms of the measuring
+        device."""
+        twist = np.einsum("nrv,nv->nr", self.view.at_point, self.theta)
+        return {deflection(c): twist[:, c - 1] for c in AXES}
+
+    def columns(self, terms: Sequence[Term], names: Sequence[str]) -> Floats:
+        """(M, len(names)): what one unit of each parameter adds to the data."""
+        view = self.view
+        total = linear_columns(view, terms, names)
+        place = {n: k for k, n in enumerate(names)}
+        loads: dict[int, Floats] = {}
+        for term in terms:
+            if term.parameter not in place:
+                continue
+            k = place[term.parameter]
+            if term.at.kind == "measure":
+                hit = view.component == term.at.axis - 1
+                total[:, k] += hit * view.factor(term.factor, self.reading)[view.state]
+            elif term.at.kind in ("load", "body"):
+                load = view.load_of(term.at, view.factor(term.factor))
+                loads[k] = loads.get(k, 0.0) + load
+        for k, load in loads.items():
+            total[:, k] += np.einsum("mv,mv->m", view.J, self.respond(load)[view.state])
+        return total
+
+
+def load_factor(table: Measurements) -> Floats:
+    """(N,) every wrench as a share of the largest of its pose, with its sign along it; a metre turns N into
+    N·m."""
+    share = np.zeros(len(table))
+    for pose in np.unique(table.pose):
+        rows = table.pose == pose
+        loads = table.w[rows]
+        largest = loads[np.argmax(np.linalg.norm(loads, axis=1))]
+        square = float(largest @ largest)
+        share[rows] = loads @ largest / square if square else 0.0
+    return share
