@@ -235,12 +235,14 @@ def compensate(
 
 @app.command(epilog="Example: symstiff reproduce")
 def reproduce(
-    seed: Annotated[int, typer.Option(help="Seed of the virtual experiment.")] = 1, json: Json = None
+    seed: Annotated[int, typer.Option(help="Seed of the virtual experiment.")] = 1,
+    plot: Annotated[Path | None, typer.Option(help="Picture of the errors (PNG or SVG).")] = None,
+    json: Json = None,
 ) -> None:
     """Reproduce the two tables of Klimchik et al., ICINCO 2014: reduction, and compensation by four models."""
     from symstiff.cli.reproduce import run_reproduce
 
-    run_reproduce(seed, json)
+    run_reproduce(seed, plot, json)
 
 
 def _list(text: str | None) -> tuple[str, ...]:

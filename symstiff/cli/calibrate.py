@@ -248,7 +248,7 @@ def _print_identification(out: Console, result: Identification) -> None:
         )
     out.print(table)
     print_residuals(out, [("identified poses", result.training), ("held-out poses", result.validation)])
-    out.print(f"rank: {fit.rank}")
+    out.print(str(fit.rank))
     if fit.fit_p is not None:
         out.print(
             f"unit variance {fit.s0_squared:.2f} ({fit.dof} degrees of freedom), fit p = {fit.fit_p:.2g}"
@@ -274,10 +274,11 @@ def print_residuals(out: Console, parts: list[tuple[str, Any]]) -> None:
             continue
         share = f": {100 * residuals.compensated:.1f} % of the deflection compensated"
         table = Table(title=title + share, title_justify="left")
-        table.add_column("[mm, mrad]")
+        table.add_column("mm, mrad")
         for axis in residuals.before:
-            table.add_column(f"{axis} MAX", justify="right")
-            table.add_column(f"{axis} RMS", justify="right")
+            short = {"positional": "pos.", "rotational": "rot."}.get(axis, axis)
+            table.add_column(f"{short} MAX", justify="right")
+            table.add_column(f"{short} RMS", justify="right")
         for label, sizes in (("before", residuals.before), ("after", residuals.after)):
             cells = [f"{1e3 * x:.3f}" for s in sizes.values() for x in (s.max, s.rms)]
             table.add_row(label, *cells)

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 from symstiff.cli.output import console, stages, write_json
 from symstiff.cli.show import print_stages
 
 
-def run_reproduce(seed: int, json: str | None) -> None:
+def run_reproduce(seed: int, plot: Path | None, json: str | None) -> None:
     """Print Table 1 (exact) and Table 2 (a virtual robot) beside the seed's figures."""
     from rich.table import Table
 
@@ -17,22 +19,11 @@ def run_reproduce(seed: int, json: str | None) -> None:
     out = console(json)
     print_stages(out, reduce(load(ROBOT), "gravity", "pose"))
     with stages(out) as progress:
-        _, rows = table2(seed, progress)
+        measured, rows = table2(seed, progress)
     table = Table(
-        title="positional errors [mm]: a virtual KR 270, and the seed's Table 2", title_justify="left"
+        title="positional errors \[mm]: a virtual KR 270, and the seed's Table 2", title_justify="left"
     )
-    for column in (
-        "model",
-        "parameters",
-        "rank",
-        "MAX",
-        "RMS",
-        "compensated",
-        "fresh poses",
-        "seed: n",
-        "MAX",
-        "RMS",
-    ):
+    for column in ("model", "n", "rank", "MAX", "RMS", "comp.", "fresh RMS", "seed n", "MAX", "RMS"):
         table.add_column(column, justify="left" if column == "model" else "right")
     before = rows[0].fitted.before["positional"]
     table.add_row(
@@ -55,4 +46,13 @@ def run_reproduce(seed: int, json: str | None) -> None:
             "fresh_rms_mm": 1e3 * fresh.rms,
         }
     out.print(table)
+    out.print(
+        "comp.: share of the deflection compensated; fresh RMS: on poses that were not used for the fit"
+    )
+    if plot is not None:
+        from symstiff.calibration.planning.poses import save_figure
+        from symstiff.report.residuals import draw_models
+
+        save_figure(draw_models(measured, {row.name: row.model for row in rows}), plot)
+        out.print(f"wrote {plot}")
     write_json(json, record)

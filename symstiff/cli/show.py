@@ -104,6 +104,13 @@ def print_stages(out: Console, reduction: Reduction) -> None:
     for step, n in reduction.counts:
         table.add_row(step, str(n), _WHAT[step].format(**words))
     out.print(table)
+    for name in reduction.inexact_aggregations:
+        link = int(name[1:]) - 1
+        place = "\\[base.link]" if link == 0 else f"the link of joint {link}"
+        out.print(
+            f"[yellow]warning:[/yellow] M3 gives {name} to link {link}, whose template has no terms for a "
+            f'rotation about that joint\'s axis: the model is not complete; write template = "full" in {place}'
+        )
 
 
 def _print_groups(out: Console, reduction: Reduction) -> None:

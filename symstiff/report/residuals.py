@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -10,6 +11,8 @@ from symstiff.calibration.rows import predict
 
 if TYPE_CHECKING:
     from symstiff.calibration.identify import Identification
+    from symstiff.calibration.measurements import Measurements
+    from symstiff.model import StiffnessModel
 
 AXES = ("x", "y", "z")
 
@@ -34,4 +37,31 @@ def draw_residuals(result: Identification) -> Any:
     axes[3].semilogy(table.pose, after, "o", color="C0", label="after compensation")
     axes[3].set(xlabel="pose", ylabel="positional [mm]")
     axes[3].legend(fontsize=8)
+    return figure
+
+
+def draw_models(table: Measurements, models: Mapping[str, StiffnessModel]) -> Any:
+    """A matplotlib Figure: positional error of every pose without compensation and with each model [mm]."""
+    from matplotlib.figure import Figure
+
+    figure = Figure(figsize=(8, 3.6), layout="constrained")
+    axes = figure.subplots()
+    poses = np.arange(1, len(table.labels) + 1)
+
+    def by_pose(errors: np.ndarray) -> np.ndarray:
+        size = np.linalg.norm(errors[:, :3], axis=1)
+        return np.array([1e3 * np.sqrt((size[table.pose == k] ** 2).mean()) for k in range(len(poses))])
+
+    axes.semilogy(poses, by_pose(table.values), "s-", color="0.6", label="no compensation", ms=4)
+    styles = {"J1": ("C1", "o-"), "J2": ("C1", "o--"), "C1": ("C0", "o-"), "C2": ("C0", "o--")}
+    for name, model in models.items():
+        color, style = styles.get(name, ("C2", "o-"))
+        label = f"{name}: {len(model.parameters)} parameters"
+        axes.semilogy(
+            poses, by_pose(table.values - predict(model, table)), style, color=color, label=label, ms=4
+        )
+    axes.set(xlabel="pose", ylabel="positional error [mm]", xticks=poses)
+    axes.set_title("KR 270, 2.5 kN: what each model leaves of the deflection", fontsize=10)
+    axes.grid(True, which="both", axis="y", alpha=0.25)
+    figure.legend(fontsize=8, ncols=5, loc="outside lower center")
     return figure
