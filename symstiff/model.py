@@ -27,6 +27,7 @@ from symstiff.symbolic.programs import compliance_program, deflection_program, o
 from symstiff.symbolic.terms import Term
 
 if TYPE_CHECKING:
+    from symstiff.codegen.runtime import Evaluator
     from symstiff.reduction.reduce import Reduction
 
 Context = Mapping[str, np.ndarray]
@@ -170,6 +171,12 @@ class StiffnessModel:
                 ahead, behind = (self._deflection(q, w, p + s * step, context) for s in (1, -1))
                 matrix[:, :, k] = (ahead - behind) / (2 * size[name])
         return matrix
+
+    def compile(self, threads: int = 1) -> Evaluator:
+        """Compiled ``deflection`` and ``observation`` on arrays; NumPy's, with a warning, where no compiler is."""
+        from symstiff.codegen.runtime import compiled
+
+        return compiled(self, threads)
 
     def with_values(
         self, values: Mapping[str, float], deviations: Mapping[str, float] | None = None

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
 import sympy as sp
@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from symstiff.codegen.functions import Functions
     from symstiff.codegen.options import Options
 
-_BUFFER = 4096  # numbers in the largest block of outputs: 32 kB, half of a first-level cache
+_BUFFER = 2048  # numbers in the largest block of outputs: 16 kB, beside as much of the caller's in a first-level cache
 _BLOCKS = (8, 64)
 
 
@@ -59,7 +59,7 @@ class SizeAlgebra:
 class VectorAlgebra(CAlgebra):
     """C expressions whose sines and cosines vectorise wherever their argument is known to be small enough."""
 
-    small: Iterator[bool] = iter(())
+    small: Iterator[bool] = field(default_factory=lambda: iter(()))
 
     def call(self, function: str, arguments: Sequence[Text]) -> Text:
         """``sine`` and ``cosine`` of the template, or the library's."""
@@ -114,7 +114,7 @@ def _horner(coefficients: Sequence[float], literal: Callable[[float], str]) -> s
 
 def block_size(outputs: int) -> int:
     """Poses a block: a power of two whose outputs stay in the cache."""
-    fitting = 2 ** int(math.log2(max(_BUFFER // outputs, 1)))
+    fitting = 1 << int(math.log2(max(_BUFFER // outputs, 1)))
     return min(max(fitting, _BLOCKS[0]), _BLOCKS[1])
 
 
@@ -123,15 +123,15 @@ def batch_function(
 ) -> dict[str, Any]:
     """What the templates print of one program: its arguments, its loop body, the size of its blocks.
 
-    inputs: the C expression of an element, for inputs that do not vary from pose to pose; parameter: the declaration of the
-    parameters' argument.
+    inputs: the C expression of an element, for inputs that do not vary from pose to pose; parameter: how the
+    parameters' argument is declared.
     """
     real = "float" if single else "double"
     names = [v.name for v in program.inputs]
     (output, shape) = program.outputs[0]
     size = f"{program.name.upper()}_BLOCK"
-    arrays = [f"const {real} *{n}" for n in names if n != "p"]
-    inner = [parameter] * ("p" in names) + arrays + [f"{real} *{output}"]
+    arrays = [f"const {real} *NO_ALIAS {n}" for n in names if n != "p"]
+    inner = [parameter] * ("p" in names) + arrays + [f"{real} *NO_ALIAS {output}"]
     algebra = VectorAlgebra(single, iter(small_arguments(program, single)))
     store = f"{{vector}}[({{index}} * {size}) + i]"
     sources = dict(inputs) | {n: _component(n, size) for n in names if n not in inputs}
@@ -147,12 +147,13 @@ def batch_function(
         "block": block_size(program.size(output)),
         "parameters": "p" in names,
         "arguments": ", ".join(inner),
-        "block_arguments": ", ".join(inner),
+        "block_arguments": ", ".join(inner).replace("NO_ALIAS ", ""),
         "public_parameter": f"{parameter}, " if "p" in names else "",
         "call": ", ".join(["p"] * ("p" in names) + [f"block_{n}" for n in names if n != "p"] + ["block"]),
         "prologue": "".join(f"    (void){n};\n" for n in unused),
         "body": body,
         "zeros": len(body) < sum(len(line) + 1 for line in lines) - 1,
+        "arrays": [{"name": v.name, "size": len(v.symbols)} for v in program.inputs if v.name != "p"],
         "output": output,
         "outputs": program.size(output),
         "rows": shape[0],
@@ -165,7 +166,7 @@ def _component(name: str, size: str) -> Callable[[int], str]:
 
 def stack_bytes(functions: Sequence[Mapping[str, Any]], joints: int, single: bool) -> int:
     """Stack of the largest function's blocks."""
-    numbers = max((joints + 7 + f["outputs"]) * f["block"] for f in functions)
+    numbers: int = max((joints + 7 + f["outputs"]) * f["block"] for f in functions)
     return numbers * (4 if single else 8)
 
 

@@ -1,7 +1,7 @@
 """Sine and cosine as polynomials that compilers vectorise: Cody-Waite reduction by π/2, then near-minimax polynomials.
 
-The coefficients are Remez fits on \\|r\\| ≤ π/4, weighted for relative error (2^-57.9 and 2^-63.9 in double, 2^-37.5 and
-2^-42.9 in float), then rounded. A test measures the stated bounds against values with 50 digits.
+The coefficients are Remez fits on \\|r\\| ≤ π/4, weighted for relative error (2^-57.9 and 2^-63.9 in double, 2^-37.5
+and 2^-42.9 in float), then rounded. A test measures the stated bounds against values with many digits.
 """
 
 from __future__ import annotations

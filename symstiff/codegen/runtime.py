@@ -1,0 +1,229 @@
+"""A model compiled for this machine and called on arrays: the same Programs as loops that the C compiler vectorises.
+
+``compiled(model)`` builds a shared library once (kept in a cache folder) and returns an ``Evaluator`` with the methods
+``deflection`` and ``observation`` of the model. Arrays are read and written in place by their strides; ctypes releases
+the interpreter's lock. Without a compiler, the same methods run in NumPy and a warning says so.
+"""
+
+from __future__ import annotations
+
+import ctypes
+import warnings
+from collections.abc import Callable, Mapping
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
+from functools import cached_property
+from itertools import pairwise
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from symstiff.codegen.compiler import find_compiler
+from symstiff.codegen.library import library
+from symstiff.errors import UserError
+from symstiff.symbolic.algebras import evaluate_numpy
+from symstiff.symbolic.program import Program
+
+if TYPE_CHECKING:
+    from symstiff.model import StiffnessModel
+
+Context = Mapping[str, np.ndarray]
+_SLICE = 2048  # poses worth a thread
+
+
+class NotCompiled(UserWarning):
+    """No compiler was found: the model is evaluated with NumPy."""
+
+
+@dataclass(frozen=True)
+class Evaluator:
+    """A model's deflections and observation matrices, fast.
+
+    threads: how many share the poses of a call; library: the loaded shared library, None for NumPy.
+    """
+
+    model: StiffnessModel
+    library: ctypes.CDLL | None
+    threads: int = 1
+
+    @property
+    def backend(self) -> str:
+        """``c`` or ``numpy``."""
+        return "numpy" if self.library is None else "c"
+
+    def deflection(
+        self,
+        q: np.ndarray,
+        w: np.ndarray,
+        values: Mapping[str, float] | None = None,
+        context: Context | None = None,
+    ) -> np.ndarray:
+        """Deflections (N, 6) [m, rad] for q (N, n) and W (N, 6) or (6,), as ``StiffnessModel.deflection``."""
+        return self._deflection(q, w, self.model.vector(values), context)
+
+    def observation(
+        self,
+        q: np.ndarray,
+        w: np.ndarray,
+        context: Context | None = None,
+        values: Mapping[str, float] | None = None,
+    ) -> np.ndarray:
+        """∂Δt/∂π (N, 6, P), as ``StiffnessModel.observation``."""
+        model = self.model
+        linear = self._call("observation", q, w, np.zeros(0), context)
+        places = self._linear_places
+        if len(places) == len(model.parameters) and np.array_equal(places, np.arange(len(places))):
+            return linear
+        matrix = np.empty((len(linear), 6, len(model.parameters)))
+        matrix[:, :, places] = linear
+        p = model.vector(values)
+        typical = {e.name: e.typical for e in model.effect_parameters}
+        for k in sorted(set(range(len(p))) - set(places.tolist())):
+            step = np.zeros(len(p))
+            step[k] = typical[model.parameters[k]]  # bilinear: a central difference is exact but for rounding
+            ahead, behind = (self._deflection(q, w, p + s * step, context) for s in (1, -1))
+            matrix[:, :, k] = (ahead - behind) / (2 * step[k])
+        return matrix
+
+    @cached_property
+    def _linear_places(self) -> np.ndarray:
+        names = self.model.parameters
+        return np.array([names.index(n) for n in self.model._linear], dtype=int)
+
+    def _deflection(self, q: np.ndarray, w: np.ndarray, p: np.ndarray, context: Context | None) -> np.ndarray:
+        return self._call("deflection", q, w, p, context)
+
+    def _call(
+        self, function: str, q: np.ndarray, w: np.ndarray, p: np.ndarray, context: Context | None
+    ) -> np.ndarray:
+        return self.evaluate(function, _arrays(programs(self.model)[function], q, w, context), p)
+
+    def evaluate(self, function: str, inputs: Mapping[str, np.ndarray], p: np.ndarray) -> np.ndarray:
+        """Evaluate a program on (N or 1, size) arrays by input name; poses that the loops refuse go through NumPy."""
+        program = programs(self.model)[function]
+        n = _poses(inputs)
+        if self.library is None:
+            return _numpy(program, inputs, p, n)
+        name, shape = program.outputs[0]
+        arrays = {k: np.broadcast_to(a, (n, a.shape[1])) for k, a in inputs.items()}
+        out = np.empty((n, program.size(name)))
+        refused = np.zeros(n, dtype=np.uint8)
+        call = getattr(self.library, function)
+        call.restype = ctypes.c_size_t
+
+        def run(part: slice) -> None:
+            strided = [x for a in arrays.values() for x in _strided(a[part])]
+            poses = _pointer(refused[part])
+            call(ctypes.c_size_t(part.stop - part.start), _pointer(p), *strided, *_strided(out[part]), poses)
+
+        self._share(run, n)
+        rows = np.flatnonzero(refused)
+        if len(rows):
+            few = {k: a[rows] for k, a in arrays.items()}
+            out[rows] = _numpy(program, few, p, len(rows)).reshape(len(rows), -1)
+        return out.reshape(n, *shape)
+
+    def _share(self, run: Callable[[slice], None], n: int) -> None:
+        """Run all poses, in as many threads as are worth it."""
+        parts = max(min(self.threads, -(-n // _SLICE)), 1)
+        cuts = [n * k // parts for k in range(parts + 1)]
+        slices = [slice(a, b) for a, b in pairwise(cuts)]
+        if parts == 1:
+            run(slices[0])
+            return
+        with ThreadPoolExecutor(parts) as pool:
+            list(pool.map(run, slices))
+
+
+def compiled(model: StiffnessModel, threads: int = 1) -> Evaluator:
+    """The model compiled for this machine, or evaluated with NumPy where that cannot be (a warning says why)."""
+    compiler = find_compiler()
+    if compiler is None:
+        warnings.warn(
+            "no C compiler was found: the model is evaluated with NumPy (install gcc, clang or ziglang)",
+            NotCompiled,
+            stacklevel=2,
+        )
+        return Evaluator(model, None, threads)
+    try:
+        evaluator = Evaluator(model, library(model, programs(model), compiler), threads)
+    except UserError as error:
+        warnings.warn(f"{error}: the model is evaluated with NumPy", NotCompiled, stacklevel=2)
+        return Evaluator(model, None, threads)
+    _prove(evaluator)
+    return evaluator
+
+
+def _prove(evaluator: Evaluator) -> None:
+    """Compare with NumPy at a few poses. Raises RuntimeError where the compiler broke the arithmetic."""
+    model = evaluator.model
+    rng = np.random.default_rng(5)
+    q = np.array([rng.uniform(*joint.range, size=3) for joint in model.robot.joint]).T
+    for name, program in programs(model).items():
+        sizes = {v.name: len(v.symbols) for v in program.inputs}
+        inputs = {"q": q, "w": rng.uniform(-500, 500, (3, 6))}
+        inputs |= {"context": rng.uniform(0.5, 1.5, (3, sizes["context"]))} if "context" in sizes else {}
+        p = rng.uniform(1e-7, 1e-6, sizes.get("p", 0))
+        wanted = _numpy(program, inputs, p, 3)
+        found = evaluator.evaluate(name, inputs, p)
+        size = np.abs(wanted[np.isfinite(wanted)]).max(initial=0.0)
+        if not np.allclose(found, wanted, rtol=1e-9, atol=1e-11 * size, equal_nan=True):
+            raise RuntimeError(f"the compiled {name} of {model.robot.name} differs from NumPy's")
+
+
+def programs(model: StiffnessModel) -> dict[str, Program]:
+    """The programs that are compiled: Δt, and the columns of the parameters that it is linear in."""
+    return {"deflection": model.deflection_program, "observation": model._linear_program}
+
+
+def _arrays(program: Program, q: np.ndarray, w: np.ndarray, context: Context | None) -> dict[str, np.ndarray]:
+    """The arrays (N or 1, size) of a program's inputs, in its order."""
+    found: dict[str, np.ndarray] = {}
+    for vector in program.inputs:
+        if vector.name == "p":
+            continue
+        if vector.name == "context":
+            missing = [s.name for s in vector.symbols if context is None or s.name not in context]
+            if missing or context is None:
+                raise UserError(f"the model needs the column {missing[0]}: add it to the table")
+            value = np.stack([np.asarray(context[s.name], float) for s in vector.symbols], -1)
+        else:
+            value = q if vector.name == "q" else w
+        array = np.atleast_2d(np.asarray(value, dtype=float))
+        if array.ndim != 2 or array.shape[1] != len(vector.symbols):
+            raise UserError(
+                f"{vector.name}: expected an array of shape (N, {len(vector.symbols)}), found {array.shape}"
+            )
+        found[vector.name] = array
+    lengths = {len(a) for a in found.values()} - {1}
+    if len(lengths) > 1:
+        raise UserError(f"q and w differ in their numbers of poses: {sorted(lengths)}")
+    return found
+
+
+def _poses(arrays: Mapping[str, np.ndarray]) -> int:
+    lengths = {len(a) for a in arrays.values()}
+    return min(lengths) if 0 in lengths else max(lengths)
+
+
+def _numpy(program: Program, arrays: Mapping[str, np.ndarray], p: np.ndarray, n: int) -> np.ndarray:
+    name, shape = program.outputs[0]
+    if n == 0:
+        return np.empty((0, *shape))
+    extra = {"p": p} if any(v.name == "p" for v in program.inputs) else {}
+    return evaluate_numpy(program, **arrays, **extra)[name]
+
+
+def _strided(array: np.ndarray) -> tuple[Any, Any]:
+    """Pointer and strides (component, pose) in elements; an array that these cannot describe is copied."""
+    size = array.itemsize
+    if any(s < 0 or s % size for s in array.strides) or not array.flags.aligned:
+        array = np.ascontiguousarray(array)
+    strides = (ctypes.c_size_t * 2)(array.strides[1] // size, array.strides[0] // size)
+    pointer = _pointer(array)
+    pointer.array = array  # keeps a copy alive for the call
+    return pointer, strides
+
+
+def _pointer(array: np.ndarray) -> Any:
+    return array.ctypes.data_as(ctypes.c_void_p)
