@@ -10,11 +10,13 @@ from typing import Any
 
 from symstiff import __version__
 from symstiff.codegen.batch import batch_context
+from symstiff.codegen.compact import compact
 from symstiff.codegen.functions import Functions
 from symstiff.codegen.names import LOADS_MEANING, SUMMARIES, meaning
 from symstiff.codegen.options import Options
 from symstiff.codegen.reference import DIGITS, Case, cases, configurations, test_values, unit_length
 from symstiff.codegen.text import CAlgebra, c_body
+from symstiff.symbolic.algebras import count
 from symstiff.symbolic.program import Program
 
 
@@ -125,7 +127,14 @@ def base_context(functions: Functions, options: Options) -> dict[str, Any]:
         "headers": [f"{robot.name}.h"],
         "sources": [f"{robot.name}.c", f"{robot.name}_batch.c", f"{robot.name}_selftest.c"],
     }
-    context["functions"] = [_function(p, functions, context, single) for p in functions.all]
+    counts = operations(functions, options)
+    context["functions"] = [
+        {"name": p.name, "summary": SUMMARIES[p.name], "operations": operations_text(counts[p.name])}
+        for p in functions.all
+    ]
+    context["compact"] = layout = compact(model) if options.layout == "compact" else None
+    context["compact_compliance"] = layout is not None and not model.effects
+    context["cores"] = [_function(p, functions, context, counts) for p in _cores(functions, context)]
     return context
 
 
@@ -148,8 +157,27 @@ def operations_text(counts: dict[str, int]) -> str:
     return f"{counts['add']} add, {counts['mul']} mul{neg}, {counts['trig']} sin/cos{other}"
 
 
+def operations(functions: Functions, options: Options) -> dict[str, dict[str, int]]:
+    """Operation counts of every function as these options emit it."""
+    counts = dict(functions.operations)
+    if options.layout == "compact":
+        layout = compact(functions.model)
+        looped = ("observation",) if functions.model.effects else ("observation", "compliance")
+        counts |= {name: layout.operations(name) for name in looped}
+    return counts
+
+
+def _cores(functions: Functions, context: dict[str, Any]) -> list[Program]:
+    """The programs that are unrolled: a compact layout loops over the others."""
+    layout = context["compact"]
+    if layout is None:
+        return list(functions.all)
+    looped = ("observation", "compliance") if context["compact_compliance"] else ("observation",)
+    return [layout.columns, *(p for p in functions.all if p.name not in looped)]
+
+
 def _function(
-    program: Program, functions: Functions, context: dict[str, Any], single: bool
+    program: Program, functions: Functions, context: dict[str, Any], counts: dict[str, dict[str, int]]
 ) -> dict[str, Any]:
     model, real = functions.model, context["real"]
     names = {v.name for v in program.inputs}
@@ -171,14 +199,14 @@ def _function(
             "w": lambda k: f"w[{k}]",
             "context": lambda k: "p->context",
         },
-        single=single,
+        single=bool(context["single"]),
     )
     unused = [n for n in ("p", "q", "w") if n in names and f"{n}[" not in body and f"{n}->" not in body]
     prologue = "".join(f"    (void){n};\n" for n in unused)
     return {
         "name": program.name,
         "summary": SUMMARIES[program.name],
-        "operations": operations_text(functions.operations[program.name]),
+        "operations": operations_text(counts.get(program.name) or count(program)),
         "arguments": ", ".join(arguments),
         "prologue": prologue,
         "body": body,
@@ -216,4 +244,12 @@ def _example(functions: Functions, literal: Any) -> dict[str, Any]:
     return {"example_q": [literal(round(x, 3)) for x in q], "example_w": [literal(x) for x in w]}
 
 
-__all__ = ["Case", "base_context", "emit_c", "environment", "operations_text", "template_context", "templates"]
+__all__ = [
+    "Case",
+    "base_context",
+    "emit_c",
+    "environment",
+    "operations_text",
+    "template_context",
+    "templates",
+]

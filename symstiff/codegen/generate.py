@@ -10,6 +10,7 @@ from typing import Any
 
 from symstiff import __version__
 from symstiff.codegen.compiler import find_compiler
+from symstiff.codegen.emit import operations
 from symstiff.codegen.functions import Functions
 from symstiff.codegen.options import Options
 from symstiff.codegen.targets import TARGETS
@@ -70,6 +71,6 @@ def manifest_of(functions: Functions, options: Options, proof: Verification) -> 
         "default_parameters": [values[n] for n in names],
         "units": [model.units[n] for n in names],
         "effect_parameters": {e.name: {"value": values[e.name], "unit": e.unit} for e in model.effect_parameters},
-        "operations": functions.operations,
+        "operations": operations(functions, options),
         "verified": proof.table(),
     }
