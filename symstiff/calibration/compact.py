@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
+from symstiff.calibration.planning.parallel import one_blas_thread
 from symstiff.errors import UserError
 
 Array = npt.NDArray[np.float64]
@@ -46,7 +47,7 @@ def compact(A: Array, y: Array, sigma: Array | None = None, weights: Array | Non
     scale[scale == 0.0] = 1.0
     stacked[:, :columns] /= scale
     signal = float(np.linalg.norm(stacked[:, columns]))
-    triangle: Array = np.asarray(np.linalg.qr(stacked, mode="r"))
+    triangle = triangular(stacked)
     rest = float(triangle[columns, columns] ** 2) if len(triangle) > columns else 0.0
     return Compact(triangle[:columns, :columns], triangle[:columns, columns], scale, rest, signal, len(y))
 
@@ -93,17 +94,31 @@ def component_sigma(A: Array, y: Array, labels: Sequence[str], rounds: int = 8) 
     sigma = np.empty(len(y))
     for rows in classes.values():
         sigma[rows] = np.sqrt(np.mean(y[rows] ** 2)) or 1.0
+    columns = A.shape[1]
+    triangles = {label: triangular(np.column_stack([A[rows], y[rows]])) for label, rows in classes.items()}
+    variance = {label: float(sigma[rows[0]]) ** 2 for label, rows in classes.items()}
     for _ in range(rounds):
-        form = compact(A, y, sigma)
+        stacked = np.vstack([t / np.sqrt(variance[label]) for label, t in triangles.items()])
+        form = compact(stacked[:, :columns], stacked[:, columns])
         U, s, Vt = np.linalg.svd(form.R)
         kept = s > s[0] * max(A.shape) * np.finfo(float).eps if s.size else s > 0
         root = (Vt[: len(s)].T / np.where(kept, s, np.inf)) / form.scale[:, None]
-        residual = y - A @ (root @ (U.T @ form.z))
-        for label, rows in classes.items():
-            whitened = (A[rows] / sigma[rows, None]) @ root
-            free = len(rows) - float(np.einsum("mr,mr->", whitened, whitened))
-            if free > 1e-6 * len(rows):
-                sigma[rows] = (
-                    max(np.sqrt(float(residual[rows] @ residual[rows]) / free), floors[label]) or 1.0
-                )
+        values = root @ (U.T @ form.z)
+        for label, t in triangles.items():
+            residual = t[:, columns] - t[:, :columns] @ values
+            share = t[:, :columns] @ root
+            free = len(classes[label]) - float(np.sum(share**2)) / variance[label]
+            if free > 1e-6 * len(classes[label]):
+                variance[label] = max(float(residual @ residual) / free, floors[label] ** 2) or 1.0
+    for label, rows in classes.items():
+        sigma[rows] = np.sqrt(variance[label])
     return sigma
+
+
+def triangular(stacked: Array, block: int = 4096) -> Array:
+    """R of a QR decomposition, by blocks of rows: the triangles of blocks are stacked and reduced again."""
+    if len(stacked) > block + stacked.shape[1]:
+        with one_blas_thread():  # several threads lose on narrow blocks, badly so on a busy machine
+            parts = [np.linalg.qr(stacked[k : k + block], mode="r") for k in range(0, len(stacked), block)]
+        stacked = np.vstack(parts)
+    return np.asarray(np.linalg.qr(stacked, mode="r"))

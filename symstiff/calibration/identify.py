@@ -25,6 +25,7 @@ from symstiff.reduction.svd import numeric_partition
 from symstiff.robot.schema import Robot
 
 _ROUNDS = 8
+_HINT_ROWS = 1000
 
 
 @dataclass(frozen=True)
@@ -246,9 +247,11 @@ def _repeated(table: Measurements) -> list[str]:
 
 def _axes(model: StiffnessModel, table: Measurements, e: Equations) -> list[str]:
     """A hint where another assignment of the measured axes would fit far better."""
-    whole = table.measured[:, :3].all(axis=1)
+    whole: np.ndarray = np.all(table.measured[:, :3], axis=1)
     if not whole.any():
         return []
+    thin = max(1, int(whole.sum()) // _HINT_ROWS)  # a swapped axis shows in any few hundred rows
+    whole &= np.cumsum(whole) % thin == 0
     keep = np.flatnonzero(whole[e.row] & (e.component < 3))
     order = keep[np.lexsort((e.component[keep], e.row[keep]))]
     positive = [_cannot_be_negative(name) for name in model.parameters]
