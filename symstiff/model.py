@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from symstiff.display import html_table
 from symstiff.effects.base import EffectInstance, EffectParameter, Realisation
 from symstiff.errors import UserError
 from symstiff.reduction.physical import Parameter, physical_stages, terms_of
@@ -230,12 +231,23 @@ class StiffnessModel:
         return latex(self.terms)
 
     def _repr_html_(self) -> str:
-        rows = "".join(
-            f"<tr><td>{n}</td><td>{self.values.get(n, 0.0):.4g}</td><td>{self.units[n]}</td></tr>"
+        meanings = {p.name: p.meaning for p in self.compliances}
+        rows = [
+            (
+                n,
+                f"{self.values.get(n, 0.0):.4g}",
+                self._deviation(n),
+                self.units[n],
+                meanings.get(n, "effect"),
+            )
             for n in self.parameters
-        )
-        head = f"{self.robot.title or self.robot.name}: {len(self.parameters)} parameters, loads {self.loads}"
-        return f"<p>{head}</p><table><tr><th>parameter</th><th>value</th><th>unit</th></tr>{rows}</table>"
+        ]
+        title = self.robot.title or self.robot.name
+        caption = f"{title}: {len(rows)} parameters, loads {self.loads}, measured {self.measure}"
+        return html_table(("parameter", "value", "±", "unit", "meaning"), rows, caption)
+
+    def _deviation(self, name: str) -> str:
+        return f"{self.deviations[name]:.1g}" if name in self.deviations else "–"
 
 
 def _bilinear(term: Term) -> bool:

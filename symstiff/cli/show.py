@@ -79,30 +79,21 @@ def show_reduction(
     write_json(json, result)
 
 
-_WHAT = {
-    "original": "{n} joints and {links} links of 36 parameters",
-    "M1": "symmetrisation: k_ij = k_ji",
-    "M2": "sparsing: zeros of the link's template",
-    "M3": "aggregation: joints into the links before them",
-    "M4": "elimination of what has no influence (G1 {g1}, G2 {g2}, G3 {g3})",
-    "M5": "selection of an independent set",
-}
-
-
 def print_stages(out: Console, reduction: Reduction) -> None:
     """The seed's Table 1 for this robot and class."""
     from rich.table import Table
 
-    p, robot, e = reduction.partition, reduction.robot, reduction.experiment
-    words = {"n": robot.dof, "links": robot.dof + 1, "g1": len(p.g1), "g2": len(p.g2), "g3": len(p.g3)}
+    from symstiff.reduction.reading import steps
+
+    robot, e = reduction.robot, reduction.experiment
     table = Table(
         title=f"{robot.title or robot.name}: loads {e.loads}, measured {e.measure}", title_justify="left"
     )
     table.add_column("step")
     table.add_column("parameters", justify="right")
     table.add_column("what")
-    for step, n in reduction.counts:
-        table.add_row(step, str(n), _WHAT[step].format(**words))
+    for step, n, what in steps(reduction):
+        table.add_row(step, str(n), what)
     out.print(table)
     for name in reduction.inexact_aggregations:
         link = int(name[1:]) - 1

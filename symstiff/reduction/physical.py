@@ -44,6 +44,17 @@ class Parameter:
         return UNITS[min(self.row, self.column) > 3, max(self.row, self.column) > 3]
 
     @property
+    def meaning(self) -> str:
+        """What the compliance is, in the axes of its link's elastic frame (1 along the beam)."""
+        if self.is_joint:
+            return f"compliance of joint {self.body}"
+        body = "link 0 (pedestal)" if self.body == 0 else f"link {self.body}"
+        both = " (and its mirror)" if self.is_coupling else ""
+        motion = f"{'rotation about' if self.row > 3 else 'translation along'} {(self.row - 1) % 3 + 1}"
+        cause = f"{'moment about' if self.column > 3 else 'force along'} {(self.column - 1) % 3 + 1}"
+        return f"{body}: {motion} by {cause}{both}"
+
+    @property
     def length_degree(self) -> int:
         """Power of length in the unit beyond 1/(N·m): 2 for m/N, 1 for rad/N, 0 for rad/(N·m)."""
         return {"m/N": 2, "rad/N": 1, "rad/(N*m)": 0}[self.unit]
@@ -73,8 +84,15 @@ class Stage:
                 m[row, index[new]] = 1
         return m
 
+    @property
+    def terms(self) -> tuple[Term, ...]:
+        """The terms of the stage's parameters: from M1 on, k_ij stands for k_ji as well."""
+        return terms_of(self.parameters, symmetric=self.step != "original")
+
     def _repr_html_(self) -> str:
-        return f"<b>{self.step}</b>: {len(self.parameters)} parameters: {', '.join(self.names)}"
+        from symstiff.reduction.reading import stage_html
+
+        return stage_html(self)
 
 
 def original(robot: Robot) -> Stage:

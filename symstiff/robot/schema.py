@@ -238,6 +238,11 @@ class Robot(_Frozen):
     def __hash__(self) -> int:
         return hash((self.name, len(self.joint)))
 
+    def _repr_html_(self) -> str:
+        from symstiff.robot.reading import robot_html
+
+        return robot_html(self)
+
     @property
     def dof(self) -> int:
         """Number of joints n."""

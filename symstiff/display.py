@@ -1,0 +1,30 @@
+"""How objects show themselves in a notebook: one kind of HTML table."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from html import escape
+from typing import Any
+
+
+def html_table(
+    columns: Sequence[str], rows: Iterable[Sequence[Any]], caption: str = "", note: str = ""
+) -> str:
+    """An HTML table with a caption above and a note below; text is set left, whole numbers right, all escaped."""
+    head = "".join(_cell("th", c) for c in columns)
+    body = "".join("<tr>" + "".join(_cell("td", x) for x in row) + "</tr>" for row in rows)
+    above = f"<p><b>{escape(caption)}</b></p>" if caption else ""
+    below = f"<p>{escape(note)}</p>" if note else ""
+    return f"{above}<table><thead><tr>{head}</tr></thead><tbody>{body}</tbody></table>{below}"
+
+
+def _cell(tag: str, content: Any) -> str:
+    side = "left" if isinstance(content, str) else "right"
+    return f'<{tag} style="text-align:{side}">{escape(str(content))}</{tag}>'
+
+
+def shortened(names: Sequence[str], most: int = 12) -> str:
+    """Names in a row; of a long list the first three and the last one."""
+    if len(names) <= most:
+        return " ".join(names) or "–"
+    return f"{' '.join(names[:3])} … {names[-1]}"

@@ -1,0 +1,89 @@
+"""Closed forms for reading: what a Program lets be temporaries, written out in the joint variables.
+
+For eyes, not for evaluation: the expressions repeat what a Program computes once.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from itertools import product
+
+import sympy as sp
+
+from symstiff.display import html_table
+from symstiff.symbolic.chain import ElasticChain
+from symstiff.symbolic.program import Builder, Let, Program
+from symstiff.symbolic.programs import virtual_jacobian_program
+from symstiff.symbolic.terms import AXES, Term, joint_terms, link_terms, tau, w
+
+
+def written_out(program: Program) -> dict[str, sp.Matrix]:
+    """Outputs of a program as matrices of expressions in its inputs, by name; a vector is one column."""
+    values = {c.symbol: c.exact for c in program.constants}
+    outputs = {name: sp.zeros(*(*shape, 1)[:2]) for name, shape in program.outputs}
+    for statement in program.statements:
+        expression = statement.expression.xreplace(values)
+        if isinstance(statement, Let):
+            values[statement.symbol] = expression
+        else:
+            outputs[statement.vector][statement.index] = expression
+    return outputs
+
+
+def virtual_jacobian(chain: ElasticChain) -> sp.Matrix:
+    """J_θ(q), 6 × m: base axes at the tool centre point, columns in the order of ``chain.virtual_joints`` (seed eq. 2).
+
+    A translation's column is an axis e, a rotation's is lever arm and axis (e × ρ, e). Units: 1, m, rad.
+    """
+    return written_out(virtual_jacobian_program(chain))["J"]
+
+
+def observation_matrix(
+    chain: ElasticChain, W: Sequence[sp.Expr] | None = None, terms: Sequence[Term] | None = None
+) -> sp.Matrix:
+    """A(q, W) in closed form: the column of a parameter is Σ J_v·g(JᵀW) over its terms (seed eq. 5, 12).
+
+    ``W`` is the wrench at the tool centre point in base axes, w_1 … w_6 where not given [N, N·m]. ``terms`` default to
+    those of the original model: all joints, 36 parameters a link. Parameters stand in the order of the terms.
+    """
+    J = virtual_jacobian(chain)
+    wrench = sp.Matrix([w(c) for c in AXES] if W is None else list(W))
+    column = {v: J[:, k] for k, v in enumerate(chain.virtual_joints)}
+    loads = {tau(v): (j.T * wrench)[0] for v, j in column.items()}
+    columns: dict[str, sp.Matrix] = {}
+    for term in original_terms(chain) if terms is None else terms:
+        part = column[term.at] * term.factor.xreplace(loads)
+        columns[term.parameter] = columns.get(term.parameter, sp.zeros(6, 1)) + part
+    return sp.Matrix.hstack(*columns.values())
+
+
+def original_terms(chain: ElasticChain) -> tuple[Term, ...]:
+    """Terms of the original model, base to tip: full 6 × 6 links, one compliance a joint (seed eq. 3)."""
+    terms: list[Term] = []
+    for i in range(chain.dof + 1):
+        terms += joint_terms(i, f"c{i}") if i else ()
+        for r, c in product(AXES, AXES):
+            terms += link_terms(i, r, c, f"k{i}_{r}{c}", symmetric=False)
+    return tuple(terms)
+
+
+def chain_html(chain: ElasticChain) -> str:
+    """Which virtual joint gives which column of J_θ, counted from 0, and along which axes it gives way."""
+    rows: list[tuple[str, str, str]] = []
+    for i in range(chain.dof + 1):
+        first = 7 * i
+        if i:
+            kind = "translation along" if chain.rows[i - 1].prismatic else "rotation about"
+            rows.append((f"joint {i}", str(first - 1), f"{kind} z of frame {i - 1}"))
+        axes = ", ".join(_axis(e) for e in chain.elastic_axes(Builder("axes", ()), i))
+        what = f"translations along, rotations about {axes} of frame {i}"
+        rows.append((f"link {i}", f"{first} … {first + 5}", what))
+    caption = f"{chain.robot.title or chain.robot.name}: {len(chain.virtual_joints)} virtual joints"
+    return html_table(("body", "columns of J_θ", "gives way by"), rows, caption)
+
+
+def _axis(direction: Sequence[sp.Expr]) -> str:
+    """x, y or z of the DH frame; another direction as three components."""
+    if sorted(direction) == [0, 0, 1]:
+        return "xyz"[list(direction).index(1)]
+    return f"({', '.join(str(c) for c in direction)})"
