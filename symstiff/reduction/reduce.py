@@ -113,11 +113,9 @@ class Reduction:
         }
 
     def _repr_html_(self) -> str:
-        rows = "".join(f"<tr><td>{step}</td><td>{n}</td></tr>" for step, n in self.counts)
-        return (
-            f"<p>{self.robot.title or self.robot.name}: loads {self.experiment.loads}, "
-            f"measured {self.experiment.measure}</p><table><tr><th>step</th><th>parameters</th></tr>{rows}</table>"
-        )
+        from symstiff.reduction.reading import reduction_html
+
+        return reduction_html(self)
 
 
 def shown(coefficient: Any) -> str:

@@ -140,6 +140,11 @@ class ElasticChain:
                 axes = _turned(axes, "xyz".index(motion.kind[1]), *b.rotation(sp.cos(value), sp.sin(value)))
         return tuple(b.vector(a) for a in axes)  # type: ignore[return-value]
 
+    def _repr_html_(self) -> str:
+        from symstiff.symbolic.reading import chain_html
+
+        return chain_html(self)
+
 
 def _turned(axes: Axes, k: int, c: sp.Expr, s: sp.Expr) -> Axes:
     """Axes after a rotation about their own k-th axis."""
