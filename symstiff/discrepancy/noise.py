@@ -174,10 +174,10 @@ def report(
     misstated = False
     if stated is not None and freedom >= 1:
         relative = sigma / stated
-        low = np.sqrt(freedom / stats.chi2.ppf(0.995, freedom))
-        high = np.sqrt(freedom / stats.chi2.ppf(0.005, freedom))
+        low = np.sqrt(freedom / stats.chi2.ppf(0.98, freedom))
+        high = np.sqrt(freedom / stats.chi2.ppf(0.02, freedom))
         interval = (float(relative * low), float(relative * high))
-        misstated = bool(interval[0] > 1.03 or interval[1] < 0.97)
+        misstated = bool(interval[0] > 1.0 or interval[1] < 1.0)
     by_axis = {
         int(a): float(np.sqrt(np.mean(residual[problem.axis == a] ** 2))) for a in np.unique(problem.axis)
     }

@@ -130,8 +130,10 @@ class Options:
     folds: int = 5
     max_effects: int = 3
     seed: int = 20260
-    tolerated_share: float = 0.07
-    """Share of the signal that a candidate of the right place may miss because its shape is only close."""
+    tolerated_share: float = 0.04
+    """Share of the signal that a set may miss to an unnamed law at another place."""
+    tolerated_shape: float = 0.12
+    """Share that it may miss to a law at the place of one of its members: the shape is only close."""
     name_at: float = 0.6
     """Share of the admissible evidence from which the leader is named rather than listed."""
     held_out: bool = True

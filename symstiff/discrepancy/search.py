@@ -139,12 +139,12 @@ def judge(shop: Workshop, proposal: Proposal) -> Judged:
         distribution = shop.null(members, entries)
         p_named, p_unnamed = distribution.p_named(named), distribution.p_generic(unnamed)
     scale2 = scan.best.rss / max(scan.freedom, 1)
-    gained = (shop.start.best.rss - scan.best.rss) / max(scale2, 1e-300)
+    before = next(layer.rss for layer in shop.start.layers if layer.ratio == scan.best.ratio)
+    gained = (before - scan.best.rss) / max(scale2, 1e-300)
     missed = _missed_share(shop, proposal, scan, gained)
     rival, who = _rival(shop, proposal)
-    close = missed < options.tolerated_share
-    lack_named = p_named < options.alpha_sufficient and not (close and _at_a_member(shop, proposal))
-    lack_unnamed = p_unnamed < 0.5 * options.alpha_sufficient and not close
+    lack_named = p_named < options.alpha_sufficient and missed > _tolerated(shop, proposal, False)
+    lack_unnamed = p_unnamed < 0.5 * options.alpha_sufficient and missed > _tolerated(shop, proposal, True)
     p_members = tuple(_needed(shop, proposal, i) for i in range(len(members)))
     return Judged(
         members, entries, proposal.score, scan, left, gained, p_named, p_unnamed, missed, rival, who,
@@ -152,17 +152,20 @@ def judge(shop: Workshop, proposal: Proposal) -> Judged:
     )  # fmt: skip
 
 
-def _at_a_member(shop: Workshop, proposal: Proposal) -> bool:
-    """Does the best further candidate of the catalogue sit where a member sits? Then only the shape is off."""
+def _tolerated(shop: Workshop, proposal: Proposal, generic: bool) -> float:
+    """Share of the signal that may be missed: more where the best further law sits at a member's place.
+
+    There only the member's shape is off. A further effect of the catalogue at another place is never tolerated.
+    """
     bank = shop.start.bank
-    score = shop.score(proposal.members, proposal.entries, False)
-    if not len(score):
-        return False
+    score = shop.score(proposal.members, proposal.entries, generic)
+    if not np.any(np.isfinite(score)):
+        return 1.0
     best = int(np.argmax(score))
     where, place = bank.candidates[best].where, bank.place[best]
-    return any(
-        bank.candidates[m].where == where or (place and bank.place[m] == place) for m in proposal.members
-    )
+    if any(bank.candidates[m].where == where or (place and bank.place[m] == place) for m in proposal.members):
+        return shop.options.tolerated_shape
+    return shop.options.tolerated_share if generic else 0.0
 
 
 def _missed_share(shop: Workshop, proposal: Proposal, scan: Scan, gained: float) -> float:
@@ -217,8 +220,7 @@ def _same(scan: Scan, law: int, entries: tuple[int, ...]) -> bool:
 
 
 def _needed(shop: Workshop, proposal: Proposal, place: int) -> float:
-    """Backward check: family-wise p-value of one member given the others."""
-    members = tuple(m for i, m in enumerate(proposal.members) if i != place)
+    """Backward check: family-wise p-value of one member given the others, by the null of the start."""
     entries = tuple(e for i, e in enumerate(proposal.entries) if i != place)
     score = float(shop.look(entries)[1].score[proposal.members[place]])
     return shop.null((), ()).p_named(score)

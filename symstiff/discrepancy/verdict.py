@@ -15,8 +15,8 @@ from symstiff.discrepancy.search import ONE_MORE, Judged, Proposal, Workshop, ju
 NOTHING, NAMED, AMBIGUOUS = "nothing_missing", "named", "ambiguous"
 INSUFFICIENT, UNEXPLAINED, UNTESTABLE = "named_insufficient", "unexplained", "untestable"
 
-CALIBRATION = (0.0, 0.8)
-"""Offset and slope of the confidence's logit, fitted on simulated benchmarks."""
+CALIBRATION = (0.0, 0.7, 4.5)
+"""Offset, slope and limit of the confidence's logit, fitted on simulated benchmarks."""
 
 Plausible = Callable[[Proposal], bool]
 
@@ -117,7 +117,8 @@ def _named(
     leader = good[0]
     own = share[frozenset(leader.members)]
     confidence = tuple(
-        _calibrated(sum(w for members, w in share.items() if m in members), leader) for m in leader.members
+        _calibrated(sum(w for members, w in share.items() if m in members), leader, p)
+        for m, p in zip(leader.members, leader.p_members, strict=True)
     )
     kept = tuple(j for j in good if share[frozenset(j.members)] > 0.05 * own)
     verdict = NAMED if own >= options.name_at or len(kept) < 2 else AMBIGUOUS
@@ -125,12 +126,13 @@ def _named(
     return Outcome(verdict, reason, *tests, leader, kept, confidence, tuple(tried))
 
 
-def _calibrated(share: float, leader: Judged) -> float:
-    """Posterior share, lowered by the best rival without a name, on the benchmark's scale."""
+def _calibrated(share: float, leader: Judged, p: float) -> float:
+    """Posterior share, lowered by the best rival without a name and by a weak detection, on the benchmark's scale."""
+    offset, slope, limit = CALIBRATION
     share = float(np.clip(share, 1e-6, 1 - 1e-6))
-    raw = float(np.log(share / (1 - share)))
+    raw = min(float(np.log(share / (1 - share))), limit)
     rival = float(np.log1p(np.exp(min(leader.rival, 30.0))))
-    return float(expit(CALIBRATION[0] + CALIBRATION[1] * min(raw, 8.0) - rival))
+    return float(expit(offset + slope * raw - rival)) * (1.0 - min(1.0, 5.0 * p))
 
 
 __all__ = ["ONE_MORE", "Outcome", "decide"]
