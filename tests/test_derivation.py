@@ -431,12 +431,19 @@ def test_right_angles_give_exact_zeros_and_ones(alpha: Any, pair: tuple[int, int
     assert not any(s.expression.atoms(sp.Float) for s in program.statements)
 
 
-def test_an_angle_that_is_no_fraction_of_pi_keeps_its_exact_sine_beside_a_rational_rotation() -> None:
-    robot = from_table({"format": 1, "name": "one", "joint": [{"a": 0.5, "alpha": "pi/6", "d": 0.1}]})
-    constants = virtual_jacobian_program(ElasticChain(robot)).constants
-    assert {c.exact for c in constants} == {sp.sqrt(3) / 2}  # the sine is one half, and stays a number
-    (cosine,) = constants
-    assert abs(cosine.rational - sp.N(cosine.exact, 30)) < 1e-12
+@pytest.mark.parametrize("alpha", ["pi/6", "pi/3", "-2*pi/3", "pi/4", "3*pi/4", "pi/5", "0.4", "-3"])
+def test_the_stand_ins_of_an_odd_angle_are_a_rational_rotation_beside_the_exact_one(alpha: str) -> None:
+    """Also where the sine is a half, or equals the cosine: both keep a stand-in, or rank would be found."""
+    robot = from_table({"format": 1, "name": "one", "joint": [{"a": 0.5, "alpha": alpha, "d": 0.1}]})
+    builder = Builder("constants", ())
+    pair = sp.Matrix(ElasticChain(robot).alpha(builder, 1))
+    rational = pair.subs({c.symbol: c.rational for c in builder.constants})
+    assert rational.dot(rational) == 1
+    angle = sp.nsimplify(alpha)
+    assert pair.subs({c.symbol: c.exact for c in builder.constants}) == sp.Matrix(
+        [sp.cos(angle), sp.sin(angle)]
+    )
+    assert max(abs(sp.N(rational - sp.Matrix([sp.cos(angle), sp.sin(angle)]), 30))) < 1e-12
 
 
 def test_the_rational_stand_ins_of_an_inclined_beam_are_a_rotation() -> None:

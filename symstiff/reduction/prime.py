@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 import sympy as sp
 
-from symstiff.symbolic.program import Constant, nearby
+from symstiff.symbolic.program import Constant, stand_in
 
 PRIMES = tuple(sp.prevprime(2**31 - 1 - 7919 * k) for k in range(1, 25))
 Residues = Any  # an int, or an int64 array (N,)
@@ -23,11 +23,21 @@ Residues = Any  # an int, or an int64 array (N,)
 
 @dataclass(frozen=True)
 class Angle:
-    """An angle modulo a prime: a value for polynomials, an independent point of the unit circle for trigonometry."""
+    """An angle modulo a prime: a value for polynomials, a point of the unit circle for trigonometry.
+
+    exact: its value where it is known; a random angle has none.
+    """
 
     value: Residues
     cosine: Residues
     sine: Residues
+    exact: sp.Expr | None = None
+
+
+class Number(int):
+    """A rational's residue that remembers the rational, in case it is added to an angle."""
+
+    exact: sp.Rational
 
 
 class PrimeAlgebra:
@@ -56,51 +66,61 @@ class PrimeAlgebra:
         return np.array([pow(int(v), -1, self.p) if v else 0 for v in x], dtype=np.int64)
 
     def fixed_angle(self, value: sp.Expr) -> Angle:
-        """An angle of known value; irrational sines get a rational stand-in that agrees to 1e-12."""
+        """An angle of known value r + s·pi; an irrational sine gets a rational stand-in that agrees to 1e-12."""
         c, s = sp.cos(value), sp.sin(value)
         if not (c.is_Rational and s.is_Rational):
-            half = nearby(float(sp.tan(value / 2)))
-            c, s = (1 - half**2) / (1 + half**2), 2 * half / (1 + half**2)
-        number = (
-            self.number(sp.Rational(value)) if value.is_Rational else self._oracle("angle", [hash_of(value)])
-        )
-        return Angle(number, self.number(c), self.number(s))
+            c, s = stand_in(float(c), float(s))
+        rest, turns = value.as_independent(sp.pi, as_Add=True)
+        linear = self.number(rest) + self.number(turns / sp.pi) * self._oracle("pi", [])
+        return Angle(linear % self.p, self.number(c), self.number(s), value)
 
     def number(self, value: sp.Expr) -> Any:
-        """A rational's residue; an irrational constant can only be an angle."""
-        if value.is_Rational:
-            return int(value.p) * pow(int(value.q), -1, self.p) % self.p
-        return self.fixed_angle(value)
+        """A rational's residue; a multiple of pi is an angle, any other number an oracle."""
+        if value.is_Float:
+            value = sp.Rational(value)
+        if not value.is_Rational:
+            return self.fixed_angle(value) if value.has(sp.pi) else self._oracle(str(value), [])
+        number = Number(int(value.p) * pow(int(value.q), -1, self.p) % self.p)
+        number.exact = value
+        return number
 
     def constant(self, constant: Constant) -> int:
         """The residue of the constant's rational stand-in."""
         return self.number(constant.rational)  # type: ignore[no-any-return]
 
     def sum(self, terms: Sequence[tuple[int, Any]]) -> Any:
-        """Σ ±x; with an angle among them, the sum of angles."""
-        if any(isinstance(x, Angle) for _, x in terms):
+        """Σ ±x; angles and known numbers add up to an angle, with anything else among them to its value."""
+        angles = any(isinstance(x, Angle) for _, x in terms)
+        if angles and all(isinstance(x, Angle | Number) for _, x in terms):
             return self._angle_sum(terms)
         total = 0
         for sign, x in terms:
+            x = x.value if isinstance(x, Angle) else x
             total = total + x if sign > 0 else total - x
         return total % self.p
 
-    def _angle_sum(self, terms: Sequence[tuple[int, Any]]) -> Angle:
-        value, c, s = 0, 1, 0
-        for sign, x in terms:
-            if not isinstance(x, Angle):
-                x = self.fixed_angle(sp.Integer(x))
+    def _angle_sum(self, terms: Sequence[tuple[int, Angle | Number]]) -> Angle:
+        known = sp.Add(*[sign * x.exact for sign, x in terms if x.exact is not None])
+        free = [(sign, x) for sign, x in terms if isinstance(x, Angle) and x.exact is None]
+        start = self.fixed_angle(known)
+        if not free:
+            return start
+        value, c, s = start.value, int(start.cosine), int(start.sine)
+        for sign, x in free:
             xs = x.sine if sign > 0 else -x.sine
             value = (value + sign * x.value) % self.p
             c, s = (c * x.cosine - s * xs % self.p) % self.p, (s * x.cosine % self.p + c * xs) % self.p
         return Angle(value, c, s)
 
     def product(self, factors: Sequence[Any]) -> Any:
-        """Π x; a whole multiple of an angle stays an angle."""
+        """Π x; a known multiple of pi, and a whole multiple of an angle, stay angles."""
         angles = [x for x in factors if isinstance(x, Angle)]
-        whole = [x for x in factors if isinstance(x, int)]
-        if len(angles) == 1 and len(factors) == 2 and whole and 0 < whole[0] < 1000:
-            return self._angle_sum([(1, angles[0])] * whole[0])
+        if len(angles) == 1 and len(factors) == 2:
+            (other,) = (x for x in factors if x is not angles[0])
+            if isinstance(other, Number) and angles[0].exact is not None:
+                return self.fixed_angle(other.exact * angles[0].exact)
+            if isinstance(other, Number) and other.exact.is_Integer and 0 < other.exact < 1000:
+                return self._angle_sum([(1, angles[0])] * int(other.exact))
         total = 1
         for x in factors:
             total = total * (x.value if isinstance(x, Angle) else x) % self.p
@@ -132,11 +152,6 @@ class PrimeAlgebra:
             for _ in range(4):
                 state = (state * state % self.p * state + x + 1_234_567) % self.p
         return state
-
-
-def hash_of(value: sp.Expr) -> int:
-    """A number that depends on an expression's text alone (no interpreter's hash)."""
-    return int(sum(ord(c) * 31**k for k, c in enumerate(str(value))) % (2**31 - 1))
 
 
 def echelon(matrix: np.ndarray, prime: int) -> tuple[np.ndarray, list[int]]:

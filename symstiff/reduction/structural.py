@@ -114,10 +114,7 @@ class ExactEngine:
         rng = np.random.default_rng([self.seed, prime])
         rows = MEASURES[self.experiment.measure]
         n = (5 * len(self.names)) // (4 * len(rows)) + 12
-        inputs: dict[str, list[Any]] = {
-            "q": self._joints(algebra, rng, n),
-            "w": self._wrench(algebra, rng, n),
-        }
+        inputs = self.points(algebra, rng, n)
         for vector in self.program.inputs:
             if vector.name == "lengths":
                 inputs["lengths"] = list(lengths)
@@ -131,12 +128,16 @@ class ExactEngine:
                 matrix[k * n : (k + 1) * n, c] = flat[r * width + c]
         return matrix % prime
 
+    def points(self, algebra: PrimeAlgebra, rng: np.random.Generator, n: int) -> dict[str, list[Any]]:
+        """Random joint variables ``q`` and wrenches ``w`` of the class of experiments, n of each."""
+        return {"q": self._joints(algebra, rng, n), "w": self._wrench(algebra, rng, n)}
+
     def _joints(self, algebra: PrimeAlgebra, rng: np.random.Generator, n: int) -> list[Any]:
         joints: list[Any] = []
         for i, row in enumerate(self.chain.rows, start=1):
             fixed = self.experiment.fixed.get(i)
             if row.prismatic:
-                joints.append(algebra.random(rng, n) if fixed is None else algebra.number(sp.Rational(fixed)))
+                joints.append(algebra.random(rng, n) if fixed is None else algebra.number(sp.sympify(fixed)))
             else:
                 joints.append(_angle(algebra, fixed, rng, n))
         return joints

@@ -219,28 +219,25 @@ class Builder:
         return tuple(self.let(sp.sympify(e)) for e in expressions)
 
     def constant(self, exact: sp.Expr, rational: sp.Rational) -> sp.Expr:
-        """Name an irrational constant; a rational one stays a number, a sign goes outside."""
-        if exact.is_Rational:
-            return exact
+        """Name a constant that has a rational stand-in; a sign goes outside."""
         if exact.could_extract_minus_sign():
             return -self.constant(-exact, -rational)
         for known in self.constants:
-            if known.exact == exact:
+            if (known.exact, known.rational) == (exact, rational):
                 return known.symbol
         symbol = sp.Symbol(f"const{len(self.constants)}")
         self.constants.append(Constant(symbol, exact, rational))
         return symbol
 
     def rotation(self, cosine: sp.Expr, sine: sp.Expr) -> tuple[sp.Expr, sp.Expr]:
-        """Constants for an exact rotation given by its cosine and sine (rational stand-in agrees to 1e-12)."""
+        """Constants for an exact rotation given by its cosine and sine.
+
+        Where one of them is irrational both get stand-ins, a sine of one half too: only together are they a rotation.
+        """
         if cosine.is_Rational and sine.is_Rational:
             return cosine, sine
-        if float(cosine) < 0:
-            c, s = self.rotation(-cosine, -sine)
-            return -c, -s
-        half = nearby(float(sine) / (1.0 + float(cosine)))
-        square = 1 + half**2
-        return self.constant(cosine, (1 - half**2) / square), self.constant(sine, 2 * half / square)
+        c, s = stand_in(float(cosine), float(sine))
+        return self.constant(cosine, c), self.constant(sine, s)
 
     def cos_sin(self, angle: sp.Expr, name: str) -> tuple[sp.Expr, sp.Expr]:
         """Cosine and sine of an angle: exact for a constant, multiples of pi/2 folded, else temporaries c…, s…."""
@@ -279,10 +276,14 @@ class Builder:
         return Program(self.name, self.inputs, constants, _renamed(statements), tuple(self._outputs.items()))
 
 
-def nearby(value: float) -> sp.Rational:
-    """A rational of moderate denominator within 1e-13: tan(angle/2) of a rational rotation."""
-    fraction = Fraction(value).limit_denominator(3_000_000)
-    return sp.Rational(fraction.numerator, fraction.denominator)
+def stand_in(cosine: float, sine: float) -> tuple[sp.Rational, sp.Rational]:
+    """A rational point of the unit circle within 1e-12; mirror images and complements give theirs exactly."""
+    x, y = abs(cosine), abs(sine)
+    fraction = Fraction(min(x, y) / (1.0 + max(x, y))).limit_denominator(3_000_000)
+    half = sp.Rational(fraction.numerator, fraction.denominator)
+    long, short = (1 - half**2) / (1 + half**2), 2 * half / (1 + half**2)
+    c, s = (long, short) if x >= y else (short, long)
+    return (c if cosine >= 0 else -c), (s if sine >= 0 else -s)
 
 
 def _quarter_turns(c: sp.Expr, s: sp.Expr, turns: int) -> tuple[sp.Expr, sp.Expr]:
@@ -329,7 +330,7 @@ def _inlined(statements: Sequence[Statement]) -> list[Statement]:
 def _may_inline(parent: sp.Expr, symbol: sp.Symbol, value: sp.Expr) -> bool:
     """A product may stand in a sum, and anything as the whole of an output (its sign included)."""
     if parent in (symbol, -symbol):
-        return parent == symbol or value.is_Mul
+        return bool(parent == symbol or value.is_Mul)
     return bool(parent.is_Add and value.is_Mul and symbol not in _factors(parent))
 
 
@@ -347,8 +348,8 @@ def _ordered(statements: Sequence[Statement]) -> list[Statement]:
     """Move every output up to the place where its last temporary is known."""
     place: dict[sp.Symbol, int] = {}
     lets = [s for s in statements if isinstance(s, Let)]
-    for position, statement in enumerate(lets):
-        place[statement.symbol] = position
+    for position, let in enumerate(lets):
+        place[let.symbol] = position
     due: dict[int, list[Emit]] = {}
     for statement in statements:
         if isinstance(statement, Emit):
