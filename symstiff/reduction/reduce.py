@@ -12,6 +12,7 @@ import numpy as np
 import sympy as sp
 
 from symstiff.errors import UserError
+from symstiff.reduction.aggregation import inexact_aggregations
 from symstiff.reduction.physical import Parameter, Stage, physical_stages, terms_of
 from symstiff.reduction.structural import ExactEngine, Experiment, Partition
 from symstiff.robot.exact import parse_exact
@@ -24,12 +25,16 @@ from symstiff.symbolic.terms import Term
 
 @dataclass(frozen=True)
 class Reduction:
-    """All stages of a reduction, the partition of the last one, and the maps between full and reduced parameters."""
+    """All stages of a reduction, the partition of the last one, and the maps between full and reduced parameters.
+
+    inexact_aggregations: joints that M3 gave to a link whose template cannot stand for them.
+    """
 
     robot: Robot
     experiment: Experiment
     stages: tuple[Stage, ...]
     partition: Partition
+    inexact_aggregations: tuple[str, ...] = ()
 
     @property
     def full(self) -> tuple[Parameter, ...]:
@@ -110,6 +115,7 @@ class Reduction:
             "parameters": list(p.kept),
             "rank": p.rank,
             "couplings": {e: {k: shown(c) for k, c in row.items()} for e, row in p.couplings.items()},
+            "inexact_aggregations": list(self.inexact_aggregations),
         }
 
     def _repr_html_(self) -> str:
@@ -147,7 +153,8 @@ def reduce(
     names = tuple(p.name for p in full)
     program = observation_program(chain, terms_of(full), names)
     engine = ExactEngine(chain, program, names, experiment)
-    return Reduction(robot, experiment, stages, engine.partition(preference(chain, full, prefer, avoid)))
+    found = engine.partition(preference(chain, full, prefer, avoid))
+    return Reduction(robot, experiment, stages, found, inexact_aggregations(chain, stages, experiment))
 
 
 def _fixed(robot: Robot, fixed: Mapping[int, Any]) -> dict[int, sp.Expr]:

@@ -1,0 +1,50 @@
+"""Whether M3 keeps the model complete: an aggregated joint must act within its link's remaining terms."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from symstiff.reduction.physical import Parameter, Stage, terms_of
+from symstiff.reduction.prime import PRIMES
+from symstiff.reduction.structural import ExactEngine, Experiment
+from symstiff.symbolic.chain import ElasticChain
+from symstiff.symbolic.program import Builder
+from symstiff.symbolic.programs import observation_program
+
+
+def inexact_aggregations(
+    chain: ElasticChain, stages: Sequence[Stage], experiment: Experiment
+) -> tuple[str, ...]:
+    """Return the joint compliances that M3 drops though the full set π′ cannot stand for them.
+
+    A joint adds c·u·uᵀ to the link before it, u its axis in that link's elastic frame: exact where the template
+    has all of these entries, as it does for a beam with an elastic axis along the joint. Elsewhere the rank decides,
+    for the class of loads and measurements (seed section 3.1, M3 and completeness).
+    """
+    suspects = tuple(p for p in _absorbed(stages) if not _inside_template(chain, stages[2], p))
+    if not suspects:
+        return ()
+    full = stages[3].parameters
+    names = tuple(p.name for p in (*full, *suspects))
+    program = observation_program(chain, terms_of((*full, *suspects)), names)
+    engine = ExactEngine(chain, program, names, experiment)
+    form, pivots = engine.reduced(PRIMES[0], range(len(names)))
+    beyond = [r for r, column in enumerate(pivots) if column >= len(full)]
+    return tuple(p.name for c, p in enumerate(suspects, start=len(full)) if form[beyond, c].any())
+
+
+def joint_entries(chain: ElasticChain, p: Parameter) -> tuple[tuple[int, int], ...]:
+    """Entries (row ≤ column) of the link before joint ``p`` that u·uᵀ of the joint's axis u fills."""
+    shift = 0 if p.prismatic else 3
+    axes = chain.elastic_axes(Builder("axes", ()), p.body - 1)
+    along = [k + 1 + shift for k, axis in enumerate(axes) if axis[2] != 0]
+    return tuple((r, c) for r in along for c in along if r <= c)
+
+
+def _absorbed(stages: Sequence[Stage]) -> tuple[Parameter, ...]:
+    return tuple(p for p in stages[2].parameters if p.is_joint and stages[3].stands_for[p.name] is None)
+
+
+def _inside_template(chain: ElasticChain, sparsed: Stage, p: Parameter) -> bool:
+    entries = {(q.row, q.column) for q in sparsed.parameters if q.body == p.body - 1 and not q.is_joint}
+    return entries.issuperset(joint_entries(chain, p))
