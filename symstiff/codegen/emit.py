@@ -51,6 +51,8 @@ def emit_c(functions: Functions, options: Options) -> dict[str, bytes]:
         f"{name}_batch.c": "batch.c.j2",
         f"{name}_selftest.c": "selftest.c.j2",
         f"test_{name}.c": "test.c.j2",
+        f"fuzz_{name}.c": "fuzz.c.j2",
+        "MISRA.md": "MISRA.md.j2",
         "main.c": "main.c.j2",
         "CMakeLists.txt": "CMakeLists.txt.j2",
         f"{name}.pc.in": "pc.in.j2",
@@ -119,6 +121,7 @@ def base_context(functions: Functions, options: Options) -> dict[str, Any]:
                 "field": e.name,
                 "unit": e.unit,
                 "default": literal(values[e.name]),
+                "typical": literal(float(e.typical)),
                 "meaning": "parameter of an effect",
             }
             for e in model.effect_parameters
