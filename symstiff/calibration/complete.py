@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 
-from symstiff.calibration.identify import Identification, complete_map
+from symstiff.calibration.identify import Identification
 from symstiff.calibration.simulation.nominal import nominal_truth
 from symstiff.errors import UserError
+from symstiff.reduction.complete import complete_map
 from symstiff.reduction.reconstruction import Reconstruction, reconstruct
 
 

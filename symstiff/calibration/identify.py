@@ -21,6 +21,7 @@ from symstiff.effects.base import EffectInstance
 from symstiff.errors import UserError
 from symstiff.model import StiffnessModel, joints_only, load_model
 from symstiff.reduction import Reduction, reduce
+from symstiff.reduction.complete import complete_map
 from symstiff.reduction.svd import numeric_partition
 from symstiff.robot.schema import Robot
 
@@ -213,11 +214,6 @@ def _values(
     else:
         constrained = constrain(fit, complete_map(reduction), reduction.stages[2].names)
     return dict(zip(constrained.names, constrained.values.tolist(), strict=True)), constrained
-
-
-def complete_map(reduction: Reduction) -> np.ndarray:
-    """P of π″ = P·π for the complete parameters after M2 (joints and links apart)."""
-    return np.asarray(reduction.projection @ reduction.stages[3].matrix.T)
 
 
 def _split(table: Measurements, share: float, seed: int) -> tuple[Measurements, Measurements | None]:

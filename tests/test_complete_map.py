@@ -1,0 +1,46 @@
+"""Complete parameters and the identifiable set that stands for them."""
+
+import numpy as np
+import pytest
+
+from symstiff.model import StiffnessModel
+from symstiff.reduction import reduce
+from symstiff.reduction.complete import complete_map
+from symstiff.robot import load
+from symstiff.robot.loading import from_table
+from symstiff.robot.table import to_table
+
+
+def _inclined():
+    """The planar arm with full links inclined to their DH axes, an elastic pedestal."""
+    table = to_table(load("planar2r"))
+    table["base"] = {"link": {"beam_axis": [3, 0, 4], "template": "full"}}
+    for joint in table["joint"]:
+        joint["alpha"] = "-pi/2"
+        joint["link"] = {"beam_axis": [4, 0, 3], "template": "full"}
+    return from_table(table, "inclined")
+
+
+def _loads(rng, kind, n):
+    w = np.zeros((n, 6))
+    w[:, {"gravity": [2], "force": [0, 1, 2], "wrench": [0, 1, 2, 3, 4, 5]}[kind]] = 1.0
+    return w * rng.normal(0.0, 1000.0, (n, 6))
+
+
+@pytest.mark.parametrize("kind", ["gravity", "force", "wrench"])
+@pytest.mark.parametrize(
+    "robot", [load("kuka_kr270"), load("planar2r"), load("scara"), _inclined()], ids=lambda r: r.name
+)
+def test_the_identifiable_set_predicts_what_links_and_joints_apart_predict(robot, kind):
+    rng = np.random.default_rng(3)
+    reduction = reduce(robot, kind, "pose")
+    complete = reduction.stages[2]
+    pi = rng.uniform(0.5, 1.5, len(complete.names)) * 1e-6
+    q = np.array([[rng.uniform(*j.range) for j in robot.joint] for _ in range(6)])
+    w = _loads(rng, kind, 6)
+    apart = StiffnessModel(robot, complete.parameters, values=dict(zip(complete.names, pi, strict=True)))
+    reduced = StiffnessModel.of(
+        reduction, dict(zip(reduction.parameters, complete_map(reduction) @ pi, strict=True))
+    )
+    expected = apart.deflection(q, w)
+    np.testing.assert_allclose(reduced.deflection(q, w), expected, rtol=0, atol=1e-9 * np.abs(expected).max())
