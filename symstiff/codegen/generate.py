@@ -36,9 +36,13 @@ def generate(
     options: Options | None = None,
     *,
     compile_c: bool = True,
+    footprint: bool = False,
     progress: Progress = lambda stage: None,
 ) -> Generated:
-    """Write the folder for a model; nothing appears unless all of it does. Raises UserError."""
+    """Write the folder for a model; nothing appears unless all of it does. Raises UserError.
+
+    footprint: measure code, stack and instructions too, on every machine that the tools at hand can show.
+    """
     options = options or Options()
     functions = Functions(model)
     with new_folder(folder) as temporary:
@@ -49,7 +53,13 @@ def generate(
         progress("verifying")
         compiler = find_compiler() if compile_c else None
         proof = verify(
-            temporary, functions, compiler, options.single, "casadi" in options.targets, "c" in options.targets
+            temporary,
+            functions,
+            compiler,
+            options.single,
+            "casadi" in options.targets,
+            "c" in options.targets,
+            footprint,
         )
         manifest = manifest_of(functions, options, proof)
         (temporary / "manifest.json").write_bytes((json.dumps(manifest, indent=2) + "\n").encode())
