@@ -1,0 +1,128 @@
+"""Growth: effects join the model, all parameters are identified jointly, and what cannot be told apart is zero."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from symstiff.calibration.measurements import Measurements
+from symstiff.discrepancy.assemble import Assembly, assemble
+from symstiff.discrepancy.prepare import prepare
+from symstiff.discrepancy.problem import Array, Problem
+from symstiff.discrepancy.scan import coefficients
+from symstiff.discrepancy.situation import Situation
+from symstiff.effects.base import EffectInstance, find
+from symstiff.model import StiffnessModel
+
+_INSIDE = 1e-5
+"""Share of a column's length outside the columns before it below which it says nothing of its own."""
+
+
+@dataclass(frozen=True, eq=False)
+class Fitted:
+    """A model with jointly identified values.
+
+    ``absorbed`` are parameters whose columns are combinations of the others': zero, without a deviation.
+    ``residual`` (M,) of the problem's rows, in m and rad; ``reading`` (M,) what the rows read before the model.
+    """
+
+    model: StiffnessModel
+    absorbed: tuple[str, ...]
+    residual: Array
+    reading: Array
+    assembly: Assembly
+
+
+def grow(model: StiffnessModel, instances: Iterable[EffectInstance]) -> StiffnessModel:
+    """The model with effects added; those that it has already are left as they are."""
+    there = [(e.effect, dict(e.where)) for e in model.effects]
+    for instance in instances:
+        if (instance.effect, dict(instance.where)) not in there:
+            model = model.with_effect(instance)
+    return model
+
+
+def is_of_robot(instance: EffectInstance, model: StiffnessModel) -> bool:
+    """Whether an effect is a law of the robot, and not one of the measurement alone (a bad pose)."""
+    terms = instance.realise(model.robot).terms
+    return any(t.at.kind != "measure" for t in terms)
+
+
+def of_robot(model: StiffnessModel) -> StiffnessModel:
+    """The model without effects that only the measurement has: what a controller evaluates."""
+    kept = tuple(e for e in model.effects if is_of_robot(e, model))
+    grown = replace(model, effects=kept)
+    names = set(grown.parameters)
+    return grown.with_values(
+        {n: v for n, v in model.values.items() if n in names},
+        {n: v for n, v in model.deviations.items() if n in names},
+    )
+
+
+def fit(model: StiffnessModel, table: Measurements, rounds: int = 2) -> Fitted:
+    """Identify all parameters of a model jointly, with the noise as the data show it.
+
+    The device's placement in absolute data is estimated along. Loads and readings that lean on the
+    compliances (a wrong load, a turned frame) are linearised anew in every round. Raises UserError for data
+    that do not fit the robot.
+    """
+    known = model
+    for _ in range(1 if model.is_linear and table.kind != "absolute" else rounds):
+        assembly = assemble(known, table, effects=())
+        problem, names = assembly.problem, assembly.names
+        kept = independent(problem, len(names))
+        own = [names[k] for k in kept if k < len(names)]
+        ready = prepare(replace(problem, A=problem.A[:, kept]), ())
+        value, std, fitted = coefficients(ready.scan, problem.A[:, kept], problem.y, ())
+        values = dict.fromkeys(model.parameters, 0.0) | _nominal(model)
+        values |= dict(zip(own, value[: len(own)].tolist(), strict=True))
+        deviations = {n: float(s) for n, s in zip(own, std[: len(own)], strict=True) if np.isfinite(s)}
+        known = model.with_values(values, deviations)
+    absorbed = tuple(n for n in model.parameters if n not in own and n not in _nominal(model))
+    return Fitted(known, absorbed, problem.y - fitted, problem.y, assembly)
+
+
+def independent(problem: Problem, named: int) -> list[int]:
+    """Columns that say something of their own: the device's placement first, then the model's in order."""
+    sigma = np.ones(problem.rows) if problem.sigma is None else problem.sigma
+    A = problem.A / sigma[:, None]
+    length = np.linalg.norm(A, axis=0)
+    basis = np.zeros((problem.rows, 0))
+    kept: list[int] = []
+    for k in (*range(named, A.shape[1]), *range(named)):
+        if length[k] == 0.0:
+            continue
+        left = A[:, k] / length[k]
+        for _ in range(2):  # once more against rounding
+            left = left - basis @ (basis.T @ left)
+        size = float(np.linalg.norm(left))
+        if size > _INSIDE:
+            basis = np.column_stack([basis, left / size])
+            kept.append(k)
+    return sorted(kept)
+
+
+def contribution(assembly: Assembly, instance: EffectInstance, values: dict[str, float]) -> Array:
+    """(M,) what an effect adds to the data with the given parameter values."""
+    robot, situation = assembly.situation.view.robot, assembly.situation
+    realised = instance.realise(robot)
+    names = [p.name for p in realised.parameters]
+    block = columns_of(situation, instance, names)
+    return np.asarray(block @ np.array([values.get(n, 0.0) for n in names]))
+
+
+def columns_of(situation: Situation, instance: EffectInstance, names: Sequence[str]) -> Array:
+    """(M, len(names)) columns of an effect's parameters in a situation."""
+    realised = instance.realise(situation.view.robot)
+    special = find(instance.effect).columns
+    if special is None:
+        return situation.columns(realised.terms, list(names))
+    block = special(situation, instance.where, instance.shape)
+    place = {p.name: k for k, p in enumerate(realised.parameters)}
+    return np.asarray(block[:, [place[n] for n in names]], dtype=float)
+
+
+def _nominal(model: StiffnessModel) -> dict[str, float]:
+    return {n: float(v) for r in model.realisations for n, v in r.nominal.items()}

@@ -1,0 +1,92 @@
+"""Where the measured point stands on the last link, when the robot file does not say.
+
+A probe on the flange is measured far from the tool centre point of the robot file. That is no error of the
+robot: in absolute data without an external load the offset is estimated along with the device's placement.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from symstiff.calibration.measurements import Measurements
+from symstiff.discrepancy.placement import _closest
+from symstiff.discrepancy.problem import Array
+from symstiff.model import StiffnessModel
+from symstiff.robot.loading import from_table
+from symstiff.robot.schema import Robot
+from symstiff.robot.table import to_table
+from symstiff.symbolic.numeric import kinematics
+
+LEAST = 5e-3
+"""Offsets below this are what a calibration finds, not a point that nobody told of [m]."""
+_ROUNDS = 60
+
+
+def find_point(model: StiffnessModel, table: Measurements) -> tuple[StiffnessModel, str]:
+    """The model with the tool centre point moved to the point that was measured, and a remark on it.
+
+    Only for absolute positions of the tool centre point under no external load, and where the point stands
+    more than 5 mm off; else the model as it is, and no remark.
+    """
+    if table.kind != "absolute" or table.points != ("tcp",) or np.abs(table.w).max(initial=0.0) > 0:
+        return model, ""
+    rows = np.flatnonzero(table.measured[:, :3].all(axis=1))
+    if len(rows) < 12:
+        return model, ""
+    found = kinematics(model.robot, table.q[rows])
+    offset = _offset(found.T[:, :3, :3], found.T[:, :3, 3], table.values[rows, :3])
+    length = float(np.linalg.norm(offset))
+    if length < LEAST:
+        return model, ""
+    moved = replace(model, robot=_with_tool(model.robot, offset))
+    shown = ", ".join(f"{1e3 * x:.1f}" for x in offset)
+    return moved, (
+        f"the measured point stands {1e3 * length:.1f} mm from the tool centre point of the robot file "
+        f"({shown} mm in tool axes): taken as measured; say so in [tool] or as a [[marker]]"
+    )
+
+
+def _offset(attitude: Array, position: Array, seen: Array) -> Array:
+    """(3,) point in tool axes that, with the device's placement, brings prediction and data together."""
+    offset = np.zeros(3)
+    for _ in range(_ROUNDS):
+        points = position + attitude @ offset
+        turn, shift = _closest(points, seen)
+        twists = points - points.mean(axis=0)
+        X = np.concatenate(
+            [
+                attitude,
+                np.broadcast_to(np.eye(3), attitude.shape),
+                np.cross(np.eye(3)[None, :, :], twists[:, None, :]).transpose(0, 2, 1),
+            ],
+            axis=2,
+        ).reshape(-1, 9)
+        y = ((seen - shift) @ turn - points).reshape(-1)
+        length = np.linalg.norm(X, axis=0)
+        step = np.linalg.lstsq(X / length, y, rcond=1e-6)[0] / length
+        offset = offset + step[:3]
+        if np.abs(step[:3]).max() < 1e-9:
+            break
+    return np.asarray(offset)
+
+
+def _with_tool(robot: Robot, offset: Array) -> Robot:
+    """The robot with the tool centre point shifted, in tool axes, to a micrometre."""
+    table = to_table(robot)
+    before = kinematics(robot, np.zeros((1, robot.dof)))
+    flange = before.R[0, -1]
+    attitude = before.T[0, :3, :3]
+    shift = flange.T @ attitude @ offset
+    tool = dict(table.get("tool", {}))
+    given = [_number(x) for x in tool.get("xyz", [0, 0, 0])]
+    tool["xyz"] = [float(f"{a + b:.6f}") for a, b in zip(given, shift, strict=True)]
+    table["tool"] = tool
+    return from_table(table, robot.name)
+
+
+def _number(value: object) -> float:
+    from symstiff.robot.exact import parse_exact
+
+    return float(parse_exact(value))  # type: ignore[arg-type]

@@ -1,0 +1,278 @@
+"""The whole workflow on a table: start model, diagnosis, growth, joint identification.
+
+A start of rigid links climbs a ladder: where no few effects account for the data and what is missing is the
+robot's own compliances, the complete model (reduced for the experiment) takes its place, and the diagnosis goes
+on from there. So joints → links → what is missing from both comes out of the data (the seed's J1 → C1 → C2).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from symstiff.calibration.identify import ExperimentClass, experiment_of, start_model
+from symstiff.calibration.measurements import Measurements
+from symstiff.discrepancy.assemble import Assembly, assemble
+from symstiff.discrepancy.diagnose import diagnose
+from symstiff.discrepancy.growth import Fitted, fit, grow
+from symstiff.discrepancy.point import find_point
+from symstiff.discrepancy.problem import Array, Options, Shape
+from symstiff.discrepancy.result import CandidateResult, Diagnosis, Estimate, Name, Rms
+from symstiff.discrepancy.strata import Stratum
+from symstiff.discrepancy.verdict import INSUFFICIENT, NAMED, NOTHING, UNEXPLAINED, UNTESTABLE
+from symstiff.effects.base import EffectInstance
+from symstiff.errors import UserError
+from symstiff.model import StiffnessModel
+from symstiff.reduction.physical import physical_stages
+from symstiff.robot.schema import Robot
+
+Tell = Callable[[str], None]
+MOST_POSES = 200
+"""Poses of absolute data that are used unless more are asked for: the time of a diagnosis grows with them."""
+
+
+@dataclass(frozen=True)
+class Task:
+    """What to diagnose; ``loads`` and ``measure`` are read from the data where None."""
+
+    robot: Robot
+    table: Measurements
+    start: str = "complete"
+    loads: str | None = None
+    measure: str | None = None
+    max_effects: int = 3
+    max_poses: int | None = None
+    seed: int = 0
+
+
+@dataclass(frozen=True)
+class Found:
+    """An effect of the verdict, with everything that is said about it; effects of one set stand together."""
+
+    effect: str
+    where: Mapping[str, Any]
+    shape: Shape
+    parameters: Mapping[str, Estimate]
+    p_value: float
+    confidence: float
+    confounded_with: tuple[Name, ...]
+    set_number: int = 0
+
+    @property
+    def instance(self) -> EffectInstance:
+        """The effect as a model holds it."""
+        return EffectInstance(self.effect, dict(self.where), dict(self.shape))
+
+
+@dataclass(frozen=True, eq=False)
+class Rung:
+    """A step of the growth path: what was added, and the residual (M,) that it leaves, m and rad."""
+
+    title: str
+    parameters: int
+    residual: Array
+    strata: tuple[Stratum, ...]
+    p_left: float
+
+
+@dataclass(frozen=True, eq=False)
+class Finding:
+    """Everything that a report of a diagnosis needs."""
+
+    task: Task
+    table: Measurements
+    start: Fitted
+    grown: Fitted
+    first: Diagnosis
+    last: Diagnosis
+    assembly: Assembly
+    """Of the last diagnosis."""
+    verdict: str
+    testable: bool
+    reason: str
+    effects: tuple[Found, ...]
+    steps: tuple[Rung, ...]
+    rms: Rms
+    remarks: tuple[str, ...]
+
+    @property
+    def named(self) -> tuple[Found, ...]:
+        """The leading set."""
+        return tuple(e for e in self.effects if e.set_number == 0)
+
+    @property
+    def candidates(self) -> tuple[CandidateResult, ...]:
+        """The catalogue on the first model."""
+        return self.first.candidates
+
+
+def run(task: Task, tell: Tell = lambda stage: None) -> Finding:
+    """Diagnose a table. Raises UserError for data that do not fit the robot or hold nothing measured."""
+    if task.max_effects < 1:
+        raise UserError(f"--max-effects {task.max_effects}: 1 or more")
+    table, remarks = _thinned(task)
+    tell("model")
+    experiment = experiment_of(table, task.robot)
+    experiment = ExperimentClass(
+        task.loads or experiment.loads, task.measure or experiment.measure, experiment.fixed
+    )
+    model, _ = start_model(task.robot, task.start, experiment)
+    model, remark = find_point(model, table)
+    remarks += [remark] if remark else []
+    tell("columns")
+    assembly = assemble(model, table)
+    first = diagnose(assembly.problem, assembly.candidates, _options(task, task.max_effects), tell)
+    wider = _wider(model, first, task, experiment)
+    if wider is None:
+        return _finding(task, table, model, model, assembly, first, first, (), remarks, tell)
+    tell("complete model")
+    assembly = assemble(wider, table)
+    last = diagnose(assembly.problem, assembly.candidates, _options(task, max(task.max_effects - 1, 1)), tell)
+    if last.rms.before >= first.rms.before:
+        return _finding(task, table, model, model, assembly, first, first, (), remarks, tell)
+    climbed = _climbed(first, wider, assembly, last)
+    remarks.append(
+        "no few links account for what the joints leave: all links give way, so the complete model "
+        "takes the place of the joints-only model, and the diagnosis goes on from there"
+    )
+    return _finding(task, table, model, wider, assembly, first, last, climbed, remarks, tell)
+
+
+def _options(task: Task, most: int) -> Options:
+    return replace(Options(), max_effects=most, seed=Options().seed + task.seed)
+
+
+def _thinned(task: Task) -> tuple[Measurements, list[str]]:
+    """Poses spread evenly over the table where there are more than wanted."""
+    table = task.table
+    poses = np.unique(table.pose)
+    most = task.max_poses
+    if most is None and table.kind == "absolute":
+        most = MOST_POSES
+    if most is None or len(poses) <= most:
+        return table, []
+    if most < 2:
+        raise UserError(f"--max-poses {most}: 2 or more")
+    kept = poses[np.linspace(0, len(poses) - 1, most).round().astype(int)]
+    used = table.select(np.isin(table.pose, kept))
+    return used, [f"{most} of {len(poses)} poses are used, evenly spread (--max-poses takes more)"]
+
+
+def _is_compliance(robot: Robot, parameters: Mapping[str, Any]) -> bool:
+    """Whether an effect's parameters are all compliances of the robot's complete model."""
+    known = {p.name for stage in physical_stages(robot) for p in stage.parameters}
+    return bool(parameters) and set(parameters) <= known
+
+
+def _wider(
+    model: StiffnessModel, found: Diagnosis, task: Task, experiment: ExperimentClass
+) -> StiffnessModel | None:
+    """The complete model, where links are rigid in this one and a few elastic links would not do."""
+    rigid = all(p.is_joint for p in model.compliances) and not model.effects
+    if not rigid or found.verdict not in (UNEXPLAINED, INSUFFICIENT) or task.max_effects < 2:
+        return None
+    tested = [c for c in found.candidates if c.testable]
+    if not tested or not _is_compliance(task.robot, tested[0].parameters):
+        return None
+    return start_model(task.robot, "complete", experiment)[0]
+
+
+def _climbed(
+    found: Diagnosis, wider: StiffnessModel, assembly: Assembly, last: Diagnosis
+) -> tuple[Found, ...]:
+    """The complete model's links as effects of the verdict: those of the leading effect's kind."""
+    leader = next(c for c in found.candidates if c.testable)
+    estimates = {
+        n: Estimate(float(v), float(s), wider.units[n])
+        for n, v, s in zip(assembly.names, last.growth[0].model, last.growth[0].model_std, strict=False)
+    }
+    out = []
+    for link in sorted({p.body for p in wider.compliances if not p.is_joint}):
+        own = {n: e for n, e in estimates.items() if n.startswith(f"k{link}_")}
+        if own:
+            out.append(
+                Found(leader.effect, {"link": link}, {}, own, found.p_missing, _certain(found.p_missing), ())
+            )
+    return tuple(out)
+
+
+def _certain(p: float) -> float:
+    """Confidence in a step that is a test of nested models: no rival competes for its name."""
+    return float(min(max(1.0 - p, 0.0), 0.99))
+
+
+def _finding(
+    task: Task, table: Measurements, start: StiffnessModel, base: StiffnessModel, assembly: Assembly,
+    first: Diagnosis, last: Diagnosis, climbed: tuple[Found, ...], remarks: list[str], tell: Tell,
+) -> Finding:  # fmt: skip
+    named = tuple(
+        Found(
+            e.effect, e.where, e.shape, e.parameters, e.p_value, e.confidence, e.confounded_with, e.set_number
+        )
+        for e in last.effects
+    )
+    tell("identification")
+    grown = grow(base, [e.instance for e in named if e.set_number == 0])
+    before = fit(start, table)
+    after = before if grown is start else fit(grown, table)
+    verdict, reason = last.verdict, last.reason
+    if climbed and verdict == NOTHING:
+        verdict, reason = NAMED, "the links give way; beyond the complete model no test rejects"
+    testable = verdict != UNTESTABLE
+    if climbed:  # every admissible set holds them
+        sets = sorted({e.set_number for e in named}) or [0]
+        named = tuple(e for s in sets for e in (*(replace(c, set_number=s) for c in climbed),
+                                                *(n for n in named if n.set_number == s)))  # fmt: skip
+    return Finding(
+        task, table, before, after, first, last, assembly, verdict if testable else UNEXPLAINED, testable, reason,
+        named, _steps(first, last, start, base, assembly, before, bool(climbed)), _rms(first, last),
+        tuple(remarks),
+    )  # fmt: skip
+
+
+def _steps(
+    first: Diagnosis, last: Diagnosis, start: StiffnessModel, base: StiffnessModel, assembly: Assembly,
+    before: Fitted, climbed: bool,
+) -> tuple[Rung, ...]:  # fmt: skip
+    if not last.growth:
+        return (Rung("start model", len(start.parameters), before.residual, (), 1.0),)
+    out = []
+    if climbed:
+        g = first.growth[0]
+        out.append(Rung("start model", len(start.parameters), g.residual, g.strata, first.p_missing))
+    for k, g in enumerate(last.growth):
+        title = "start model" if g.added is None else f"+ {spoken(g.added.effect)} {place(g.added.where)}"
+        if g.added is None and climbed:
+            title = "complete model (all links elastic)"
+        added = sum(len(estimates) for _, estimates in g.effects)
+        count = len(base.parameters) + added
+        out.append(Rung(title, count, g.residual, g.strata, last.p_missing if k == 0 else g.p_left))
+    return tuple(out)
+
+
+def _rms(first: Diagnosis, last: Diagnosis) -> Rms:
+    return replace(
+        last.rms, before=first.rms.before, held_out_before=first.rms.held_out_before,
+    )  # fmt: skip
+
+
+def spoken(effect: str) -> str:
+    """An effect's identifier as words."""
+    return effect.replace("_", " ")
+
+
+def place(where: Mapping[str, Any]) -> str:
+    """A place as words: ``at joint 2``, ``at joints 4, 5``, ``of the force sensor``."""
+    parts = []
+    for key, value in where.items():
+        shown = ", ".join(str(v) for v in value) if isinstance(value, list | tuple) else str(value)
+        parts.append({
+            "joint": f"at joint {shown}", "link": f"at link {shown}", "joints": f"between joints {shown}",
+            "harmonics": f"({shown} a turn)", "load": f"({shown.replace('_', ' ')})",
+            "measurement": f"(measuring {shown.replace('_', ' ')})", "rows": f"(pose {shown})",
+            "robot": "",
+        }.get(key, f"{key} {shown}"))  # fmt: skip
+    return " ".join(p for p in parts if p)
