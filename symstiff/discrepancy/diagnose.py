@@ -16,7 +16,7 @@ from symstiff.discrepancy.prepare import Prepared, prepare
 from symstiff.discrepancy.problem import Array, Candidate, Options, Problem
 from symstiff.discrepancy.proof import held_out
 from symstiff.discrepancy.result import Diagnosis, Rms
-from symstiff.discrepancy.scan import Scan, coefficients, column_space, critical
+from symstiff.discrepancy.scan import Scan, coefficients, column_space
 from symstiff.discrepancy.search import Proposal
 from symstiff.discrepancy.strata import Stratum, strata
 from symstiff.discrepancy.tables import (
@@ -114,8 +114,7 @@ def _written(
     proof = None
     if options.held_out:
         tell("proof")
-        threshold = critical(outcome.null.named, options.alpha)
-        proof = held_out(problem, ready.bank, one_ratio(scan), floor, entries, allowed, threshold, options)
+        proof = held_out(problem, ready.bank, one_ratio(scan), floor, entries, allowed, options)
     law = best_law(problem, scan, place.accused) if outcome.verdict == UNEXPLAINED else None
     names, D = confusion(ready, outcome)
     return Diagnosis(

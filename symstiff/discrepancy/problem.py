@@ -127,7 +127,8 @@ class Options:
     alpha_sufficient: float = 0.008
     """Level at which what is left after adding a candidate makes it insufficient."""
     draws: int = 400
-    folds: int = 5
+    folds: int = 10
+    """Folds of the held-out proof; five are made where there are more than twenty poses."""
     max_effects: int = 3
     seed: int = 20260
     tolerated_share: float = 0.04

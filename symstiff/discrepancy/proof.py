@@ -10,7 +10,6 @@ from symstiff.discrepancy.bank import Bank
 from symstiff.discrepancy.noise import Noise
 from symstiff.discrepancy.problem import Array, Index, Options, Problem
 from symstiff.discrepancy.scan import evidence, extend, open_scan
-from symstiff.discrepancy.search import ONE_MORE
 
 
 @dataclass(frozen=True)
@@ -35,14 +34,19 @@ class HeldOut:
 
 def held_out(
     problem: Problem, bank: Bank, noise: Noise, sigma: float, entries: tuple[int, ...], allowed: Array,
-    threshold: float, options: Options,
+    options: Options,
 ) -> HeldOut | None:  # fmt: skip
-    """K-fold by pose; None with fewer than four poses. ``threshold`` is the score that a candidate must exceed."""
+    """K-fold by pose; None with fewer than four poses.
+
+    ``entries`` are those named on all data. Every fold selects as many for itself from the whole catalogue: how
+    many is decided on all data, which ones and with what coefficients without the poses that are predicted.
+    """
     poses = np.unique(problem.pose)
     if len(poses) < 4:
         return None
     few = _named_only(bank)
-    folds = min(options.folds, len(poses))
+    # few poses leave little to learn from: more folds; many poses make every fold dear
+    folds = min(options.folds, len(poses)) if len(poses) <= 20 else min(options.folds, 5)
     number = np.searchsorted(poses, problem.pose)
     order = np.random.default_rng(options.seed).permutation(len(poses))
     fold = order[number] % folds
@@ -51,7 +55,7 @@ def held_out(
     selected = []
     for k in range(folds):
         train, test = np.flatnonzero(fold != k), np.flatnonzero(fold == k)
-        chosen = _select(problem, few, noise, train, allowed, threshold, options)
+        chosen = _select(problem, few, noise, train, allowed, len(entries))
         selected.append(tuple(few.candidates[int(few.owner[e])].key for e in chosen))
         for name, used in (("before", ()), ("after", chosen), ("fixed", entries)):
             error[name][test] = _predict(problem, bank, noise, train, test, used)
@@ -84,24 +88,20 @@ def _rows(noise: Noise, rows: Index) -> Noise:
 
 
 def _select(
-    problem: Problem,
-    bank: Bank,
-    noise: Noise,
-    rows: Index,
-    allowed: Array,
-    threshold: float,
-    options: Options,
+    problem: Problem, bank: Bank, noise: Noise, rows: Index, allowed: Array, count: int
 ) -> tuple[int, ...]:
-    """Forward selection among the named candidates on some rows."""
+    """Forward selection of some of the named candidates on some rows."""
+    if count == 0:
+        return ()
     part = replace(bank, columns=bank.columns[rows])
     scan = open_scan(part, _rows(noise, rows), problem.y[rows], problem.A[rows])
     mask = np.array(allowed, dtype=bool)[: len(bank.candidates)]
     chosen: tuple[int, ...] = ()
-    for _ in range(options.max_effects):
+    for _ in range(count):
         found = evidence(scan)
         score = np.where(mask, found.score, -np.inf)
         best = int(np.argmax(score)) if len(score) else -1
-        if best < 0 or score[best] < (max(threshold, -ONE_MORE) if chosen else threshold):
+        if best < 0 or not np.isfinite(score[best]):
             break
         entry = int(found.best_entry[best])
         chosen = (*chosen, entry)
@@ -121,6 +121,12 @@ def _predict(
     length = np.linalg.norm(W[:, 1:], axis=0)
     length[length == 0] = 1.0
     U, s, Vt = np.linalg.svd(W[:, 1:] / length, full_matrices=False)
-    keep = s > 1e-7 * s[0]
-    beta = Vt[keep].T @ ((U[:, keep].T @ W[:, 0]) / s[keep]) / length
+    keep = s > 1e-9 * s[0]
+    U, s, Vt = U[:, keep], s[keep], Vt[keep]
+    inner_y = U.T @ W[:, 0]
+    noise2 = (float(W[:, 0] @ W[:, 0]) - float(inner_y @ inner_y)) / max(len(train) - len(s), 1)
+    # directions that the training poses hardly determine are drawn to zero as far as their noise demands:
+    # columns of unit length have coefficients of the order of the signal shared among them
+    expected2 = max(float(inner_y @ inner_y) / len(s), 1e-300)
+    beta = Vt.T @ (inner_y * s / (s**2 + max(noise2, 0.0) / expected2)) / length
     return np.asarray(problem.y[test] - X[test] @ beta)
