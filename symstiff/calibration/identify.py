@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from symstiff.calibration.absolute import fit_absolute
 from symstiff.calibration.axes import axis_hint_refit
 from symstiff.calibration.constrained import ConstrainedEstimate, constrain
 from symstiff.calibration.estimate import Estimate, estimate
@@ -123,7 +124,7 @@ def identify(
     its distinct values (the seed's C2 and J2). Raises UserError for data that cannot determine the model.
     """
     seen = experiment_of(table, robot)
-    loading = check_loads(table.w)
+    loading = check_loads(table.w) if table.kind == "deflection" else []
     if seen.loads == "gravity":  # the model is reduced for one direction: nothing to warn of
         loading = [remark for remark in loading if "one direction" not in remark]
     remarks = [*check_robot(table, robot), *loading, *_repeated(table)]
@@ -137,18 +138,22 @@ def identify(
         remarks.append(f"{names} never move(s): the model is reduced for that")
     if per_level is not None:
         model = by_level(model, table, per_level)
+    if table.kind == "absolute":
+        return _from_absolute(model, reduction, table, remarks)
     train, validation = _split(table, held_out, seed)
     fitted, e, strong = fit_model(model, train, robust=robust)
     remarks += _axes(model, train, e)
     check_determined(fitted.rank, fitted.names, len(e.y))
     values, constrained = _values(fitted, reduction, physical)
     model = model.with_values(values, _finite(dict(zip(fitted.names, fitted.std.tolist(), strict=True))))
+    training = residual_table(_measured(train), predict(model, train))
+    remarks += _explained(training)
     return Identification(
         model,
         reduction,
         fitted,
         e,
-        residual_table(_measured(train), predict(model, train)),
+        training,
         residual_table(_measured(validation), predict(model, validation)) if validation is not None else None,
         strong,
         constrained,
@@ -156,6 +161,29 @@ def identify(
         train,
         validation,
     )
+
+
+def _from_absolute(
+    model: StiffnessModel, reduction: Reduction | None, table: Measurements, remarks: list[str]
+) -> Identification:
+    found = fit_absolute(model, table)
+    values = dict(zip(found.fit.names, found.fit.values.tolist(), strict=True))
+    spread = dict(zip(found.fit.names, found.fit.std.tolist(), strict=True))
+    names = [n for n in model.parameters if n in values]
+    model = model.with_values({n: values[n] for n in names}, _finite({n: spread[n] for n in names}))
+    geometry = sum(n.startswith("geometry_") for n in values)
+    remarks = [
+        *remarks,
+        f"absolute positions: {geometry} constants of geometry and placement were fitted along",
+    ]
+    open_ones = [n for n in names if not np.isfinite(spread[n])]
+    if open_ones or len(names) < len(model.parameters):
+        missing = [n for n in model.parameters if n not in names]
+        remarks.append(f"not determined by these data: {', '.join([*open_ones, *missing])}")
+    remarks += _explained(found.residuals)
+    return Identification(
+        model, reduction, found.fit, found.equations, found.residuals, None, None, None, tuple(remarks), table, None
+    )  # fmt: skip
 
 
 def fit_model(
@@ -214,6 +242,16 @@ def _values(
     else:
         constrained = constrain(fit, complete_map(reduction), reduction.stages[2].names)
     return dict(zip(constrained.names, constrained.values.tolist(), strict=True)), constrained
+
+
+def _explained(residuals: ResidualTable) -> list[str]:
+    """A warning where the model says little about the data."""
+    if not residuals.compensated < 0.5:
+        return []
+    return [
+        f"only {100 * max(residuals.compensated, 0.0):.0f} % of the deflection is explained: do not compensate with "
+        "this model, look for what is missing with symstiff diagnose"
+    ]
 
 
 def _split(table: Measurements, share: float, seed: int) -> tuple[Measurements, Measurements | None]:

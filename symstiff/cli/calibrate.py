@@ -236,7 +236,10 @@ def _print_identification(out: Console, result: Identification) -> None:
     for column in ("parameter", "value", "σ", "σ/value", "95 % ±", "unit"):
         table.add_column(column, justify="left" if column in ("parameter", "unit") else "right")
     for k, name in enumerate(fit.names):
-        value, std = float(model.values[name]), float(fit.std[k])
+        value, std = (
+            float(fit.values[k] if name not in model.values else model.values[name]),
+            float(fit.std[k]),
+        )
         share = f"{100 * std / abs(value):.1f} %" if value else "–"
         table.add_row(
             name,
@@ -244,7 +247,7 @@ def _print_identification(out: Console, result: Identification) -> None:
             f"{std:.1e}",
             share,
             f"{(fit.upper[k] - fit.lower[k]) / 2:.1e}",
-            model.units[name],
+            fit.units[k],
         )
     out.print(table)
     print_residuals(out, [("identified poses", result.training), ("held-out poses", result.validation)])

@@ -21,7 +21,7 @@ def run_reproduce(seed: int, plot: Path | None, json: str | None) -> None:
     with stages(out) as progress:
         measured, rows = table2(seed, progress)
     table = Table(
-        title="positional errors \[mm]: a virtual KR 270, and the seed's Table 2", title_justify="left"
+        title=r"positional errors \[mm]: a virtual KR 270, and the seed's Table 2", title_justify="left"
     )
     for column in ("model", "n", "rank", "MAX", "RMS", "comp.", "fresh RMS", "seed n", "MAX", "RMS"):
         table.add_column(column, justify="left" if column == "model" else "right")

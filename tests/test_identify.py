@@ -1,0 +1,190 @@
+"""Identification from tables to models: what it recovers, what it refuses, what it remarks."""
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from symstiff.calibration.complete import reconstruct_model
+from symstiff.calibration.identify import identify
+from symstiff.calibration.measurements import Measurements, measurements
+from symstiff.calibration.poses import with_markers
+from symstiff.calibration.rows import predict
+from symstiff.calibration.simulation import nominal_truth, simulate, truth_from_table
+from symstiff.calibration.table import read_measurements
+from symstiff.compensation import compensate, compensate_online
+from symstiff.errors import UserError
+from symstiff.model import StiffnessModel, load_model
+from symstiff.reduction import reduce
+from symstiff.robot import load
+from symstiff.symbolic.numeric import forward
+
+UR10_DATA = Path(__file__).resolve().parents[2] / "shared" / "data" / "ur10" / "series_a.csv"
+
+
+def poses(robot, n, seed=0):
+    rng = np.random.default_rng(seed)
+    return np.array([rng.uniform(*j.range, n) for j in robot.joint]).T
+
+
+def virtual(name="kuka_kr270", n=40, seed=0, force=600.0, **noise) -> Measurements:
+    """A virtual experiment with small loads, where the nonlinear robot is nearly the linear one."""
+    robot = load(name)
+    rng = np.random.default_rng([seed, 1])
+    w = np.zeros((n, 6))
+    w[:, 2] = rng.choice([-1.0, 1.0], n) * force * rng.uniform(0.5, 1.0, n)
+    truth = truth_from_table({"format": 1, "robot": name, "noise": {"sigma_mm": 0.005, **noise}})
+    return simulate(truth, with_markers(poses(robot, n, seed), w, ("p1", "p2", "p3")), seed)
+
+
+@pytest.fixture(scope="module")
+def result():
+    return identify(load("kuka_kr270"), virtual(), held_out=0.25)
+
+
+def test_the_complete_model_compensates_nearly_all_of_the_deflection_on_held_out_poses(result) -> None:
+    assert len(result.fit.names) == 26
+    assert result.validation is not None
+    assert result.validation.compensated > 0.97
+
+
+def test_what_is_identified_is_what_the_reduction_says_the_truth_looks_like(result) -> None:
+    nominal = nominal_truth(load("kuka_kr270"))
+    merged = reduce(load("kuka_kr270"), "gravity", "pose")
+    m3 = merged.stages[3]
+    full = np.array([nominal.get(n, 0.0) for n in merged.stages[2].names])
+    expected = merged.projection @ (m3.matrix.T @ full + _joints(merged, nominal))
+    off = (result.fit.values - expected) / result.fit.std
+    assert np.abs(off).max() < 5.0
+
+
+def _joints(reduction, nominal):
+    """Joint compliances where M3 puts them: on the rotation of the link before, about the joint's axis."""
+    from symstiff.model import known_values
+
+    robot = reduction.robot
+    table = robot.model_copy(
+        update={
+            "joint": tuple(
+                j.model_copy(update={"compliance": nominal[f"c{i}"]}) for i, j in enumerate(robot.joint, 1)
+            )
+        }
+    )
+    known = known_values(table, reduction.full)
+    return np.array([known.get(p.name, 0.0) for p in reduction.full])
+
+
+def test_a_saved_model_predicts_the_same(result, tmp_path: Path) -> None:
+    result.model.save(tmp_path / "model.toml")
+    again = load_model(tmp_path / "model.toml")
+    assert np.array_equal(predict(again, result.train), predict(result.model, result.train))
+    assert again.deviations == result.model.deviations
+
+
+def test_joints_alone_compensate_less_and_have_five_parameters(result) -> None:
+    table = virtual()
+    joints = identify(load("kuka_kr270"), table, "joints")
+    assert joints.fit.names == ("c2", "c3", "c4", "c5", "c6")
+    assert joints.training.compensated < result.training.compensated
+
+
+def test_reconstruction_predicts_what_the_reduced_model_predicts(result) -> None:
+    physical = identify(load("kuka_kr270"), virtual(), physical=True)
+    complete = reconstruct_model(physical, bounds=False)
+    reduction = physical.reduction
+    values = dict(zip(complete.names, complete.values, strict=True))
+    merged = {n: values[n] for n in reduction.stages[3].names}
+    model = StiffnessModel(reduction.robot, reduction.stages[2].parameters, values=values)
+    w = np.zeros((5, 6))
+    w[:, 2] = -1000.0
+    q = poses(reduction.robot, 5, 9)
+    expected = physical.model.deflection(q, w)
+    assert np.abs(model.deflection(q, w) - expected).max() < 1e-9 * np.abs(expected).max() + 1e-10
+    assert merged
+
+
+def test_a_bad_pose_is_reported_by_the_robust_fit() -> None:
+    table = virtual(n=40)
+    values = np.array(table.values)
+    values[table.pose == 7, :3] += 2e-3
+    found = identify(load("kuka_kr270"), replace(table, values=values), robust=True)
+    assert found.robust is not None
+    assert found.robust.poses
+    assert found.robust.poses[0].label.endswith("p8")
+
+
+def test_swapped_axes_are_hinted_at() -> None:
+    table = virtual(n=40)
+    values = np.array(table.values)
+    values[:, [0, 2]] = values[:, [2, 0]]
+    found = identify(load("kuka_kr270"), replace(table, values=values))
+    assert any("x" in remark and "z" in remark and "axes" in remark for remark in found.remarks)
+
+
+def test_fewer_poses_than_needed_names_the_parameters_and_what_would_help() -> None:
+    with pytest.raises(UserError, match=r"do not determine the model.*needed"):
+        identify(load("kuka_kr270"), virtual(n=2))
+
+
+def test_an_all_zero_wrench_is_refused() -> None:
+    table = virtual(n=20)
+    with pytest.raises(UserError, match="wrench is zero"):
+        identify(load("kuka_kr270"), replace(table, w=np.zeros_like(table.w)))
+
+
+def test_a_joint_that_never_moves_reduces_the_model_further() -> None:
+    robot = load("kuka_kr270")
+    table = virtual(n=40)
+    q = np.array(table.q)
+    q[:, 5] = 0.3
+    design = replace(table, q=q, kind="none", values=np.full_like(table.values, np.nan))
+    found = identify(
+        robot,
+        simulate(
+            truth_from_table({"format": 1, "robot": "kuka_kr270", "noise": {"sigma_mm": 0.005}}), design, 0
+        ),
+    )
+    assert len(found.fit.names) < 26
+    assert any("q6 never move" in remark for remark in found.remarks)
+
+
+def test_off_line_compensation_puts_the_loaded_tool_where_it_belongs(result) -> None:
+    robot = result.model.robot
+    q, w = poses(robot, 6, 4), np.tile([0, 0, -2500.0, 0, 0, 0], (6, 1))
+    q[:, 4] = np.where(np.abs(q[:, 4]) < 0.3, 0.5, q[:, 4])
+    found = compensate(result.model, q, w)
+    assert found.solved.all()
+    loaded = forward(robot, found.q_cmd)[:, :3, 3] + result.model.deflection(found.q_cmd, w)[:, :3]
+    assert np.abs(loaded - forward(robot, q)[:, :3, 3]).max() < 1e-10
+    online = compensate_online(result.model, q, w)
+    near = forward(robot, online)[:, :3, 3] + result.model.deflection(online, w)[:, :3]
+    deflection = np.abs(result.model.deflection(q, w)[:, :3]).max()
+    assert np.abs(near - forward(robot, q)[:, :3, 3]).max() < 0.02 * deflection
+
+
+def test_absolute_positions_of_a_real_ur10_give_plausible_joint_compliances() -> None:
+    if not UR10_DATA.is_file():
+        pytest.skip("the real UR10 measurements are not here")
+    found = identify(load("ur10"), read_measurements(UR10_DATA), "joints", loads="wrench")
+    values = dict(zip(found.fit.names, found.fit.values, strict=True))
+    assert 0.4e-5 < values["c2"] < 1.4e-5
+    assert 0.5e-5 < values["c3"] < 1.4e-5
+    assert found.training.after["positional"].rms < 0.45e-3
+
+
+def test_a_table_of_arrays_is_identified_as_one_from_a_file() -> None:
+    robot = load("scara")
+    q = poses(robot, 30)
+    w = np.random.default_rng(0).normal(size=(30, 6)) * [100, 100, 100, 10, 10, 10]
+    reduction = reduce(robot, "wrench", "pose")
+    rng = np.random.default_rng(1)
+    values = {n: float(rng.uniform(1e-7, 1e-6)) for n in reduction.parameters}
+    model = StiffnessModel.of(reduction, values)
+    table = measurements(
+        q, w, kind="deflection", values=model.deflection(q, w), joint_units=["rad", "rad", "m", "rad"]
+    )
+    found = identify(robot, table)
+    assert found.fit.names == reduction.parameters
+    expected = np.array([values[n] for n in found.fit.names])
+    assert np.allclose(found.fit.values, expected, rtol=1e-6, atol=1e-14)
