@@ -16,7 +16,7 @@ import sympy as sp
 from symstiff.reduction.physical import terms_of
 from symstiff.reduction.prime import PRIMES, echelon, rational
 from symstiff.reduction.reduce import Reduction
-from symstiff.reduction.structural import ExactEngine
+from symstiff.reduction.structural import ExactEngine, from_dh_zero
 from symstiff.symbolic.chain import ElasticChain
 from symstiff.symbolic.program import Program, Vector
 from symstiff.symbolic.programs import observation_program
@@ -27,7 +27,7 @@ _CHECKS = 4
 
 def closed_form(reduction: Reduction) -> dict[str, dict[str, sp.Expr]]:
     """Couplings as expressions in a_i, d_i, t_x …; one that no small rational function fits stays a number."""
-    chain = ElasticChain(reduction.robot, symbolic=True)
+    chain, experiment = from_dh_zero(ElasticChain(reduction.robot, symbolic=True), reduction.experiment)
     lengths = chain.lengths()
     names = tuple(p.name for p in reduction.full)
     program = observation_program(chain, terms_of(reduction.full), names)
@@ -38,7 +38,7 @@ def closed_form(reduction: Reduction) -> dict[str, dict[str, sp.Expr]]:
         program.statements,
         program.outputs,
     )
-    engine = ExactEngine(chain, program, names, reduction.experiment)
+    engine = ExactEngine(chain, program, names, experiment)
     sampler = _Sampler(engine, reduction, len(lengths))
     degree = {p.name: p.length_degree for p in reduction.full}
     found: dict[str, dict[str, sp.Expr]] = {}

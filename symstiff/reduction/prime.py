@@ -18,6 +18,7 @@ import sympy as sp
 from symstiff.symbolic.program import Constant, stand_in
 
 PRIMES = tuple(sp.prevprime(2**31 - 1 - 7919 * k) for k in range(1, 25))
+PI = sp.Rational(5419351, 1725033)  # within 1e-13; a length may be a multiple of pi
 Residues = Any  # an int, or an int64 array (N,)
 
 
@@ -71,8 +72,8 @@ class PrimeAlgebra:
         if not (c.is_Rational and s.is_Rational):
             c, s = stand_in(float(c), float(s))
         rest, turns = value.as_independent(sp.pi, as_Add=True)
-        linear = self.number(rest) + self.number(turns / sp.pi) * self._oracle("pi", [])
-        return Angle(linear % self.p, self.number(c), self.number(s), value)
+        linear = self.number(rest + turns / sp.pi * PI)
+        return Angle(int(linear), int(self.number(c)), int(self.number(s)), value)
 
     def number(self, value: sp.Expr) -> Any:
         """A rational's residue; a multiple of pi is an angle, any other number an oracle."""
@@ -100,27 +101,31 @@ class PrimeAlgebra:
         return total % self.p
 
     def _angle_sum(self, terms: Sequence[tuple[int, Angle | Number]]) -> Angle:
-        known = sp.Add(*[sign * x.exact for sign, x in terms if x.exact is not None])
-        free = [(sign, x) for sign, x in terms if isinstance(x, Angle) and x.exact is None]
-        start = self.fixed_angle(known)
-        if not free:
-            return start
-        value, c, s = start.value, int(start.cosine), int(start.sine)
-        for sign, x in free:
-            xs = x.sine if sign > 0 else -x.sine
-            value = (value + sign * x.value) % self.p
-            c, s = (c * x.cosine - s * xs % self.p) % self.p, (s * x.cosine % self.p + c * xs) % self.p
-        return Angle(value, c, s)
+        value: Residues = 0
+        c: Residues = 1
+        s: Residues = 0
+        exact: sp.Expr | None = sp.S.Zero
+        for sign, x in terms:
+            angle = x if isinstance(x, Angle) else self.fixed_angle(x.exact)
+            xs = angle.sine if sign > 0 else -angle.sine
+            value = (value + sign * angle.value) % self.p
+            c, s = (
+                (c * angle.cosine - s * xs % self.p) % self.p,
+                (s * angle.cosine % self.p + c * xs) % self.p,
+            )
+            exact = None if exact is None or angle.exact is None else exact + sign * angle.exact
+        return Angle(value, c, s, exact)
 
     def product(self, factors: Sequence[Any]) -> Any:
-        """Π x; a known multiple of pi, and a whole multiple of an angle, stay angles."""
+        """Π x; a multiple of pi, and a whole multiple of an angle, stay angles."""
         angles = [x for x in factors if isinstance(x, Angle)]
-        if len(angles) == 1 and len(factors) == 2:
-            (other,) = (x for x in factors if x is not angles[0])
-            if isinstance(other, Number) and angles[0].exact is not None:
-                return self.fixed_angle(other.exact * angles[0].exact)
-            if isinstance(other, Number) and other.exact.is_Integer and 0 < other.exact < 1000:
-                return self._angle_sum([(1, angles[0])] * int(other.exact))
+        numbers = [x.exact for x in factors if isinstance(x, Number)]
+        if len(factors) == 2 and angles and numbers:
+            (angle,), (times,) = angles, numbers
+            if angle.exact == sp.pi:
+                return self.fixed_angle(times * sp.pi)
+            if times.is_Integer and 0 < times < 1000:
+                return self._angle_sum([(1, angle)] * int(times))
         total = 1
         for x in factors:
             total = total * (x.value if isinstance(x, Angle) else x) % self.p

@@ -14,7 +14,7 @@ import sympy as sp
 from symstiff.errors import UserError
 from symstiff.reduction.aggregation import inexact_aggregations
 from symstiff.reduction.physical import Parameter, Stage, physical_stages, terms_of
-from symstiff.reduction.structural import ExactEngine, Experiment, Partition
+from symstiff.reduction.structural import ExactEngine, Experiment, Partition, from_dh_zero
 from symstiff.robot.exact import parse_exact
 from symstiff.robot.schema import Robot
 from symstiff.symbolic.chain import ElasticChain
@@ -118,6 +118,10 @@ class Reduction:
             "inexact_aggregations": list(self.inexact_aggregations),
         }
 
+    def __repr__(self) -> str:
+        e, (_, first), (_, last) = self.experiment, self.counts[0], self.counts[-1]
+        return f"Reduction({self.robot.name}, {e.loads}, {e.measure}: {first} to {last} parameters)"
+
     def _repr_html_(self) -> str:
         from symstiff.reduction.reading import reduction_html
 
@@ -149,12 +153,12 @@ def reduce(
     full = stages[-1].parameters
     if not full:
         raise UserError(f"{robot.name}: every link is rigid and no joint is left: nothing to identify")
-    chain = ElasticChain(robot)
+    chain, from_zero = from_dh_zero(ElasticChain(robot), experiment)
     names = tuple(p.name for p in full)
     program = observation_program(chain, terms_of(full), names)
-    engine = ExactEngine(chain, program, names, experiment)
+    engine = ExactEngine(chain, program, names, from_zero)
     found = engine.partition(preference(chain, full, prefer, avoid))
-    return Reduction(robot, experiment, stages, found, inexact_aggregations(chain, stages, experiment))
+    return Reduction(robot, experiment, stages, found, inexact_aggregations(chain, stages, from_zero))
 
 
 def _fixed(robot: Robot, fixed: Mapping[int, Any]) -> dict[int, sp.Expr]:

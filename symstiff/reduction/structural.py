@@ -7,7 +7,7 @@ groups and couplings come out without a tolerance; further primes confirm them a
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from fractions import Fraction
 from typing import Any
 
@@ -16,6 +16,7 @@ import sympy as sp
 
 from symstiff.errors import UserError
 from symstiff.reduction.prime import PRIMES, Angle, PrimeAlgebra, echelon, rational
+from symstiff.robot.exact import Exact
 from symstiff.symbolic.chain import ElasticChain
 from symstiff.symbolic.program import Program, evaluate
 
@@ -96,6 +97,24 @@ def _blocks(g3: Sequence[str], couplings: Couplings) -> tuple[tuple[str, ...], .
     for n in g3:
         found.setdefault(root(n), []).append(n)
     return tuple(tuple(block) for block in found.values())
+
+
+def from_dh_zero(chain: ElasticChain, experiment: Experiment) -> tuple[ElasticChain, Experiment]:
+    """The same chain and experiment with revolute variables that count the DH angle itself, offsets included.
+
+    Compliances do not depend on where a joint's zero is. Offsets of odd angles would get stand-ins, and those of two
+    parallel joints and of their sum need not fit together.
+    """
+    offsets = [Exact() if joint.prismatic else joint.theta for joint in chain.robot.joint]
+    rows = tuple(
+        joint if joint.prismatic else joint.model_copy(update={"theta": Exact()})
+        for joint in chain.robot.joint
+    )
+    fixed = {i: sp.sympify(v) + offsets[i - 1].sympy() for i, v in experiment.fixed.items()}
+    return (
+        replace(chain, robot=chain.robot.model_copy(update={"joint": rows})),
+        replace(experiment, fixed=fixed),
+    )
 
 
 @dataclass(frozen=True)
