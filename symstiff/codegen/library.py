@@ -50,6 +50,7 @@ def c_source(model: StiffnessModel, programs: Mapping[str, Program]) -> str:
         )
         | {"name": name}
         for name, p in programs.items()
+        if p.size(p.outputs[0][0])
     ]
     context = {"name": model.robot.name, "structure_hash": model.structure_hash}
     template = environment().get_template("c/runtime.c.j2")

@@ -77,10 +77,9 @@ class Evaluator:
         matrix = np.empty((len(linear), 6, len(model.parameters)))
         matrix[:, :, places] = linear
         p = model.vector(values)
-        typical = {e.name: e.typical for e in model.effect_parameters}
         for k in sorted(set(range(len(p))) - set(places.tolist())):
             step = np.zeros(len(p))
-            step[k] = typical[model.parameters[k]]  # bilinear: a central difference is exact but for rounding
+            step[k] = model.steps[model.parameters[k]]  # bilinear: a central difference is exact but for rounding
             ahead, behind = (self._deflection(q, w, p + s * step, context) for s in (1, -1))
             matrix[:, :, k] = (ahead - behind) / (2 * step[k])
         return matrix
@@ -102,9 +101,9 @@ class Evaluator:
         """Evaluate a program on (N or 1, size) arrays by input name; poses that the loops refuse go through NumPy."""
         program = programs(self.model)[function]
         n = _poses(inputs)
-        if self.library is None:
-            return _numpy(program, inputs, p, n)
         name, shape = program.outputs[0]
+        if self.library is None or not program.size(name):
+            return _numpy(program, inputs, p, n)
         arrays = {k: np.broadcast_to(a, (n, a.shape[1])) for k, a in inputs.items()}
         out = np.empty((n, program.size(name)))
         refused = np.zeros(n, dtype=np.uint8)
@@ -208,8 +207,8 @@ def _poses(arrays: Mapping[str, np.ndarray]) -> int:
 
 def _numpy(program: Program, arrays: Mapping[str, np.ndarray], p: np.ndarray, n: int) -> np.ndarray:
     name, shape = program.outputs[0]
-    if n == 0:
-        return np.empty((0, *shape))
+    if n == 0 or not program.size(name):
+        return np.empty((n, *shape))
     extra = {"p": p} if any(v.name == "p" for v in program.inputs) else {}
     return evaluate_numpy(program, **arrays, **extra)[name]
 
