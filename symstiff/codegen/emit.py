@@ -14,7 +14,7 @@ from symstiff.codegen.compact import compact
 from symstiff.codegen.functions import Functions
 from symstiff.codegen.names import LOADS_MEANING, SUMMARIES, meaning
 from symstiff.codegen.options import Options
-from symstiff.codegen.reference import DIGITS, Case, cases, configurations, test_values, unit_length
+from symstiff.codegen.reference import DIGITS, Case, cases, configurations, plausible_values, unit_length
 from symstiff.codegen.text import CAlgebra, c_body
 from symstiff.symbolic.algebras import count
 from symstiff.symbolic.program import Program
@@ -219,7 +219,7 @@ def _function(
 def _selftest(functions: Functions, options: Options) -> dict[str, Any]:
     """Stored cases as literals."""
     model, algebra = functions.model, CAlgebra(options.single)
-    values = test_values(model)
+    values = plausible_values(model)
     found = cases(functions, values)
     stiffness = len(model.stiffness_parameters)
     parameters = [algebra.literal(values[n]) for n in model.parameters]

@@ -18,7 +18,7 @@ from symstiff.codegen.footprint_machines import MACHINES, Machine
 from symstiff.codegen.footprint_parse import call_graph, instructions_per_call, symbol_sizes, totals
 from symstiff.codegen.functions import Functions
 from symstiff.codegen.options import Options
-from symstiff.codegen.reference import configurations, test_values
+from symstiff.codegen.reference import configurations, plausible_values
 from symstiff.codegen.text import CAlgebra
 
 FUNCTIONS = ("deflection", "compensate", "observation", "jacobian", "stiffness", "forward")
@@ -80,7 +80,7 @@ def _printed(command: list[str], cwd: Path) -> str:
 def bench(functions: Functions, single: bool) -> str:
     """A C program that calls every function at a few configurations."""
     model, literal = functions.model, CAlgebra(single).literal
-    values = [literal(v) for v in test_values(model).values()]
+    values = [literal(v) for v in plausible_values(model).values()]
     stiffness = len(model.stiffness_parameters)
     context = {
         "name": model.robot.name,

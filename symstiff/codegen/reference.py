@@ -42,7 +42,7 @@ def unit_length(model: StiffnessModel) -> float:
     return round(model.robot.reach * (0.25 if model.robot.dof >= 6 else 0.01), 4) or 0.01
 
 
-def test_values(model: StiffnessModel, seed: int = 7) -> dict[str, float]:  # noqa: PT028
+def plausible_values(model: StiffnessModel, seed: int = 7) -> dict[str, float]:
     """Plausible parameter values, exact in single precision, for tests only."""
     rng = random.Random(seed)
     values = {}

@@ -15,7 +15,7 @@ import numpy as np
 
 from symstiff.codegen.compiler import STRICT, Compiler, library_sources
 from symstiff.codegen.functions import Functions
-from symstiff.codegen.reference import Case, cases, test_values
+from symstiff.codegen.reference import Case, cases, plausible_values
 from symstiff.errors import UserError
 
 CONFIGURATIONS = 64  # random ones over the joint range that the bounds of a compiled library are measured at
@@ -70,7 +70,7 @@ def verify(
     footprint: also measure code, stack and instructions, on every machine that the tools at hand can show.
     """
     compiled = compiler is not None and c
-    values = test_values(functions.model)
+    values = plausible_values(functions.model)
     found = cases(functions, values, n=CONFIGURATIONS if compiled else 4, seed=23)
     errors: dict[str, float] = {}
     if casadi:
