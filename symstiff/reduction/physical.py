@@ -89,6 +89,9 @@ class Stage:
         """The terms of the stage's parameters: from M1 on, k_ij stands for k_ji as well."""
         return terms_of(self.parameters, symmetric=self.step != "original")
 
+    def __repr__(self) -> str:
+        return f"Stage({self.step}: {len(self.parameters)} parameters)"
+
     def _repr_html_(self) -> str:
         from symstiff.reduction.reading import stage_html
 
