@@ -67,7 +67,7 @@ def run_plan(request: PlanRequest) -> None:
         goal = Goal(request.poses, request.criterion, None, test_q, test_w)  # type: ignore[arg-type]
         load_class: Any = request.loads
         search = Search(
-            request.candidates, seed=request.seed, refine=request.refine, workers=2, cluster=request.cluster
+            request.candidates, seed=request.seed, refine=request.refine, cluster=request.cluster
         )
         sigma = (request.sigma * 1e-3, request.sigma * 1e-3 / 0.3)
         plan = plan_for(

@@ -1,0 +1,116 @@
+"""plan, simulate, identify, generate, compensate: one after the other, as a user would."""
+
+import csv
+import json
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+TRUTH = 'format = 1\nrobot = "kuka_kr270"\n[noise]\nsigma_mm = 0.02\n'
+
+
+def symstiff(folder: Path, *arguments: str) -> subprocess.CompletedProcess[str]:
+    return subprocess.run(
+        [sys.executable, "-m", "symstiff", *arguments],
+        cwd=folder,
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+
+
+def succeeded(folder: Path, *arguments: str) -> str:
+    done = symstiff(folder, *arguments)
+    assert done.returncode == 0, done.stderr
+    return done.stdout
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A folder in which a robot was planned, measured and identified."""
+    folder = tmp_path_factory.mktemp("calibration")
+    (folder / "truth.toml").write_text(TRUTH)
+    succeeded(
+        folder, "plan", "kuka_kr270", "--poses", "15", "--loads", "gravity", "--force", "2500", "--candidates",
+        "1500", "--markers", "p1,p2,p3", "--no-refine", "--floor", "0.2", "--plot", "poses.png", "-o", "poses.csv",
+        "--json", "plan.json",
+    )  # fmt: skip
+    succeeded(folder, "simulate", "truth.toml", "--poses", "poses.csv", "--seed", "3", "-o", "data.csv")
+    succeeded(
+        folder, "identify", "kuka_kr270", "data.csv", "--held-out", "0.2", "--physical", "-o", "model.toml", "--json",
+        "fit.json", "--reconstruct", "complete.json", "--plot", "residuals.svg",
+    )  # fmt: skip
+    return folder
+
+
+def test_the_plan_promises_deviations_and_beats_random_poses(folder: Path) -> None:
+    plan = json.loads((folder / "plan.json").read_text())
+    assert len(plan["std"]) == 26
+    assert plan["efficiency"]["over_random"] > 1.2
+    assert (folder / "poses.png").read_bytes().startswith(b"\x89PNG")
+
+
+def test_the_data_carry_no_trace_of_the_truth(folder: Path) -> None:
+    header = next(csv.reader((folder / "data.csv").read_text().splitlines()))
+    assert all("[" in h or h in ("pose", "point", "repeat", "load_step", "branch") for h in header)
+    assert "truth" not in (folder / "data.csv").read_text()
+
+
+def test_the_fit_is_reported_with_uncertainty_and_held_out_residuals(folder: Path) -> None:
+    fit = json.loads((folder / "fit.json").read_text())
+    assert set(fit["parameters"]["k1_66"]) == {"value", "std", "lower", "upper", "unit"}
+    assert fit["parameters"]["k1_66"]["unit"] == "rad/(N*m)"
+    assert fit["held_out"]["compensated"] > 0.9
+    assert "<svg" in (folder / "residuals.svg").read_text()
+
+
+def test_the_complete_set_has_bounds_for_every_parameter(folder: Path) -> None:
+    complete = json.loads((folder / "complete.json").read_text())
+    assert len(complete["values"]) == 62
+    assert complete["bounds"] is not None
+
+
+def test_an_identified_model_generates_code_with_its_values(folder: Path) -> None:
+    succeeded(folder, "generate", "kuka_kr270", "--model", "model.toml", "-o", "code")
+    manifest = json.loads((folder / "code" / "manifest.json").read_text())
+    fit = json.loads((folder / "fit.json").read_text())
+    physical = fit["physical"]["parameters"]
+    by_name = dict(zip(manifest["parameters"], manifest["default_parameters"], strict=True))
+    assert by_name == pytest.approx(physical, rel=1e-12)
+
+
+def test_a_trajectory_is_corrected(folder: Path) -> None:
+    (folder / "trajectory.csv").write_text(
+        "q1[deg],q2[deg],q3[deg],q4[deg],q5[deg],q6[deg],fz[N]\n0,-60,70,10,30,0,-2000\n5,-60,75,10,35,0,-2000\n"
+    )
+    succeeded(folder, "compensate", "model.toml", "trajectory.csv", "-o", "out.csv", "--json", "out.json")
+    record = json.loads((folder / "out.json").read_text())
+    assert record["rms_mm"]["before"] > 0.5
+    assert record["rms_mm"]["after"] < 1e-6
+    rows = list(csv.DictReader((folder / "out.csv").read_text().splitlines()))
+    assert len(rows) == 2
+    assert any(k.startswith("q1") for k in rows[0])
+
+
+@pytest.mark.parametrize(
+    ("arguments", "says"),
+    [
+        (("plan", "kuka_kr270", "--poses", "2", "-o", "x.csv"), "poses"),
+        (("plan", "kuka_kr270", "--poses", "15", "--levels", "q9=3", "-o", "x.csv"), "joint 9"),
+        (("simulate", "missing.toml", "--poses", "poses.csv", "-o", "x.csv"), "missing.toml"),
+        (("simulate", "truth.toml", "--poses", "poses.csv", "--noise", "-1", "-o", "x.csv"), "noise"),
+        (("identify", "kuka_kr270", "poses.csv", "-o", "x.toml"), "measured"),
+        (("identify", "ur10", "data.csv", "--start", "model.toml", "-o", "x.toml"), "kuka_kr270"),
+        (("identify", "scara", "data.csv", "-o", "x.toml"), "joint"),
+        (("compensate", "data.csv", "poses.csv", "-o", "x.csv"), "model"),
+    ],
+)
+def test_bad_input_is_one_line_and_exit_code_2(folder: Path, arguments: tuple[str, ...], says: str) -> None:
+    done = symstiff(folder, *arguments)
+    assert done.returncode == 2, done.stdout + done.stderr
+    assert len(done.stderr.strip().splitlines()) == 1
+    assert says in done.stderr
+    assert not (folder / "x.csv").exists()
+    assert not (folder / "x.toml").exists()
