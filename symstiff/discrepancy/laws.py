@@ -100,6 +100,9 @@ def joint_laws(problem: Problem, v: int) -> list[Law]:
         s = (problem.time - problem.time.min()) / np.ptp(problem.time)
         out.append(Law(("time",), s[:, None]))
         out.append(Law(("tau*time",), (t * s)[:, None]))
+    if np.ptp(problem.case) > 1:
+        step = (problem.case - problem.case.mean()) / np.ptp(problem.case)
+        out.append(Law(("tau*load_case",), (t * step)[:, None]))
     if problem.branch is not None and np.ptp(problem.branch) > 0:
         out.append(Law(("branch",), problem.branch[:, None]))
         out.append(Law(("branch*tau",), (problem.branch * t)[:, None]))
