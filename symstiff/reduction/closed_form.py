@@ -8,6 +8,7 @@ that were not used.
 from __future__ import annotations
 
 from collections.abc import Sequence
+from fractions import Fraction
 from itertools import combinations_with_replacement
 
 import numpy as np
@@ -41,13 +42,34 @@ def closed_form(reduction: Reduction) -> dict[str, dict[str, sp.Expr]]:
     engine = ExactEngine(chain, program, names, experiment)
     sampler = _Sampler(engine, reduction, len(lengths))
     degree = {p.name: p.length_degree for p in reduction.full}
-    found: dict[str, dict[str, sp.Expr]] = {}
-    for eliminated, row in reduction.partition.couplings.items():
-        found[eliminated] = {
-            kept: _fit(sampler, (eliminated, kept), lengths, degree[kept] - degree[eliminated], value)
-            for kept, value in row.items()
+    here = dict(zip(lengths, chain.length_values(), strict=True))
+
+    def fitted(eliminated: str, kept: str, value: Fraction) -> sp.Expr:
+        found = _fit(sampler, (eliminated, kept), lengths, degree[kept] - degree[eliminated])
+        number = float(value)
+        if found is not None and abs(float(found.subs(here)) - number) <= 1e-9 * max(1.0, abs(number)):
+            return found
+        return _number(value)
+
+    try:
+        return {
+            eliminated: {kept: fitted(eliminated, kept, value) for kept, value in row.items()}
+            for eliminated, row in reduction.partition.couplings.items()
         }
-    return found
+    except _SpecialLengthsError:
+        return {
+            e: {k: _number(c) for k, c in row.items()} for e, row in reduction.partition.couplings.items()
+        }
+
+
+class _SpecialLengthsError(Exception):
+    """The robot's lengths happen to fit together: others would have another identifiable set."""
+
+
+def _number(value: Fraction) -> sp.Expr:
+    if value.denominator > 10**15:
+        return sp.Float(float(value), 15)
+    return sp.Rational(value.numerator, value.denominator)
 
 
 class _Sampler:
@@ -67,7 +89,8 @@ class _Sampler:
     def at(self, point: Sequence[int]) -> dict[tuple[str, str], int]:
         """All couplings at one choice of lengths."""
         form, pivots = echelon(self.engine.matrix(_PRIME, list(point))[:, self.order], _PRIME)
-        assert pivots == list(range(len(self.kept)))
+        if pivots != list(range(len(self.kept))):
+            raise _SpecialLengthsError
         return {
             (e, k): int(form[r, len(self.kept) + c])
             for c, e in enumerate(self.free)
@@ -94,11 +117,11 @@ class _Sampler:
 
 
 def _fit(
-    sampler: _Sampler, key: tuple[str, str], lengths: Sequence[sp.Symbol], degree: int, number: object
-) -> sp.Expr:
+    sampler: _Sampler, key: tuple[str, str], lengths: Sequence[sp.Symbol], degree: int
+) -> sp.Expr | None:
     depends = sampler.dependence(key)
     if not depends:
-        return sp.Rational(str(number))
+        return None
     for below in range(max(0, -degree), max(0, -degree) + 3):
         above = degree + below
         top = list(combinations_with_replacement(depends, above))
@@ -108,7 +131,7 @@ def _fit(
         expression = _solve(sampler, key, lengths, top, bottom)
         if expression is not None:
             return expression
-    return sp.Rational(str(number))
+    return None
 
 
 def _solve(

@@ -17,6 +17,7 @@ import sympy as sp
 from symstiff.errors import UserError
 from symstiff.reduction.prime import PRIMES, Angle, PrimeAlgebra, echelon, rational
 from symstiff.robot.exact import Exact
+from symstiff.symbolic.algebras import evaluate_numpy
 from symstiff.symbolic.chain import ElasticChain
 from symstiff.symbolic.program import Program, evaluate
 
@@ -178,13 +179,34 @@ class ExactEngine:
         for prime in PRIMES:
             if lifted.add(*self.reduced(prime, order), prime):
                 break
+        kept = [preference[p] for p in lifted.pivots]
+        measured = self._measured(kept, preference) if lifted.unsure else None
         couplings: Couplings = {}
         for position, name in enumerate(preference):
             if position not in lifted.pivots:
-                couplings[name] = {
-                    preference[lifted.pivots[r]]: c for r, c in lifted.column(position) if c != 0
-                }
-        return partition(self.names, [preference[p] for p in lifted.pivots], couplings)
+                row = lifted.column(position, measured)
+                couplings[name] = {kept[r]: c for r, c in row if c != 0}
+        return partition(self.names, kept, couplings)
+
+    def _measured(self, kept: Sequence[str], preference: Sequence[str]) -> np.ndarray:
+        """Couplings (kept × preference) in doubles, where stand-ins of odd angles make the fractions endless."""
+        rng, n = np.random.default_rng(self.seed), len(self.names) + 12
+        q, w = rng.uniform(-3.0, 3.0, (n, self.chain.dof)), np.zeros((n, 6))
+        for joint, value in self.experiment.fixed.items():
+            q[:, joint - 1] = float(value)
+        acting = [c - 1 for c in LOADS[self.experiment.loads]]
+        w[:, acting] = rng.normal(size=(n, len(acting)))
+        inputs: dict[str, np.ndarray] = {"q": q, "w": w}
+        for vector in self.program.inputs:
+            if vector.name == "context":
+                inputs["context"] = rng.uniform(0.5, 1.0, (n, len(vector.symbols)))
+        rows = list(MEASURES[self.experiment.measure])
+        matrix = evaluate_numpy(self.program, **inputs)["A"][:, rows, :].reshape(n * len(rows), -1)
+        columns = matrix[:, [self.names.index(name) for name in kept]]
+        size = np.linalg.norm(columns, axis=0)
+        everything = matrix[:, [self.names.index(name) for name in preference]]
+        found = np.linalg.lstsq(columns / size, everything, rcond=None)[0] / size[:, None]
+        return np.asarray(found)
 
 
 def _angle(algebra: PrimeAlgebra, fixed: sp.Expr | None, rng: np.random.Generator, n: int) -> Angle:
@@ -199,6 +221,7 @@ class _Lift:
         self.modulus = 1
         self.residues: dict[tuple[int, int], int] = {}
         self.width = 0
+        self.unsure: set[tuple[int, int]] = set()
         self._guess: dict[tuple[int, int], Fraction | None] = {}
 
     def add(self, form: np.ndarray, pivots: list[int], prime: int) -> bool:
@@ -210,14 +233,12 @@ class _Lift:
         elif pivots != self.pivots:
             return False  # an unlucky prime lost rank: leave it out
         free = [c for c in range(self.width) if c not in self.pivots]
-        agreed = not fresh
-        for r in range(len(self.pivots)):
-            for c in free:
-                agreed &= self._combine((r, c), int(form[r, c]), prime)
+        keys = [(r, c) for r in range(len(self.pivots)) for c in free]
+        self.unsure = {key for key in keys if not self._combine(key, int(form[key]), prime)}
         self.modulus *= prime
         for key, residue in self.residues.items():
             self._guess[key] = rational(residue, self.modulus)
-        return agreed
+        return not fresh and not self.unsure
 
     def _combine(self, key: tuple[int, int], residue: int, prime: int) -> bool:
         old = self.residues.get(key, 0)
@@ -232,10 +253,13 @@ class _Lift:
         self.residues[key] = old + self.modulus * step
         return agrees
 
-    def column(self, position: int) -> list[tuple[int, Fraction]]:
-        """Coefficients of one free column over the pivots."""
-        return [
-            (r, fraction)
-            for r in range(len(self.pivots))
-            if (fraction := self._guess.get((r, position))) is not None
-        ]
+    def column(self, position: int, measured: np.ndarray | None) -> list[tuple[int, Fraction]]:
+        """Coefficients of one free column over the pivots; ``measured`` ones where no fraction was confirmed."""
+        found = []
+        for r in range(len(self.pivots)):
+            guess = self._guess.get((r, position))
+            if measured is not None and (r, position) in self.unsure:
+                guess = Fraction(float(measured[r, position])) if self.residues[r, position] else None
+            if guess is not None:
+                found.append((r, guess))
+        return found

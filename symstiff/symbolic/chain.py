@@ -7,14 +7,14 @@ takes a ``Builder`` that binds temporaries, so that the same geometry serves pro
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import sympy as sp
 
 from symstiff.robot.chain import Elementary, Row, elementary_chain
 from symstiff.robot.exact import Exact
-from symstiff.robot.schema import Link, Robot
+from symstiff.robot.schema import Robot
 from symstiff.symbolic.program import Builder
 from symstiff.symbolic.terms import AXES, VirtualJoint, actuated_joint, link_joint, q
 
@@ -83,12 +83,17 @@ class ElasticChain:
 
     def lengths(self) -> tuple[sp.Symbol, ...]:
         """The length symbols of a symbolic chain, base to tip."""
+        return tuple(s for s in self._all_lengths() if s.is_Symbol)
+
+    def length_values(self) -> tuple[sp.Expr, ...]:
+        """The robot's own values of ``lengths``."""
+        return tuple(length for length in replace(self, symbolic=False)._all_lengths() if length != 0)
+
+    def _all_lengths(self) -> list[sp.Expr]:
         found: list[sp.Expr] = []
-        for i in range(1, self.dof + 1):
-            row = self.rows[i - 1]
+        for i, row in enumerate(self.rows, start=1):
             found += [self.length(row.a, f"a_{i}"), self.length(row.d, f"d_{i}")]
-        found += list(self.tool_offset())
-        return tuple(s for s in found if s.is_Symbol)
+        return found + list(self.tool_offset())
 
     def angle(self, i: int) -> sp.Expr:
         """θ_i: the joint variable (revolute) plus its constant offset."""
@@ -97,10 +102,7 @@ class ElasticChain:
 
     def elastic_axes(self, b: Builder, i: int) -> Axes:
         """Axes of link i's elastic frame in DH frame i: cyclic for x, y, z; else beam, z × beam, and their product."""
-        link: Link = self.robot.links[i]
-        axis = link.beam_axis
-        if axis is None:
-            axis = self._default_axis(i)
+        axis = self.robot.links[i].beam_axis or self._default_axis(i)
         if isinstance(axis, str):
             return tuple(IDENTITY[k] for k in _CYCLIC[axis])  # type: ignore[return-value]
         bx, by, bz = (v.sympy() for v in axis)
@@ -231,7 +233,8 @@ def _orientations(chain: ElasticChain, b: Builder) -> tuple[list[Axes], list[Vec
         x, y, z = (b.vector(v) for v in _turned(start, 2, c, s))
         sides.append(y)
         ca, sa = chain.alpha(b, i)
-        frame: Axes = tuple(b.vector(v) for v in _turned((x, y, z), 0, ca, sa))
+        x, y, z = (b.vector(v) for v in _turned((x, y, z), 0, ca, sa))
+        frame: Axes = (x, y, z)
         axes.append(frame)
         if chain.rows[i - 1].alpha:
             start, angle, name = frame, sp.S.Zero, ""
