@@ -15,6 +15,7 @@ from symstiff.codegen.functions import Functions
 from symstiff.codegen.names import LOADS_MEANING, SUMMARIES, meaning
 from symstiff.codegen.options import Options
 from symstiff.codegen.reference import DIGITS, Case, cases, configurations, plausible_values, unit_length
+from symstiff.codegen.targets import TARGETS
 from symstiff.codegen.text import CAlgebra, c_body
 from symstiff.symbolic.algebras import count
 from symstiff.symbolic.program import Program
@@ -127,8 +128,14 @@ def base_context(functions: Functions, options: Options) -> dict[str, Any]:
             for e in model.effect_parameters
         ],
         "casadi": "casadi" in options.targets,
-        "headers": [f"{robot.name}.h"],
-        "sources": [f"{robot.name}.c", f"{robot.name}_batch.c", f"{robot.name}_selftest.c"],
+        "headers": [
+            f"{robot.name}.h",
+            *(h for t in options.targets for h in TARGETS[t].files(robot.name, ".h")),
+        ],
+        "sources": [
+            *(f"{robot.name}{end}.c" for end in ("", "_batch", "_selftest")),
+            *(c for t in options.targets for c in TARGETS[t].files(robot.name, ".c")),
+        ],
     }
     counts = operations(functions, options)
     context["functions"] = [

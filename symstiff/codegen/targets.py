@@ -19,19 +19,34 @@ Emitter = Callable[["Functions", "Options"], dict[str, bytes]]
 
 @dataclass(frozen=True)
 class Target:
-    """Where a target's emitter is, what it writes, and whether it needs the C sources beside it."""
+    """Where a target's emitter is, what it writes, and whether it needs the C sources beside it.
+
+    parts: endings of the C sources and headers that join the library and its installation (``_params.c``).
+    """
 
     module: str
     function: str
     writes: str
     needs_c: bool = False
+    parts: tuple[str, ...] = ()
 
     def emitter(self) -> Emitter:
         """Import and return the emitter."""
         return getattr(import_module(self.module), self.function)  # type: ignore[no-any-return]
 
+    def files(self, name: str, end: str) -> list[str]:
+        """Names of the parts that are sources (``.c``) or headers (``.h``) of the library."""
+        return [name + part for part in self.parts if part.endswith((".h", ".hpp")) == (end == ".h")]
+
 
 TARGETS: dict[str, Target] = {
     "c": Target("symstiff.codegen.emit", "emit_c", "C99 sources, self-test, CMake and pkg-config files"),
     "casadi": Target("symstiff.codegen.casadi", "emit_casadi", "CasADi functions"),
+    "params": Target(
+        "symstiff.codegen.params",
+        "emit_params",
+        "reader of parameter values at start-up",
+        True,
+        ("_params.c", "_params.h"),
+    ),
 }
