@@ -50,6 +50,16 @@ def new_folder(path: str | Path) -> Iterator[Path]:
             shutil.rmtree(temporary, ignore_errors=True)
 
 
+def check_folder(path: str | Path) -> None:
+    """Refuse a place for a folder before the work for it begins. Raises UserError as ``new_folder`` does."""
+    target = Path(path)
+    if target.is_file():
+        raise UserError(f"{target} is a file: give a folder")
+    kept = _foreign(target) if target.is_dir() else None
+    if kept:
+        raise _not_ours(target, kept)
+
+
 def write_tree(folder: Path, files: Mapping[str, bytes]) -> None:
     """Write files below a folder, sub-folders included."""
     for name, content in files.items():
@@ -64,9 +74,7 @@ def _moved(temporary: Path, target: Path) -> None:
         return
     kept = _foreign(target)
     if kept:
-        raise UserError(
-            f"{target} holds {kept}, which symstiff did not write: give a new or generated folder"
-        )
+        raise _not_ours(target, kept)
     old = Path(tempfile.mkdtemp(prefix=f".{target.name}.old.", dir=target.parent))
     os.replace(target, old / "was")
     os.replace(temporary, target)
@@ -79,6 +87,10 @@ def _foreign(target: Path) -> str | None:
     if not names or "manifest.json" in names or "verdict.json" in names:
         return None
     return names[0]
+
+
+def _not_ours(target: Path, kept: str) -> UserError:
+    return UserError(f"{target} holds {kept}, which symstiff did not write: give a new or generated folder")
 
 
 def _remove(path: Path) -> None:

@@ -211,13 +211,20 @@ def diagnose(
         str | None, typer.Option(help="pose or position; read from the data where not given.")
     ] = None,
     max_effects: Annotated[int, typer.Option(help="At most so many effects are added.")] = 3,
+    max_poses: Annotated[
+        int | None, typer.Option(help="Use so many poses, evenly spread; absolute data: 200 where not given.")
+    ] = None,
     seed: Annotated[int, typer.Option(help="Seed of the bootstrap.")] = 0,
     json: Json = None,
 ) -> None:
     """Find where model and data disagree, name the missing effect, add it, prove it on held-out poses."""
     from symstiff.cli.diagnose import DiagnoseRequest, run_diagnose
 
-    run_diagnose(DiagnoseRequest(robot, tuple(data), output, start, loads, measure, max_effects, seed, json))
+    run_diagnose(
+        DiagnoseRequest(
+            robot, tuple(data), output, start, loads, measure, max_effects, seed, json, max_poses
+        )
+    )
 
 
 @app.command(epilog="Example: symstiff compensate model.toml trajectory.csv -o corrected.csv")

@@ -1,0 +1,91 @@
+"""The command that names what is missing."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from symstiff.cli.output import console, stages, write_json
+from symstiff.robot import load
+
+if TYPE_CHECKING:
+    from rich.console import Console
+
+    from symstiff.discrepancy.workflow import Finding
+
+
+@dataclass(frozen=True)
+class DiagnoseRequest:
+    """The options of ``symstiff diagnose``."""
+
+    robot: str
+    data: tuple[Path, ...]
+    output: Path
+    start: str
+    loads: str | None
+    measure: str | None
+    max_effects: int
+    seed: int
+    json: str | None
+    max_poses: int | None = None
+
+
+def run_diagnose(request: DiagnoseRequest) -> None:
+    """Read, diagnose, grow, write the folder, say the verdict."""
+    from symstiff.calibration.table import read_measurements
+    from symstiff.discrepancy.workflow import Task, run
+    from symstiff.files import check_folder
+    from symstiff.report.folder import write_folder
+
+    robot = load(request.robot)
+    check_folder(request.output)
+    out = console(request.json)
+    with stages(out) as progress:
+        progress("reading the tables")
+        table = read_measurements(request.data)
+        task = Task(
+            robot, table, request.start, request.loads, request.measure, request.max_effects,
+            request.max_poses, request.seed,
+        )  # fmt: skip
+        finding = run(task, progress)
+        written = write_folder(finding, request.output, progress)
+    _print(out, finding)
+    out.print(f"code: {written.code}")
+    out.print(f"wrote {request.output}: report.html, verdict.json, model.toml", end="")
+    out.print((", code" if written.verdict["code"]["folder"] else "") + _more(written.verdict))
+    write_json(request.json, written.verdict)
+
+
+def _more(verdict: dict[str, object]) -> str:
+    return ", decide.csv (poses that would decide)" if "decide" in verdict else ""
+
+
+def _print(out: Console, finding: Finding) -> None:
+    from rich.markup import escape
+    from rich.table import Table
+
+    from symstiff.report.tables import step_rows
+    from symstiff.report.words import headline, p_text, sentence
+
+    out.print(f"[bold]{escape(headline(finding))}[/bold]")
+    out.print(escape(sentence(finding)))
+    rows = step_rows(finding)
+    whole = [a for a in ("positional", "rotational") if a in rows[0].sizes]
+    shown = whole or list(rows[0].sizes)  # axes are in the report; positions as a whole fit a terminal
+    table = Table(title="residuals \\[mm, mrad]", title_justify="left")
+    table.add_column("step")
+    table.add_column("n", justify="right")
+    for axis in shown:
+        short = {"positional": "pos.", "rotational": "rot."}.get(axis, axis)
+        table.add_column(f"{short} MAX", justify="right")
+        table.add_column(f"{short} RMS", justify="right")
+    table.add_column("p left", justify="right")
+    for row in rows:
+        cells = [f"{x:.3f}" for a in shown for x in row.sizes.get(a, (float("nan"),) * 2)]
+        table.add_row(
+            escape(row.title), row.parameters, *cells, "" if row.p_left is None else p_text(row.p_left)
+        )
+    out.print(table)
+    for remark in finding.remarks:
+        out.print(f"[yellow]note[/yellow]: {escape(remark)}")

@@ -1,0 +1,139 @@
+"""The effect as formulas, and what it changed in the C code."""
+
+from __future__ import annotations
+
+import difflib
+import hashlib
+import re
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+from symstiff.effects.base import EffectInstance
+from symstiff.robot.schema import Robot
+
+if TYPE_CHECKING:
+    import sympy as sp
+
+    from symstiff.model import StiffnessModel
+
+_MOST_TERMS, _MOST_LINES = 8, 90
+_TEMPORARY = re.compile(r"\bt(\d+)\b")
+_WORD = re.compile(r"\b[A-Za-z_]\w*\b")
+
+
+@dataclass(frozen=True)
+class Formula:
+    """A law: as MathML for reading, as SymPy's text for copying."""
+
+    mathml: str
+    text: str
+
+
+def formulas(robot: Robot, instance: EffectInstance) -> list[Formula]:
+    """The terms that an effect added to the model, one law a virtual joint."""
+    import sympy as sp
+    from sympy.printing.mathml import mathml
+
+    laws: dict[str, tuple[str, sp.Expr]] = {}
+    for term in instance.realise(robot).terms:
+        kind, place = term.at.kind, f"{term.at.body}" + (f",{term.at.axis}" if term.at.axis else "")
+        symbol = {"measure": f"t_{term.at.axis}", "load": f"W_{term.at.axis}"}.get(kind, f"theta_{place}")
+        with sp.evaluate(False):
+            law = sp.Symbol(term.parameter) * term.factor
+            before = laws.get(term.at.name)
+            laws[term.at.name] = (symbol, law if before is None else before[1] + law)
+    out = []
+    for name, (symbol, law) in list(laws.items())[:_MOST_TERMS]:
+        body = mathml(_readable(law), printer="presentation")
+        left = mathml(sp.Symbol(symbol), printer="presentation")
+        out.append(
+            Formula(
+                f'<math display="block"><mrow><mi>Δ</mi>{left}<mo>=</mo>{body}</mrow></math>',
+                f"{name} += {law}",
+            )
+        )
+    return out
+
+
+def _readable(law: sp.Expr) -> sp.Expr:
+    """Loads as τ with the virtual joint as index; floats of a shape to four digits."""
+    import sympy as sp
+
+    renamed = {}
+    for s in law.free_symbols:
+        if s.name.startswith("tau_"):
+            renamed[s] = sp.Symbol(
+                "tau_" + s.name[4:].replace("_", ",").replace("joint", "").replace("link", "")
+            )
+    short = {
+        r: sp.Float(float(r), 4)
+        for r in law.atoms(sp.Rational)
+        if r.q > 1000 or abs(r.p) > 10**6
+    }  # fmt: skip
+    with sp.evaluate(False):
+        return law.xreplace({**renamed, **short})
+
+
+@dataclass(frozen=True)
+class Line:
+    """A line of a difference; kind: ``+``, ``-``, `` `` or ``@``."""
+
+    kind: str
+    text: str
+
+
+def core(model: StiffnessModel) -> list[str]:
+    """Lines of the C function that evaluates the deflection, and of the parameters' struct."""
+    from symstiff.codegen.emit import emit_c
+    from symstiff.codegen.functions import Functions
+    from symstiff.codegen.options import Options
+
+    files = emit_c(Functions(model), Options(targets=("c",)))
+    name = model.robot.name
+    header, source = files[f"{name}.h"].decode(), files[f"{name}.c"].decode()
+    return [*_block(header, "typedef struct"), "", *_block(source, "static void deflection_core(")]
+
+
+def _block(text: str, start: str) -> list[str]:
+    """From a line that begins so to the brace that closes at its level."""
+    lines = text.splitlines()
+    begin = next(
+        (k for k, line in enumerate(lines) if line.startswith(start) and not line.endswith(";")), None
+    )
+    if begin is None:
+        return []
+    end = next((k for k in range(begin, len(lines)) if lines[k].startswith("}")), len(lines) - 1)
+    return lines[begin : end + 1]
+
+
+def difference(before: list[str], after: list[str]) -> list[Line]:
+    """A unified difference that does not mind how temporaries are numbered."""
+    a, b = _keys(before), _keys(after)
+    matcher = difflib.SequenceMatcher(None, a, b, autojunk=False)
+    out: list[Line] = []
+    for group in matcher.get_grouped_opcodes(1):
+        out.append(Line("@", f"line {group[0][3] + 1}"))
+        for tag, i1, i2, j1, j2 in group:
+            if tag == "equal":
+                out += [Line(" ", text) for text in after[j1:j2]]
+                continue
+            out += [Line("-", text) for text in before[i1:i2]]
+            out += [Line("+", text) for text in after[j1:j2]]
+    if len(out) > _MOST_LINES:
+        left = len(out) - _MOST_LINES
+        out = [*out[:_MOST_LINES], Line("@", f"and {left} lines more: compare with the code folder")]
+    return out
+
+
+def _keys(lines: list[str]) -> list[str]:
+    """Every line with its temporaries replaced by a digest of what they stand for."""
+    meaning: dict[str, str] = {}
+    out = []
+    for line in lines:
+        head, equals, tail = line.partition("=")
+        told = _TEMPORARY.sub(lambda m: meaning.get(m.group(0), m.group(0)), tail)
+        target = _TEMPORARY.search(head)
+        if equals and target is not None:
+            meaning[target.group(0)] = "t_" + hashlib.sha256(told.encode()).hexdigest()[:12]
+        out.append(_TEMPORARY.sub(lambda m: meaning.get(m.group(0), m.group(0)), head) + equals + told)
+    return out

@@ -1,0 +1,297 @@
+"""report.html: one page without any outside resource, for screen and print."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+from markupsafe import Markup
+
+from symstiff import __version__
+from symstiff.discrepancy.result import CandidateResult
+from symstiff.discrepancy.workflow import Finding
+from symstiff.effects.base import catalogue
+from symstiff.report import plots, words
+from symstiff.report.code import Line, formulas
+from symstiff.report.tables import moved, step_rows
+
+_MOST_CANDIDATES = 20
+_UNITS = {"positional": "mm", "rotational": "mrad", "x": "mm", "y": "mm", "z": "mm"}
+_SHORT = {"positional": "position", "rotational": "rotation"}
+
+
+def render(finding: Finding, files: dict[str, Any], changes: list[Line]) -> str:
+    """The page. ``files`` says what else is in the folder; ``changes`` what the growth changed in the C code."""
+    from symstiff.codegen.emit import environment
+
+    jinja = environment()
+    jinja.autoescape = True
+    return jinja.get_template("report/report.html.j2").render(_context(finding, files, changes))
+
+
+def _context(finding: Finding, files: dict[str, Any], changes: list[Line]) -> dict[str, Any]:
+    robot = finding.task.robot
+    return {
+        "version": __version__,
+        "robot": robot.title or robot.name,
+        "start": finding.task.start,
+        "headline": words.headline(finding),
+        "sentence": words.sentence(finding),
+        "verdict": finding.verdict if finding.testable else "untestable",
+        "remarks": finding.remarks,
+        "facts": _facts(finding),
+        "effects": _effects(finding),
+        "steps": _steps(finding),
+        "strata": _strata(finding),
+        "pictures": _pictures(finding),
+        "laws": _laws(finding),
+        "unnamed": _unnamed(finding),
+        "candidates": _candidates(finding),
+        "untested": _untested(finding),
+        "sensitivity": _sensitivity(finding),
+        "moved": _moved(finding),
+        "absorbed": finding.grown.absorbed,
+        "changes": changes,
+        "files": files,
+        "noise": _noise(finding),
+    }
+
+
+def _facts(finding: Finding) -> list[tuple[str, str]]:
+    table, problem = finding.table, finding.assembly.problem
+    r = finding.rms
+    facts = [
+        ("data", f"{problem.poses} poses, {len(table)} rows, {problem.rows} measured values ({table.kind})"),
+        ("start model", f"{len(finding.start.model.parameters)} parameters"),
+        ("residual", f"{words.millimetres(r.before)} → {words.millimetres(r.after)}"),
+        ("noise", words.millimetres(r.noise)),
+    ]
+    held = finding.last.held_out
+    if held is not None:
+        facts.insert(
+            3, ("held out", f"{words.millimetres(r.held_out_before)} → {words.millimetres(r.held_out_after)}")
+        )
+        if r.held_out_before is not None and r.held_out_after is not None and finding.named:
+            span = r.held_out_before - r.noise
+            if span > 0:
+                closed = (r.held_out_before - r.held_out_after) / span
+                facts.insert(4, ("gap closed", f"{100 * min(closed, 1.0):.0f} %, on held-out poses"))
+    return facts
+
+
+def _effects(finding: Finding) -> list[dict[str, Any]]:
+    known = catalogue()
+    out = []
+    for e in finding.effects:
+        entry = known.get(e.effect)
+        out.append(
+            {
+                "set": e.set_number + 1,
+                "name": words.named(e.effect, e.where),
+                "title": entry.title if entry else e.effect,
+                "description": entry.description if entry else "",
+                "separated_by": entry.separated_by if entry else "",
+                "parameters": [(n, words.quantity(v)) for n, v in e.parameters.items()],
+                "p": words.p_text(e.p_value),
+                "confidence": f"{100 * e.confidence:.0f} %",
+                "confounded": [words.name_text(n) for n in e.confounded_with],
+                "shape": ", ".join(f"{k} = {v:.4g}" for k, v in e.shape.items()),
+            }
+        )
+    return out
+
+
+def _steps(finding: Finding) -> dict[str, Any]:
+    rows = step_rows(finding)
+    axes = list(rows[0].sizes)
+    return {
+        "axes": [(_SHORT.get(a, a), _UNITS.get(a, "mrad")) for a in axes],
+        "rows": [
+            {
+                "title": r.title,
+                "parameters": r.parameters,
+                "cells": [f"{x:.3f}" for a in axes for x in r.sizes.get(a, (math.nan, math.nan))],
+                "share": "" if r.share is None else f"{100 * r.share:.1f} %",
+                "p": "" if r.p_left is None else words.p_text(r.p_left),
+            }
+            for r in rows
+        ],
+    }
+
+
+def _strata(finding: Finding) -> list[tuple[str, str, str, str]]:
+    first = finding.steps[0].strata
+    last = {s.name: s for s in finding.steps[-1].strata}
+    out = []
+    for s in first:
+        now = last.get(s.name)
+        out.append((s.name, str(s.degrees_of_freedom), _stratum(s), _stratum(now) if now else ""))
+    return out
+
+
+def _stratum(s: Any) -> str:
+    p = "reference" if s.p_value is None else f"p = {words.p_text(s.p_value)}"
+    return f"{s.ratio:.3g} ({p})"
+
+
+def _pictures(finding: Finding) -> dict[str, Any]:
+    drawn: dict[str, Any] = {"gap": None, "histograms": None, "map": None}
+    drawn["gap"] = plots.draw_gap(finding)
+    drawn["histograms"] = plots.draw_histograms(finding)
+    drawn["map"] = plots.draw_map(finding)
+    return {k: _marked(p) for k, p in drawn.items()}
+
+
+def _marked(picture: plots.Picture | None) -> dict[str, Any] | None:
+    return None if picture is None else {"svg": Markup(picture.svg), "caption": picture.caption}
+
+
+def _laws(finding: Finding) -> list[dict[str, Any]]:
+    """Every effect that was added: its law as formula, and drawn through the data."""
+    out = []
+    for e in finding.named[:4]:
+        found = formulas(finding.task.robot, e.instance)
+        out.append(
+            {
+                "name": words.named(e.effect, e.where),
+                "formulas": [(Markup(f.mathml), f.text) for f in found],
+                "picture": _marked(plots.draw_law(finding, e)) if finding.testable else None,
+            }
+        )
+    return out
+
+
+def _unnamed(finding: Finding) -> dict[str, Any] | None:
+    if finding.verdict not in ("unexplained", "named_insufficient") or not finding.testable:
+        return None
+    place, law = finding.last.localisation, finding.last.law
+    top = [] if place is None else [
+        (b.virtual_joint, f"{100 * b.explained:.0f} %", f"{b.with_tau:+.2f}") for b in place.back_projections[:6]
+    ]  # fmt: skip
+    return {
+        "accused": place.accused if place else "",
+        "picture": _marked(plots.draw_unnamed(finding)),
+        "law": None
+        if law is None
+        else {
+            "joint": law.virtual_joint,
+            "expression": law.expression,
+            "scale": f"{law.tau_scale:.4g}",
+            "explained": f"{100 * law.explained:.0f} %",
+            "validated": f"{100 * law.cross_validated:.0f} %",
+        },
+        "top": top,
+    }
+
+
+def _best(c: CandidateResult) -> str:
+    known = {n: e for n, e in c.parameters.items() if math.isfinite(e.std) and e.std > 0}
+    if not known:
+        return "–"
+    name = max(known, key=lambda n: abs(known[n].value) / known[n].std)
+    short = name if len(c.parameters) > 1 else ""
+    return f"{short} {words.quantity(known[name])}".strip()
+
+
+def _smallest(c: CandidateResult) -> str:
+    finite = {n: e for n, e in c.smallest_detectable.items() if math.isfinite(e.value)}
+    if not finite:
+        return "–"
+    name = next(iter(finite))
+    return words.size_text(finite[name]) + (f" ({name})" if len(c.smallest_detectable) > 1 else "")
+
+
+def _candidates(finding: Finding) -> list[dict[str, str]]:
+    answer = {True: "yes", False: "no", None: "not asked"}
+    return [
+        {
+            "name": words.named(c.effect, c.where),
+            "size": _best(c),
+            "p": words.p_text(c.p_value),
+            "sufficient": answer[c.sufficient],
+            "plausible": answer[c.plausible],
+            "left": f"{100 * c.share_left:.0f} %",
+            "confused": ", ".join(words.name_text(n) for n in c.confused_with[:4]),
+        }
+        for c in [c for c in finding.candidates if c.testable][:_MOST_CANDIDATES]
+    ]
+
+
+def _untested(finding: Finding) -> list[tuple[str, str]]:
+    """Reasons why candidates could not be tested, with those that they hold for."""
+    reasons: dict[str, list[str]] = {}
+    for c in finding.candidates:
+        if not c.testable:
+            reasons.setdefault(c.reason or "not testable", []).append(words.named(c.effect, c.where))
+    return [
+        (reason, _few(names)) for reason, names in sorted(reasons.items(), key=lambda item: -len(item[1]))
+    ]
+
+
+def _few(names: list[str], most: int = 12) -> str:
+    unique = list(dict.fromkeys(names))
+    more = f" and {len(unique) - most} more" if len(unique) > most else ""
+    return ", ".join(unique[:most]) + more
+
+
+def _sensitivity(finding: Finding) -> list[tuple[str, str, str]]:
+    """Per effect the place where it would have been seen best, and how large it had to be there."""
+    source = finding.last.candidates if finding.verdict == "nothing_missing" else finding.candidates
+    best: dict[str, list[CandidateResult]] = {}
+    for c in source:
+        if any(math.isfinite(e.value) for e in c.smallest_detectable.values()):
+            best.setdefault(c.effect, []).append(c)
+    out = []
+    for group in best.values():
+        rows = sorted(group, key=_smallest_value)
+        for c in rows[:1] if len(rows) > 8 else rows[:6]:
+            out.append((words.named(c.effect, c.where), _smallest(c), "yes" if c.testable else "no"))
+    return out
+
+
+def _smallest_value(c: CandidateResult) -> float:
+    return next(e.value for e in c.smallest_detectable.values() if math.isfinite(e.value))
+
+
+def _moved(finding: Finding) -> list[dict[str, str]]:
+    out = []
+    for m in moved(finding):
+        sigmas = m.sigmas
+        out.append(
+            {
+                "name": m.name,
+                "unit": words.unit_text(m.unit),
+                "before": _value(m.before, m.before_std),
+                "after": _value(m.after, m.after_std),
+                "sigmas": "" if sigmas is None else f"{sigmas:.1f}",
+                "class": "moved" if sigmas is not None and sigmas > 2 else "",
+            }
+        )
+    return out
+
+
+def _value(value: float | None, std: float | None) -> str:
+    if value is None or std is None:
+        return "–"
+    return words.quantity(words.Estimate(value, std, "plain")).removesuffix(" plain")
+
+
+def _noise(finding: Finding) -> list[str]:
+    n = finding.last.noise
+    source = {"repeats": "repeated readings", "residual": "what is left after everything found"}
+    lines = [
+        f"standard deviation {words.millimetres(n.sigma)} from {source.get(n.source, n.source)} "
+        f"({n.degrees_of_freedom:.0f} degrees of freedom)"
+    ]
+    if n.stated is not None and n.ratio is not None:
+        text = f"stated {words.millimetres(n.stated)}: found/stated = {n.ratio:.2f}"
+        lines.append(text + (", so the stated one is wrong" if n.misstated else ", which agree"))
+    if n.approach > 0.05 * n.sigma:
+        lines.append(f"load cases of a pose share an error of {words.millimetres(n.approach)}")
+    if n.homogeneity_p < 0.01:
+        by = ", ".join(f"{plots.COMPONENTS[a]} {1e3 * s:.3f}" for a, s in n.by_axis.items())
+        lines.append(f"the noise differs between axes: {by} mm or mrad")
+    for what, power in n.growth.items():
+        if abs(power) > 0.25:
+            lines.append(f"it changes with {what} (power {power:+.2f})")
+    return lines

@@ -1,0 +1,107 @@
+"""Numbers of a report in rows: the seed's Table 2 a step, residuals a state, how the compliances moved."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from symstiff.calibration.residuals import Size, sizes
+from symstiff.discrepancy.problem import Array
+from symstiff.discrepancy.workflow import Finding
+
+
+def by_state(finding: Finding, rows: Array) -> Array:
+    """(N, 6) of rows (M,) of the problem, NaN where nothing was measured."""
+    view = finding.assembly.situation.view
+    table = np.full((len(view.table), 6), math.nan)
+    table[view.state, view.component] = rows
+    return table
+
+
+def sizes_of(finding: Finding, residual: Array) -> dict[str, Size]:
+    """MAX and RMS by axis and position, m and rad."""
+    return sizes(by_state(finding, residual))
+
+
+@dataclass(frozen=True)
+class StepRow:
+    """A line of the step table: sizes in mm and mrad by axis."""
+
+    title: str
+    parameters: str
+    sizes: dict[str, tuple[float, float]]
+    share: float | None
+    """Share of the positional RMS of the readings that the model removes."""
+    p_left: float | None
+
+
+def step_rows(finding: Finding) -> list[StepRow]:
+    """The readings themselves, then every step of the growth path."""
+    raw = sizes_of(finding, finding.start.reading)
+    title = "no compensation" if finding.table.kind == "deflection" else "placed, rigid and uncalibrated"
+    out = [StepRow(title, "–", _shown(raw), None, None)]
+    whole = raw.get("positional")
+    for step in finding.steps:
+        found = sizes_of(finding, step.residual)
+        share = None
+        if whole is not None and whole.rms > 0 and "positional" in found:
+            share = 1.0 - found["positional"].rms / whole.rms
+        out.append(StepRow(step.title, str(step.parameters), _shown(found), share, step.p_left))
+    return out
+
+
+def _shown(found: dict[str, Size]) -> dict[str, tuple[float, float]]:
+    return {axis: (1e3 * s.max, 1e3 * s.rms) for axis, s in found.items()}
+
+
+def standardised(finding: Finding, residual: Array) -> Array:
+    """(N, 6) residuals in units of the noise of their axis, a pose's shared error included."""
+    noise = finding.last.noise
+    deviation = np.full(6, max(noise.sigma, 1e-300))
+    for axis, value in noise.by_axis.items():
+        if value > 0:
+            deviation[axis] = value
+    deviation[:3] = np.hypot(deviation[:3], noise.approach)
+    return np.asarray(by_state(finding, residual) / deviation)
+
+
+@dataclass(frozen=True)
+class Moved:
+    """A parameter before and after the growth."""
+
+    name: str
+    unit: str
+    before: float | None
+    before_std: float | None
+    after: float | None
+    after_std: float | None
+
+    @property
+    def sigmas(self) -> float | None:
+        """Change in units of the standard deviation before or after, whichever is larger."""
+        if None in (self.before, self.after, self.before_std, self.after_std):
+            return None
+        largest = max(self.before_std or 0.0, self.after_std or 0.0)
+        return abs((self.after or 0.0) - (self.before or 0.0)) / largest if largest > 0 else None
+
+
+def moved(finding: Finding) -> list[Moved]:
+    """Every parameter of the grown model, and what it was."""
+    before, after = finding.start.model, finding.grown.model
+    units = {**before.units, **after.units}
+    out = []
+    for name in dict.fromkeys((*before.parameters, *after.parameters)):
+        a, b = name in before.deviations, name in after.deviations
+        out.append(
+            Moved(
+                name,
+                units[name],
+                before.values.get(name, 0.0) if a else None,
+                before.deviations[name] if a else None,
+                after.values.get(name, 0.0) if b else None,
+                after.deviations[name] if b else None,
+            )
+        )
+    return out

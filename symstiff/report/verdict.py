@@ -1,0 +1,166 @@
+"""verdict.json: the finding for programs."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+
+from symstiff.discrepancy.result import CandidateResult, Estimate, Name
+from symstiff.discrepancy.strata import Stratum
+from symstiff.discrepancy.workflow import Finding, Found
+from symstiff.report.tables import sizes_of
+from symstiff.report.words import sentence
+
+
+def verdict_table(finding: Finding) -> dict[str, Any]:
+    """The verdict as plain values; what is not finite or unknown is null."""
+    last = finding.last
+    return {
+        "verdict": finding.verdict,
+        "testable": finding.testable,
+        "sentence": sentence(finding),
+        "reason": finding.reason,
+        "remarks": list(finding.remarks),
+        "robot": finding.task.robot.name,
+        "start": finding.task.start,
+        "effects": [effect_table(e) for e in finding.effects],
+        "candidates": [_candidate(c) for c in finding.candidates],
+        "rms_mm": {
+            "before": _mm(finding.rms.before),
+            "after": _mm(finding.rms.after),
+            "held_out_before": _mm(finding.rms.held_out_before),
+            "held_out_after": _mm(finding.rms.held_out_after),
+            "noise": _mm(finding.rms.noise),
+        },
+        "closure": None if last.held_out is None else plain(last.held_out.closure),
+        "p_missing": plain(finding.first.p_missing),
+        "p_unnamed": plain(last.p_unnamed),
+        "noise": _noise(finding),
+        "strata": [_stratum(s) for s in finding.first.strata],
+        "strata_left": [_stratum(s) for s in (finding.steps[-1].strata if finding.steps else ())],
+        "steps": [
+            {
+                "title": s.title,
+                "parameters": s.parameters,
+                "p_left": plain(s.p_left),
+                "residuals": {k: {"max": v.max, "rms": v.rms} for k, v in sizes_of(finding, s.residual).items()},
+            }
+            for s in finding.steps
+        ],
+        "accused": last.localisation.accused if last.localisation else None,
+        "law": _law(finding),
+        "confusability": {
+            "names": [_name(n) for n in last.confusability_names],
+            "noncentrality": np.asarray(last.confusability).tolist(),
+        },
+        "model": {
+            "loads": finding.start.model.loads,
+            "measure": finding.start.model.measure,
+            "values": {n: plain(v) for n, v in finding.start.model.values.items()},
+        },
+    }  # fmt: skip
+
+
+def plain(value: float | None) -> float | None:
+    """A float, None where it is not finite."""
+    return None if value is None or not math.isfinite(value) else float(value)
+
+
+def _mm(value: float | None) -> float | None:
+    return None if value is None else plain(1e3 * value)
+
+
+def _json(value: Any) -> Any:
+    """Places hold numbers, names and lists of them."""
+    if isinstance(value, Mapping):
+        return {str(k): _json(v) for k, v in value.items()}
+    if isinstance(value, list | tuple):
+        return [_json(v) for v in value]
+    return value.item() if isinstance(value, np.generic) else value
+
+
+def _estimates(parameters: Mapping[str, Estimate]) -> dict[str, Any]:
+    return {n: {"value": plain(e.value), "std": plain(e.std), "unit": e.unit} for n, e in parameters.items()}
+
+
+def _name(name: Name) -> dict[str, Any]:
+    return {"effect": name.effect, "where": _json(name.where)}
+
+
+def effect_table(effect: Found) -> dict[str, Any]:
+    """An effect of the verdict; effects with the same ``set`` stand together."""
+    return {
+        "effect": effect.effect,
+        "where": _json(effect.where),
+        "parameters": _estimates(effect.parameters),
+        "p_value": plain(effect.p_value),
+        "confidence": plain(effect.confidence),
+        "confounded_with": [_name(n) for n in effect.confounded_with],
+        "shape": _json(effect.shape),
+        "set": effect.set_number,
+    }
+
+
+def _candidate(c: CandidateResult) -> dict[str, Any]:
+    sizes = {n: e for n, e in c.smallest_detectable.items() if math.isfinite(e.value)}
+    smallest: dict[str, Any] = {"value": None, "unit": ""}
+    if sizes:
+        name = next(iter(sizes))
+        smallest = {"value": plain(sizes[name].value), "unit": sizes[name].unit, "parameter": name}
+    return {
+        "effect": c.effect,
+        "where": _json(c.where),
+        "p_value": plain(c.p_value),
+        "testable": c.testable,
+        "sufficient": bool(c.sufficient),
+        "smallest_detectable": smallest,
+        "smallest_detectable_by_parameter": {
+            n: {"value": plain(e.value), "unit": e.unit} for n, e in c.smallest_detectable.items()
+        },
+        "plausible": c.plausible,
+        "reason": c.reason,
+        "score": plain(c.score),
+        "share_left": plain(c.share_left),
+        "shape": _json(c.shape),
+        "parameters": _estimates(c.parameters),
+        "confused_with": [_name(n) for n in c.confused_with],
+    }
+
+
+def _stratum(s: Stratum) -> dict[str, Any]:
+    return {
+        "name": s.name,
+        "degrees_of_freedom": int(s.degrees_of_freedom),
+        "ratio": plain(s.ratio),
+        "p_value": plain(s.p_value),
+    }
+
+
+def _noise(finding: Finding) -> dict[str, Any]:
+    n = finding.last.noise
+    return {
+        "sigma_mm": _mm(n.sigma),
+        "stated_mm": _mm(n.stated),
+        "ratio": plain(n.ratio),
+        "misstated": bool(n.misstated),
+        "source": n.source,
+        "degrees_of_freedom": plain(n.degrees_of_freedom),
+        "approach_mm": _mm(n.approach),
+        "homogeneity_p": plain(n.homogeneity_p),
+    }
+
+
+def _law(finding: Finding) -> dict[str, Any] | None:
+    law = finding.last.law
+    if law is None:
+        return None
+    return {
+        "virtual_joint": law.virtual_joint,
+        "expression": law.expression,
+        "tau_scale": plain(law.tau_scale),
+        "explained": plain(law.explained),
+        "cross_validated": plain(law.cross_validated),
+    }

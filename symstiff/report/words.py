@@ -1,0 +1,178 @@
+"""Findings in words: quantities with units, places, the verdict in a sentence."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from typing import Any
+
+from symstiff.discrepancy.result import Estimate, Name
+from symstiff.discrepancy.workflow import Finding, Found, place, spoken
+
+_SHOWN = {"m": ("mm", 1e3), "rad": ("mrad", 1e3), "1": ("", 1.0)}
+_SUPER = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
+_GREEK_UNITS = {"*": "·", "^2": "²", "^3": "³"}
+
+
+def unit_text(unit: str) -> str:
+    """A unit as one writes it: ``rad/(N·m)``."""
+    for plain, written in _GREEK_UNITS.items():
+        unit = unit.replace(plain, written)
+    return unit
+
+
+def number(value: float, digits: int = 3) -> str:
+    """A number with powers of ten as superscripts: ``1.44·10⁻⁷``."""
+    if not math.isfinite(value):
+        return "∞"
+    if value == 0 or 1e-2 <= abs(value) < 1e5:
+        return f"{value:.{digits}g}"
+    mantissa, exponent = f"{value:.{digits - 1}e}".split("e")
+    return f"{mantissa}·10{str(int(exponent)).translate(_SUPER)}"
+
+
+def quantity(estimate: Estimate) -> str:
+    """A value with its standard deviation and unit: ``(1.44 ± 0.10)·10⁻⁷ rad/(N·m)``."""
+    unit, factor = _SHOWN.get(estimate.unit, (unit_text(estimate.unit), 1.0))
+    value, std = factor * estimate.value, factor * estimate.std
+    if not math.isfinite(std):
+        return f"{number(value)} {unit}".strip() + " (not determined apart from others)"
+    if std == 0 or not math.isfinite(value):
+        return f"{number(value)} {unit}".strip()
+    largest = max(abs(value), std)
+    exponent = 0 if 1e-2 <= largest < 1e4 else math.floor(math.log10(largest))
+    decimals = max(0, min(6, 1 - math.floor(math.log10(std / 10**exponent))))
+    text = f"{value / 10**exponent:.{decimals}f} ± {std / 10**exponent:.{decimals}f}"
+    if exponent:
+        return f"({text})·10{str(exponent).translate(_SUPER)} {unit}".strip()
+    return f"{text} {unit}".strip()
+
+
+def size_text(estimate: Estimate) -> str:
+    """A smallest detectable size."""
+    unit, factor = _SHOWN.get(estimate.unit, (unit_text(estimate.unit), 1.0))
+    return f"{number(factor * estimate.value)} {unit}".strip() if math.isfinite(estimate.value) else "never"
+
+
+def p_text(p: float) -> str:
+    """A p-value."""
+    return f"{p:.2g}" if p >= 1e-4 else f"< 10{str(math.ceil(math.log10(max(p, 1e-300)))).translate(_SUPER)}"
+
+
+def named(effect: str, where: Mapping[str, Any]) -> str:
+    """An effect at its place: ``gravity compensator at joint 2``."""
+    return f"{spoken(effect)} {place(where)}".strip()
+
+
+def name_text(name: Name) -> str:
+    """The same of a name."""
+    return named(name.effect, name.where)
+
+
+def millimetres(value: float | None) -> str:
+    """A length in metres as millimetres."""
+    return "–" if value is None else f"{1e3 * value:.3f} mm"
+
+
+def headline(finding: Finding) -> str:
+    """The verdict in a few words."""
+    if not finding.testable:
+        return "Nothing can be tested with these data"
+    return {
+        "named": "Named",
+        "nothing_missing": "Nothing is missing",
+        "ambiguous": "Ambiguous: more than one effect accounts for the data",
+        "named_insufficient": "The right place, but not all of it",
+        "unexplained": "Something is missing that has no name in the catalogue",
+    }[finding.verdict]
+
+
+def sentence(finding: Finding) -> str:
+    """The verdict in a sentence, with units and confidence."""
+    if not finding.testable:
+        return f"Nothing can be tested with these data: {finding.reason}."
+    return {
+        "named": _named,
+        "nothing_missing": _nothing,
+        "ambiguous": _ambiguous,
+        "named_insufficient": _insufficient,
+        "unexplained": _unexplained,
+    }[finding.verdict](finding)
+
+
+def main_parameter(effect: Found) -> str:
+    """The best determined parameter of an effect, as text."""
+    known = {n: e for n, e in effect.parameters.items() if math.isfinite(e.std) and e.std > 0}
+    if not known:
+        return ""
+    best = max(known, key=lambda n: abs(known[n].value) / known[n].std)
+    more = len(effect.parameters) - 1
+    return f"{best} = {quantity(known[best])}" + (f" and {more} more" if more else "")
+
+
+def listed(finding: Finding) -> str:
+    """The leading set: names, sizes, confidence."""
+    parts = []
+    for e in finding.named:
+        size = main_parameter(e)
+        parts.append(
+            f"{named(e.effect, e.where)} ({size + ', ' if size else ''}confidence {100 * e.confidence:.0f} %)"
+        )
+    return "; ".join(parts)
+
+
+def gap(finding: Finding) -> str:
+    """How the gap shrank."""
+    r = finding.rms
+    text = f"the residual falls from {millimetres(r.before)} to {millimetres(r.after)} rms a coordinate"
+    if r.held_out_before is not None:
+        text += (
+            f", on poses that were not used from {millimetres(r.held_out_before)} "
+            f"to {millimetres(r.held_out_after)}"
+        )
+    return f"{text} (noise {millimetres(r.noise)})"
+
+
+def _named(finding: Finding) -> str:
+    return f"What is missing: {listed(finding)}; {gap(finding)}."
+
+
+def _nothing(finding: Finding) -> str:
+    r = finding.rms
+    return (
+        f"The model accounts for the data: {millimetres(r.before)} rms a coordinate is left, the noise is "
+        f"{millimetres(r.noise)} (p = {p_text(finding.first.p_missing)} that anything of the catalogue is missing)."
+    )
+
+
+def _ambiguous(finding: Finding) -> str:
+    sets = sorted({e.set_number for e in finding.effects})
+    texts = [
+        " with ".join(named(e.effect, e.where) for e in finding.effects if e.set_number == s) for s in sets
+    ]
+    weight = ", ".join(
+        f"{100 * max(e.confidence for e in finding.effects if e.set_number == s):.0f} %" for s in sets
+    )
+    return (
+        f"{len(sets)} explanations account for the data: {' | '.join(texts)} (confidence {weight}); "
+        f"with the first, {gap(finding)}. decide.csv holds poses and loads that would tell them apart."
+    )
+
+
+def _insufficient(finding: Finding) -> str:
+    return (
+        f"The leading explanation is {listed(finding)}, but it leaves more than noise: another shape, or a "
+        f"further effect below detection; {gap(finding)}."
+    )
+
+
+def _unexplained(finding: Finding) -> str:
+    accused = finding.last.localisation.accused if finding.last.localisation else ""
+    text = f"No effect of the catalogue accounts for the data; the evidence is strongest at {accused}"
+    if finding.last.law is not None:
+        law = finding.last.law
+        text += (
+            f", where the smooth law Δθ ∝ {law.expression} explains {100 * law.explained:.0f} % "
+            f"of what the model leaves"
+        )
+    return f"{text} (residual {millimetres(finding.rms.before)}, noise {millimetres(finding.rms.noise)})."
