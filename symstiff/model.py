@@ -101,9 +101,18 @@ class StiffnessModel:
 
     @cached_property
     def _linear(self) -> tuple[str, ...]:
-        """Parameters whose column needs no other parameter's value."""
-        bilinear = {t.parameter for t in self.terms if _bilinear(t)}
-        return tuple(n for n in self.parameters if n not in bilinear)
+        """Parameters whose column needs no other parameter's value: all or none.
+
+        An error of the load or of the device changes every compliance's column as well as its own.
+        """
+        return () if any(_bilinear(t) for t in self.terms) else self.parameters
+
+    @cached_property
+    def steps(self) -> dict[str, float]:
+        """A size of every parameter that a central difference can step by."""
+        unit = {"m/N": 1e-8, "rad/N": 1e-8}
+        steps = {p.name: unit.get(p.unit, 1e-7) for p in self.compliances}
+        return steps | {p.name: p.typical for p in self.effect_parameters}
 
     @property
     def is_linear(self) -> bool:
@@ -158,19 +167,17 @@ class StiffnessModel:
         values: Mapping[str, float] | None = None,
     ) -> np.ndarray:
         """∂Δt/∂π (N, 6, P) in the order of ``parameters``, at ``values`` where the model is not linear in them."""
-        program = self._linear_program
-        linear = evaluate_numpy(program, q=q, w=w, **_context(program, context))["A"]
+        if self.is_linear:
+            program = self._linear_program
+            return evaluate_numpy(program, q=q, w=w, **_context(program, context))["A"]
         n = max(len(np.atleast_2d(q)), len(np.atleast_2d(w)))
         matrix = np.empty((n, 6, len(self.parameters)))
-        p, size = self.vector(values), {e.name: e.typical for e in self.effect_parameters}
-        for k, name in enumerate(self.parameters):
-            if name in self._linear:
-                matrix[:, :, k] = linear[:, :, self._linear.index(name)]
-            else:  # bilinear in the parameters: a central difference is exact but for rounding
-                step = np.zeros(len(p))
-                step[k] = size[name]
-                ahead, behind = (self._deflection(q, w, p + s * step, context) for s in (1, -1))
-                matrix[:, :, k] = (ahead - behind) / (2 * size[name])
+        p = self.vector(values)
+        for k, name in enumerate(self.parameters):  # bilinear: a central difference is exact but for rounding
+            step = np.zeros(len(p))
+            step[k] = self.steps[name]
+            ahead, behind = (self._deflection(q, w, p + s * step, context) for s in (1, -1))
+            matrix[:, :, k] = (ahead - behind) / (2 * step[k])
         return matrix
 
     def compile(self, threads: int = 1) -> Evaluator:
@@ -226,6 +233,10 @@ class StiffnessModel:
         except OSError as error:
             temporary.unlink(missing_ok=True)
             raise UserError(f"cannot write {path}: {error.strerror}") from error
+
+    def __repr__(self) -> str:
+        effects = "".join(f" + {e.effect}" for e in self.effects)
+        return f"StiffnessModel({self.robot.name}{effects}: {len(self.parameters)} parameters)"
 
     def _repr_latex_(self) -> str:
         return latex(self.terms)

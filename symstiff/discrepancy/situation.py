@@ -306,4 +306,4 @@ def load_factor(table: Measurements) -> Floats:
         largest = loads[np.argmax(np.linalg.norm(loads, axis=1))]
         square = float(largest @ largest)
         share[rows] = loads @ largest / square if square else 0.0
-    return share
+    return np.round(share, 9)

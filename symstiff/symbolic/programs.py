@@ -226,7 +226,7 @@ def observation_program(chain: ElasticChain, terms: Sequence[Term], parameters: 
     matrix = []
     for name in parameters:
         column = [sp.S.Zero] * 6
-        for term in by_parameter[name]:
+        for term in by_parameter.get(name, []):
             factor = bound(b, term.factor, values)
             column = [x + j * factor for x, j in zip(column, columns[term.at], strict=True)]
         matrix.append(column)

@@ -1,0 +1,340 @@
+"""The catalogue: what it holds, that every effect flows through the model, and that others can add to it."""
+
+from __future__ import annotations
+
+import math
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+
+import numpy as np
+import pytest
+import sympy as sp
+
+from symstiff.calibration.simulation.chain import chain_of, joint_index
+from symstiff.calibration.simulation.chain import posture as posture_of
+from symstiff.calibration.simulation.equilibrium import Mechanism, States, Weight, loads
+from symstiff.codegen.compiler import find_compiler
+from symstiff.codegen.generate import generate
+from symstiff.effects import EffectInstance, catalogue
+from symstiff.effects.base import Effect, Scales
+from symstiff.effects.common import weight_load
+from symstiff.errors import UserError
+from symstiff.model import StiffnessModel, joints_only, latex, load_model
+from symstiff.reduction.distinguish import distinction, distinguishable
+from symstiff.reduction.reduce import reduce
+from symstiff.robot import load
+from symstiff.symbolic.terms import q
+
+ALL = {
+    "joint_compliance", "link_compliance", "link_asymmetry", "base_compliance", "tool_compliance",
+    "gravity_compensator", "nonlinear_stiffness", "backlash", "hysteresis", "wrist_coupling",
+    "transmission_error", "joint_offset", "geometric_error", "payload_error", "link_weight",
+    "force_sensor_bias", "force_sensor_misalignment", "frame_misalignment", "thermal_drift",
+    "large_deflection", "bad_poses",
+}  # fmt: skip
+SCALES = Scales(
+    angles=((-2.0, -1.2, -0.3),) * 7,
+    context={"time": 500.0, "temperature": 4.0},
+    lowest={"temperature": 20.0},
+)
+
+
+def instances(robot_name: str) -> Iterator[EffectInstance]:
+    """Every effect at every place (of many harmonics the first and the last), first and last shape."""
+    robot = load(robot_name)
+    for effect in catalogue().values():
+        for where in effect.places(robot):
+            if where.get("harmonics", [1])[0] not in (1, 32):
+                continue
+            shapes = effect.shapes(robot, where, SCALES)
+            for shape in shapes if len(shapes) == 1 else (shapes[0], shapes[-1]):
+                yield EffectInstance(effect.identifier, where, shape)
+
+
+def experiment(dof: int, n: int = 5) -> tuple[np.ndarray, np.ndarray, dict[str, np.ndarray]]:
+    rng = np.random.default_rng(4)
+    q_, w_ = rng.uniform(-1, 1, (n, dof)), rng.normal(size=(n, 6)) * 300
+    context = {
+        "time": rng.uniform(0, 500, n),
+        "temperature": rng.uniform(20, 24, n),
+        "branch": rng.choice([-1.0, 1.0], n),
+    }
+    return q_, w_, context
+
+
+def test_the_catalogue_holds_every_effect_with_what_a_reader_needs() -> None:
+    assert set(catalogue()) >= ALL
+    for identifier, effect in catalogue().items():
+        assert effect.identifier == identifier
+        assert effect.title
+        assert effect.description.endswith(".")
+        assert effect.seen_in <= {"deflection", "absolute"}
+        assert effect.confused_with, identifier
+        assert effect.separated_by, identifier
+        assert set(effect.confused_with) <= set(catalogue()), identifier
+
+
+@pytest.mark.parametrize("instance", list(instances("planar2r")), ids=str)
+def test_every_effect_at_every_place_flows_into_the_deflection_and_its_columns(
+    instance: EffectInstance,
+) -> None:
+    model = joints_only(load("planar2r"))
+    grown = model.with_effect(instance)
+    rng = np.random.default_rng(1)
+    values = {n: 1e-6 * rng.uniform(0.5, 2) for n in grown.stiffness_parameters}
+    values |= {p.name: p.typical * rng.uniform(0.5, 1) for p in grown.effect_parameters}
+    q_, w_, context = experiment(2)
+    columns = grown.observation(q_, w_, context, values)
+    assert columns.shape == (5, 6, len(grown.parameters))
+    for k, name in enumerate(grown.parameters):
+        step = 0.1 * abs(values[name])
+        ahead, behind = (
+            grown.deflection(q_, w_, {**values, name: values[name] + s * step}, context) for s in (1, -1)
+        )
+        scale = np.abs(ahead).max() / step
+        np.testing.assert_allclose(columns[:, :, k], (ahead - behind) / (2 * step), atol=1e-9 * scale)
+
+
+@pytest.mark.parametrize("instance", list(instances("planar2r")), ids=str)
+def test_parameters_are_named_by_effect_and_place_with_unit_range_and_size(instance: EffectInstance) -> None:
+    for p in instance.realise(load("planar2r")).parameters:
+        own = p.name.startswith(f"{instance.effect}_")
+        assert own or p.name[0] in "kc", p.name
+        assert p.low < p.high
+        assert p.low <= p.typical <= p.high
+        assert p.unit
+        assert p.name.isidentifier()
+
+
+@pytest.mark.parametrize("name", ["kuka_kr270", "scara"])
+def test_no_effect_of_size_zero_changes_a_deflection(name: str) -> None:
+    robot = load(name)
+    model = joints_only(robot)
+    q_, w_, context = experiment(robot.dof, 3)
+    values = dict.fromkeys(model.parameters, 1e-6)
+    before = model.deflection(q_, w_, values)
+    seen = set()
+    for instance in instances(name):
+        replaced = instance.realise(robot).replaces
+        if instance.effect in seen or replaced:
+            continue
+        seen.add(instance.effect)
+        after = model.with_effect(instance).deflection(q_, w_, values, context)
+        np.testing.assert_allclose(after, before, atol=1e-15)
+
+
+def test_a_model_with_effects_is_the_same_after_saving_and_loading(tmp_path: Path) -> None:
+    model = joints_only(load("planar2r"))
+    for instance in instances("planar2r"):
+        model = model.with_effect(instance) if len(model.effects) < 60 else model
+    model = model.with_values({n: 1e-6 * (k + 1) for k, n in enumerate(model.parameters)})
+    model.save(tmp_path / "model.toml")
+    again = load_model(tmp_path / "model.toml")
+    assert again.parameters == model.parameters
+    assert again.terms == model.terms
+    assert dict(again.values) == dict(model.values)
+    assert again.structure_hash == model.structure_hash
+
+
+def test_latex_of_a_model_shows_every_term_that_an_effect_adds() -> None:
+    robot = load("kuka_kr270")
+    seen = set()
+    for instance in instances("kuka_kr270"):
+        if instance.effect in seen:
+            continue
+        seen.add(instance.effect)
+        realised = instance.realise(robot)
+        text = latex(realised.terms)
+        assert text.startswith("$$")
+        for term in realised.terms:
+            assert sp.latex(sp.Symbol(term.parameter)) in text
+
+
+def test_a_place_the_robot_does_not_have_is_refused() -> None:
+    with pytest.raises(UserError, match="cannot be at"):
+        EffectInstance("backlash", {"joint": 9}).realise(load("planar2r"))
+    with pytest.raises(UserError, match="unknown effect"):
+        EffectInstance("slackness", {"joint": 1}).realise(load("planar2r"))
+    with pytest.raises(UserError, match="shape"):
+        EffectInstance("nonlinear_stiffness", {"joint": 1}, {"load": 1.0}).realise(load("planar2r"))
+
+
+def test_the_compensators_stiffness_is_the_slope_of_its_moment() -> None:
+    robot = load("kuka_kr270")
+    compensator = robot.gravity_compensator
+    assert compensator is not None
+    alpha = 0.4
+    shape = {"alpha": alpha}
+    (term,) = EffectInstance("gravity_compensator", {"joint": 2}, shape).realise(robot).terms
+    load_symbol = next(s for s in term.factor.free_symbols if s.name.startswith("tau"))
+    law = sp.lambdify(q(2), term.factor.subs(load_symbol, 1))
+    a, arm = math.hypot(compensator.ax or 0, compensator.ay or 0), compensator.L or 0
+
+    def moment(angle: float) -> float:
+        phi = alpha - angle
+        s = math.sqrt(a**2 + arm**2 + 2 * a * arm * math.cos(phi))
+        return (1 - (compensator.s0 or 0) / s) * a * arm * math.sin(phi)
+
+    turn = np.linspace(-3, 3, 13)
+    slope = np.array([(moment(x + 1e-6) - moment(x - 1e-6)) / 2e-6 for x in turn])
+    found = np.array([law(x) for x in turn])
+    np.testing.assert_allclose(found / found[3], slope / slope[3], rtol=1e-7)
+    assert max(abs(law(x)) for x in np.linspace(-np.pi, np.pi, 400)) == pytest.approx(1.0, rel=1e-4)
+
+
+def test_one_compliance_for_each_angle_gives_the_seeds_counts_and_interpolates() -> None:
+    robot = load("kuka_kr270")
+    angles = {f"angle_{k}": v for k, v in enumerate((-2.0, -1.6, -1.1, -0.7, -0.2), start=1)}
+    instance = EffectInstance("gravity_compensator", {"joint": 2}, angles)
+    complete = StiffnessModel.of(reduce(robot, "gravity"))
+    joints = joints_only(robot, "gravity")
+    assert (len(complete.parameters), len(complete.with_effect(instance).parameters)) == (26, 30)
+    assert (len(joints.parameters), len(joints.with_effect(instance).parameters)) == (5, 9)
+    hats = [t.factor for t in instance.realise(robot).terms]
+    load_symbol = next(s for s in hats[0].free_symbols if s.name.startswith("tau"))
+    values = np.array(
+        [
+            [sp.N(h.subs({load_symbol: 1, q(2): v})) for h in hats]
+            for v in (*angles.values(), -3.0, -0.45, 1.0)
+        ],
+        dtype=float,
+    )
+    np.testing.assert_allclose(values[:5], np.eye(5), atol=1e-12)
+    np.testing.assert_allclose(values.sum(axis=1), 1.0)
+    np.testing.assert_allclose(values[6], [0, 0, 0, 0.5, 0.5], atol=1e-12)
+
+
+def test_the_weight_on_a_joint_is_the_simulators() -> None:
+    robot = load("ur10")
+    chain = chain_of(robot)
+    weights = tuple(
+        Weight(i, link.mass, tuple(link.mass * x for x in link.com), True)  # type: ignore[arg-type]
+        for i, link in enumerate(robot.links)
+        if link.mass
+    )
+    mechanism = Mechanism(chain, np.zeros((chain.size, chain.size)), weights=weights)
+    rng = np.random.default_rng(0)
+    q_ = rng.uniform(-3, 3, (4, 6))
+    zero = np.zeros(4)
+    states = States(q_, np.zeros((4, 6)), zero, zero, zero, zero)
+    expected = loads(mechanism, states, posture_of(chain, q_, np.zeros((4, chain.size))))
+    for j in range(1, 7):
+        law = sp.lambdify([q(i) for i in range(1, 7)], weight_load(robot, j))
+        found = [float(law(*row)) for row in q_]
+        np.testing.assert_allclose(found, expected[:, joint_index(j)], atol=1e-9)
+
+
+def test_with_masses_a_gap_is_crossed_only_where_the_total_torque_turns_over() -> None:
+    robot = load("ur10")
+    model = joints_only(robot).with_effect(EffectInstance("backlash", {"joint": 2}, {"width": 0.01}))
+    q_ = np.array([[0.0, -0.3, 0.2, 0.1, 0.4, 0.0]] * 2)  # stretched out: gravity loads joint 2
+    up_little, up_much = [0, 0, 20.0, 0, 0, 0], [0, 0, 600.0, 0, 0, 0]
+    values = {"backlash_2_gap": 1e-3}
+    still, crossed = model.deflection(q_, np.array([up_little, up_much]), values)[:, 2]
+    assert abs(still) < 1e-9
+    assert abs(crossed) > 5e-4
+
+
+def test_structure_alone_tells_what_no_data_can_show() -> None:
+    model = StiffnessModel.of(reduce(load("kuka_kr270")))
+    tool = distinction(model, "tool_compliance", {"link": 6})
+    missing = {f"k6_{a}{a}" for a in (1, 2, 3)} - set(model.parameters)
+    assert missing
+    assert missing <= set(tool.inside)
+    assert distinguishable(model, "gravity_compensator", {"joint": 2})
+    assert not distinguishable(model, "joint_compliance", {"joint": 3})
+    assert not distinguishable(model, "link_compliance", {"link": 2})
+    assert not distinguishable(model, "transmission_error", {"joint": 2, "harmonics": [3]})
+    assert distinguishable(model, "transmission_error", {"joint": 2, "harmonics": [3]}, kind="absolute")
+    assert not distinguishable(model, "joint_offset", {"joint": 1}, kind="absolute")  # placement
+    assert distinguishable(model, "joint_offset", {"joint": 2}, kind="absolute")
+
+
+def test_what_a_model_of_joints_lacks_can_be_told_from_it() -> None:
+    model = joints_only(load("planar2r"), "force", "position")
+    assert not distinguishable(model, "joint_compliance", {"joint": 1})
+    assert distinguishable(model, "link_compliance", {"link": 1})
+    assert distinguishable(model, "base_compliance", {"link": 0})
+    assert distinguishable(model, "nonlinear_stiffness", {"joint": 2})
+
+
+PLUGIN = '''
+"""A joint that gives way with the square root of its load."""
+import sympy as sp
+from symstiff.effects.base import Effect, EffectParameter, Realisation
+from symstiff.symbolic.terms import Term, actuated_joint, tau
+
+
+def realise(robot, where, shape):
+    at = actuated_joint(where["joint"])
+    size = EffectParameter(f"root_law_{where['joint']}_a", "rad", -1e-3, 1e-3, 1e-5)
+    return Realisation((size,), (Term(size.name, at, sp.sign(tau(at)) * sp.sqrt(sp.Abs(tau(at)))),))
+
+
+EFFECT = Effect(
+    identifier="root_law",
+    title="Root law",
+    description="Deflection with the root of the load.",
+    seen_in=frozenset({"deflection"}),
+    places=lambda robot: tuple({"joint": j} for j in range(1, robot.dof + 1)),
+    realise=realise,
+    confused_with=("nonlinear_stiffness",),
+    separated_by="load levels",
+)
+'''
+
+
+@pytest.fixture
+def plugin(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Effect]:
+    """A distribution outside the package that registers one effect by its entry point."""
+    (tmp_path / "root_law_plugin.py").write_text(PLUGIN, encoding="utf-8")
+    info = tmp_path / "root_law_plugin-1.0.dist-info"
+    info.mkdir()
+    (info / "METADATA").write_text("Metadata-Version: 2.1\nName: root-law-plugin\nVersion: 1.0\n")
+    (info / "entry_points.txt").write_text("[symstiff.effects]\nroot_law = root_law_plugin:EFFECT\n")
+    monkeypatch.syspath_prepend(str(tmp_path))
+    catalogue.cache_clear()
+    yield catalogue()["root_law"]
+    sys.modules.pop("root_law_plugin", None)
+    catalogue.cache_clear()
+
+
+def test_an_effect_from_outside_goes_all_the_way(plugin: Effect, tmp_path: Path) -> None:
+    robot = load("planar2r")
+    model = joints_only(robot).with_effect(EffectInstance(plugin.identifier, {"joint": 2}))
+    values = {**dict.fromkeys(model.parameters, 1e-6), "root_law_2_a": 2e-5}
+    model = model.with_values(values)
+    q_, w_, _ = experiment(2)
+    with_law = model.deflection(q_, w_)
+    without = model.deflection(q_, w_, {**values, "root_law_2_a": 0.0})
+    column = model.observation(q_, w_)[:, :, -1]
+    np.testing.assert_allclose(with_law - without, 2e-5 * column, atol=1e-14)
+    assert np.abs(with_law - without).max() > 1e-5
+    assert distinguishable(joints_only(robot), "root_law", {"joint": 2})
+    assert sp.latex(sp.Symbol("root_law_2_a")) in model._repr_latex_()
+    model.save(tmp_path / "model.toml")
+    assert load_model(tmp_path / "model.toml").parameters == model.parameters
+    written = generate(model, tmp_path / "code", compile_c=find_compiler() is not None)
+    assert "root_law_2_a" in written.manifest["effect_parameters"]
+    source = (written.folder / "planar2r.c").read_text(encoding="utf-8")
+    assert "root_law_2_a" in source
+    if find_compiler() is None:
+        pytest.skip("no C compiler: the generated code was not compiled")
+    assert written.verification.compiled
+    assert written.verification.errors["c"] < 1e-10
+
+
+def test_a_plugin_that_is_no_effect_is_named(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    info = tmp_path / "wrong-1.0.dist-info"
+    info.mkdir()
+    (info / "METADATA").write_text("Metadata-Version: 2.1\nName: wrong\nVersion: 1.0\n")
+    (info / "entry_points.txt").write_text("[symstiff.effects]\nwrong = math:pi\n")
+    monkeypatch.syspath_prepend(str(tmp_path))
+    catalogue.cache_clear()
+    try:
+        with pytest.raises(UserError, match="wrong"):
+            catalogue()
+    finally:
+        monkeypatch.undo()
+        catalogue.cache_clear()
