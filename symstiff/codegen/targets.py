@@ -49,4 +49,14 @@ TARGETS: dict[str, Target] = {
         True,
         ("_params.c", "_params.h"),
     ),
+    "rls": Target("symstiff.codegen.rls", "emit_rls", "recursive least squares", True, ("_rls.c", "_rls.h")),
+    "cpp": Target(
+        "symstiff.codegen.wrappers", "emit_cpp", "C++17 header over the C functions", True, (".hpp",)
+    ),
+    "python": Target(
+        "symstiff.codegen.wrappers", "emit_python", "Python module over the compiled library", True
+    ),
+    "fmi2": Target("symstiff.codegen.fmi", "emit_fmi2", "FMI 2.0 co-simulation FMU"),
+    "fmi3": Target("symstiff.codegen.fmi", "emit_fmi3", "FMI 3.0 co-simulation FMU"),
+    "st": Target("symstiff.codegen.structured_text", "emit_st", "IEC 61131-3 function block"),
 }

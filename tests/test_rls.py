@@ -1,0 +1,237 @@
+"""On-line identification converges to the batch estimate and stays bounded."""
+
+from __future__ import annotations
+
+import ctypes
+
+import numpy as np
+import pytest
+
+from symstiff.codegen.rls import column_scales
+from tests.generated_c import STRICT, compiler, model, poses, run, shared_library, written
+
+ROBOT = "kuka_kr270"
+SIGMA = np.array([5e-5, 5e-5, 5e-5, 1e-4, 1e-4, 1e-4])
+
+
+class Estimator:
+    """The generated functions on one state."""
+
+    def __init__(self, library, real):
+        self.library, self.real, self.size = library, real, len(model(ROBOT).parameters)
+        self.state = np.zeros(2 * self.size + self.size * (self.size - 1) // 2 + 2, real)
+        self.c = ctypes.c_double if real is np.float64 else ctypes.c_float
+        for name in ("rls_trace", "rls_deviation"):
+            getattr(library, f"{ROBOT}_{name}").restype = self.c
+
+    def call(self, name, *arguments):
+        kept = [np.ascontiguousarray(a, self.real) if isinstance(a, np.ndarray) else a for a in arguments]
+        raw = [a.ctypes.data_as(ctypes.c_void_p) if isinstance(a, np.ndarray) else a for a in kept]
+        return getattr(self.library, f"{ROBOT}_{name}")(self.state.ctypes.data_as(ctypes.c_void_p), *raw)
+
+    def init(self, start, deviation, forgetting, bound):
+        return self.call("rls_init", start, self.c(deviation), self.c(forgetting), self.c(bound))
+
+    def update(self, q, w, dt, sigma=SIGMA):
+        return self.call("rls_update", q, w, dt, sigma)
+
+    @property
+    def estimate(self):
+        return self.state[: self.size].astype(float)
+
+    @property
+    def covariance(self):
+        n = self.size
+        U = np.eye(n)
+        flat = self.state[n : n + n * (n - 1) // 2].astype(float)
+        for j in range(1, n):
+            U[:j, j] = flat[j * (j - 1) // 2 :][:j]
+        D = self.state[n + n * (n - 1) // 2 :][:n].astype(float)
+        return U @ np.diag(D) @ U.T
+
+    @property
+    def trace(self):
+        return self.call("rls_trace")
+
+
+@pytest.fixture(scope="module")
+def libraries(tmp_path_factory):
+    found = {}
+    for precision in ("double", "float"):
+        folder = written(tmp_path_factory.mktemp(precision), ROBOT, precision, ("c", "rls"))
+        found[precision] = shared_library(folder, [f"{ROBOT}.c", f"{ROBOT}_rls.c"])
+    return found
+
+
+@pytest.fixture
+def estimator(libraries):
+    return Estimator(libraries["double"], np.float64)
+
+
+def data(n, seed=1, noise=True):
+    q, w = poses(ROBOT, n, seed)
+    rng = np.random.default_rng(seed)
+    return q, w, model(ROBOT).deflection(q, w) + noise * rng.normal(size=(n, 6)) * SIGMA
+
+
+def batch_estimate(q, w, dt, start, deviation, weights=None, sigma=SIGMA):
+    """Weighted least squares of all data with the prior, by numpy's lstsq; scaled covariance beside it."""
+    scale = np.array(column_scales(model(ROBOT)))
+    weights = np.ones(len(q)) if weights is None else weights
+    use = sigma > 0
+    A = model(ROBOT).observation(q, w)[:, use, :] / scale
+    factor = np.sqrt(weights)[:, None] / sigma[use]
+    rows = np.vstack([(A * factor[:, :, None]).reshape(-1, len(scale)), np.eye(len(scale)) / deviation])
+    right = np.concatenate([(dt[:, use] * factor).ravel(), start * scale / deviation])
+    x = np.linalg.lstsq(rows, right, rcond=None)[0]
+    return x / scale, np.linalg.inv(rows.T @ rows)
+
+
+def test_without_forgetting_it_is_the_batch_estimate(estimator):
+    q, w, dt = data(150)
+    start = np.zeros(estimator.size)
+    assert estimator.init(start, 0.1, 1.0, 10.0) == 0
+    for k in range(len(q)):
+        assert estimator.update(q[k], w[k], dt[k]) == 0
+    wanted, covariance = batch_estimate(q, w, dt, start, 0.1)
+    scale = np.array(column_scales(model(ROBOT)))
+    deviations = np.sqrt(np.diag(covariance))
+    assert np.abs((estimator.estimate - wanted) * scale / deviations).max() < 1e-6
+    np.testing.assert_allclose(estimator.covariance, covariance, rtol=0, atol=1e-8 * np.abs(covariance).max())
+    found = [estimator.call("rls_deviation", k) for k in range(estimator.size)]
+    np.testing.assert_allclose(found, deviations / scale, rtol=1e-6)
+
+
+def test_the_estimate_is_within_its_deviations_of_the_truth(estimator):
+    q, w, dt = data(300, seed=3)
+    estimator.init(np.zeros(estimator.size), 0.1, 1.0, 10.0)
+    for k in range(len(q)):
+        estimator.update(q[k], w[k], dt[k])
+    z = (estimator.estimate - model(ROBOT).vector()) / [
+        estimator.call("rls_deviation", k) for k in range(estimator.size)
+    ]
+    assert 0.3 < np.mean(z**2) < 2.5
+
+
+def test_forgetting_weights_poses_by_their_age(estimator):
+    q, w, dt = data(120, seed=2)
+    start, forgetting = np.zeros(estimator.size), 0.98
+    assert estimator.init(start, 0.1, forgetting, 100.0) == 0
+    for k in range(len(q)):
+        estimator.update(q[k], w[k], dt[k])
+    ages = np.arange(len(q))[::-1]
+    wanted, covariance = batch_estimate(
+        q, w, dt, start, 0.1 / np.sqrt(forgetting ** len(q)), forgetting**ages
+    )
+    scale = np.array(column_scales(model(ROBOT)))
+    assert np.abs((estimator.estimate - wanted) * scale / np.sqrt(np.diag(covariance))).max() < 1e-5
+
+
+def test_it_follows_a_change_only_when_it_forgets(estimator):
+    q, w, _ = data(600, seed=5)
+    m = model(ROBOT)
+    changed = {n: v * 1.5 for n, v in m.values.items()}
+    dt = np.vstack([m.deflection(q[:300], w[:300]), m.deflection(q[300:], w[300:], changed)])
+    errors = {}
+    for forgetting in (1.0, 0.97):
+        estimator.init(np.zeros(estimator.size), 0.1, forgetting, 100.0)
+        for k in range(len(q)):
+            estimator.update(q[k], w[k], dt[k])
+        left = m.observation(q[-50:], w[-50:]) @ (estimator.estimate - m.vector(changed))
+        errors[forgetting] = np.sqrt(np.mean(left**2))
+    assert errors[0.97] < 0.01 * errors[1.0]
+
+
+@pytest.mark.parametrize("precision", ["double", "float"])
+@pytest.mark.parametrize("wrench", [0.0, 1.0])
+def test_without_excitation_the_covariance_stays_bounded_and_positive(libraries, precision, wrench):
+    real = np.float64 if precision == "double" else np.float32
+    estimator = Estimator(libraries[precision], real)
+    q, w, dt = data(40)
+    estimator.init(np.zeros(estimator.size), 0.01, 0.9, 0.02)
+    for k in range(40):
+        estimator.update(q[k], w[k], dt[k])
+    for _ in range(20_000):  # one pose for ever, loaded or not
+        assert estimator.update(q[0], w[0] * wrench, dt[0] * wrench) == 0
+    assert np.isfinite(estimator.state).all()
+    assert estimator.trace <= 0.02 * (1 + 1e-3)
+    size = estimator.size
+    assert (estimator.state[size + size * (size - 1) // 2 :][:size] >= 0).all()
+    after = estimator.estimate
+    for k in range(40):
+        estimator.update(q[k], w[k], dt[k])
+    left = model(ROBOT).deflection(q, w) - np.einsum(
+        "nrp,p->nr", model(ROBOT).observation(q, w), estimator.estimate
+    )
+    assert np.sqrt(np.mean(left**2)) < 3e-4  # it still learns
+    assert not np.array_equal(after, estimator.estimate)
+
+
+def test_single_precision_comes_to_the_same_predictions(libraries):
+    single = Estimator(libraries["float"], np.float32)
+    q, w, dt = data(200, seed=8)
+    single.init(np.zeros(single.size), 0.03, 1.0, 1.0)
+    for k in range(len(q)):
+        assert single.update(q[k], w[k], dt[k]) == 0
+    m = model(ROBOT)
+    error = m.observation(q, w) @ (single.estimate - m.vector())
+    assert np.sqrt(np.mean((error / SIGMA) ** 2)) < 0.6
+
+
+def test_components_that_were_not_measured_do_not_count(estimator):
+    q, w, dt = data(60)
+    sigma = SIGMA * [1, 1, 1, 0, 0, 0]
+    dt[:, 3:] = np.nan
+    start = model(ROBOT).vector() * 0.5
+    estimator.init(start, 0.01, 1.0, 1.0)
+    for k in range(len(q)):
+        assert estimator.update(q[k], w[k], dt[k], sigma) == 0
+    wanted, covariance = batch_estimate(q, w, np.nan_to_num(dt), start, 0.01, sigma=sigma)
+    scale = np.array(column_scales(model(ROBOT)))
+    assert np.abs((estimator.estimate - wanted) * scale / np.sqrt(np.diag(covariance))).max() < 1e-6
+
+
+SETTINGS = [
+    (0.0, 1.0, 1.0), (-1.0, 1.0, 1.0), (0.1, 0.3, 1.0), (0.1, 1.01, 1.0), (0.1, 0.99, 0.1), (np.nan, 1.0, 1.0),
+    (0.1, np.nan, 1.0), (0.1, 1.0, np.inf),
+]  # fmt: skip
+
+
+@pytest.mark.parametrize("settings", SETTINGS)
+def test_settings_out_of_range_are_errors_and_leave_zeros(estimator, settings):
+    assert estimator.init(np.ones(estimator.size), *settings) == -20
+    assert not estimator.state.any()
+
+
+def test_a_measurement_in_error_leaves_the_state_as_it_was(estimator):
+    q, w, dt = data(3)
+    estimator.init(model(ROBOT).vector(), 0.01, 0.99, 1.0)
+    estimator.update(q[0], w[0], dt[0])
+    before = estimator.state.copy()
+    broken = [dt[1] * np.nan, dt[1]], [dt[1], SIGMA * np.inf], [dt[1], SIGMA * np.nan]
+    for measured, sigma in [
+        (broken[0][0], SIGMA),
+        (broken[1][0], broken[1][1]),
+        (broken[2][0], broken[2][1]),
+    ]:
+        assert estimator.update(q[1], w[1], measured, sigma) == -2
+    assert estimator.update(q[1] * np.nan, w[1], dt[1]) == -2
+    assert estimator.update(q[1], w[1], dt[1], SIGMA * 1e-200) == -20
+    assert estimator.call("rls_update", None, None, None, None) == -1
+    np.testing.assert_array_equal(estimator.state, before)
+
+
+def test_scales_are_powers_of_two_near_the_columns_sizes():
+    scales = np.array(column_scales(model(ROBOT)))
+    assert (np.log2(scales) == np.round(np.log2(scales))).all()
+    q, w = poses(ROBOT, 300, 9)
+    sizes = np.sqrt((model(ROBOT).observation(q, w) ** 2).mean(axis=(0, 1)))
+    assert (np.abs(np.log2(sizes / scales)) < 1.2).all()
+
+
+def test_it_compiles_strictly_in_single_precision_without_heap(tmp_path):
+    folder = written(tmp_path, ROBOT, "float", ("c", "rls"))
+    assert "double" not in (folder / f"{ROBOT}_rls.c").read_text()
+    run(compiler(), *STRICT, "-O2", "-c", "-I.", f"{ROBOT}_rls.c", "-o", "r.o", cwd=folder)
+    needed = run("nm", "-u", "r.o", cwd=folder)
+    assert "malloc" not in needed
