@@ -16,6 +16,7 @@ needs_kernel = pytest.mark.skipif(
     not RUNNABLE, reason="nbclient or ipykernel is missing: pip install symstiff[test]"
 )
 PLANAR, CALIBRATION = "01_planar_2r_to_kr270.ipynb", "02_calibration.ipynb"
+_COMPILER_DEPENDS = ("C agrees", "no C compiler here")
 each = pytest.mark.parametrize("path", notebooks(), ids=lambda path: path.name)
 
 
@@ -65,7 +66,9 @@ def test_committed_notebooks_are_small_and_speak_of_no_machine(path):
     text = path.read_text(encoding="utf-8")
     assert path.stat().st_size < 400_000
     outputs = _texts(nbformat.read(path, as_version=4))
-    assert not re.search(r"/(home|root|work|tmp|usr|Users|venv)/|[A-Z]:\\\\|site-packages|0x[0-9a-f]{8}", outputs)
+    assert not re.search(
+        r"/(home|root|work|tmp|usr|Users|venv)/|[A-Z]:\\\\|site-packages|0x[0-9a-f]{8}", outputs
+    )
     assert set(nbformat.read(path, as_version=4).metadata) == {"kernelspec", "language_info"}
     assert "execution_state" not in text
 
@@ -106,4 +109,5 @@ def test_committed_streams_are_those_of_today(name):
 
 def _words(node):
     streams = [o.text for c in node.cells for o in c.get("outputs", []) if o.output_type == "stream"]
-    return re.sub(r"[-+]?\d[\d.e+-]*", "#", "\n".join(streams)).split()
+    lines = [line for line in "".join(streams).splitlines() if not line.startswith(_COMPILER_DEPENDS)]
+    return re.sub(r"[-+]?\d[\d.e+-]*", "#", "\n".join(lines)).split()

@@ -10,7 +10,7 @@ if TYPE_CHECKING:
     from symstiff.robot.exact import Exact
     from symstiff.robot.schema import Link, Placement, Robot
 
-_COLUMNS = ("i", "joint", "a [m]", "α [rad]", "d [m]", "θ [rad]", "range", "c [rad/(N·m)] or [m/N]", "link i")
+_COLUMNS = ("i", "joint", "a [m]", "α [rad]", "d [m]", "θ [rad]", "range", "joint compliance", "link i")
 
 
 def robot_html(robot: Robot) -> str:
@@ -20,7 +20,8 @@ def robot_html(robot: Robot) -> str:
         variable = f"q{i}"
         low, high = joint.range
         d, theta = _sum(joint.d, variable, joint.prismatic), _sum(joint.theta, variable, not joint.prismatic)
-        compliance = f"{joint.compliance:.3g}" if joint.compliance else "–"
+        unit = "m/N" if joint.prismatic else "rad/(N·m)"
+        compliance = f"{joint.compliance:.4g} {unit}" if joint.compliance else "–"
         span = f"{low:.4g} … {high:.4g}"
         numbers = (_exact(joint.a), _exact(joint.alpha), d, theta, span, compliance)
         rows.append((i, joint.type, *numbers, _link(joint.link)))

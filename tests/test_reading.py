@@ -1,0 +1,105 @@
+"""Closed forms for reading, and what objects show in a notebook."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+from itertools import pairwise
+
+import numpy as np
+import pytest
+import sympy as sp
+
+import symstiff
+from symstiff import ElasticChain, StiffnessModel, load, observation_matrix, reduce, virtual_jacobian
+from symstiff.symbolic.numeric import kinematics
+from symstiff.symbolic.programs import observation_program
+from symstiff.symbolic.reading import original_terms, written_out
+
+ROBOTS = ("planar2r", "scara", "kuka_kr270")
+
+
+def _at(matrix, values):
+    return np.array(sp.lambdify(list(values), matrix, "numpy")(*values.values()), dtype=float)
+
+
+def _configuration(chain, seed=2):
+    rng = np.random.default_rng(seed)
+    q = {sp.Symbol(f"q_{i}", real=True): v for i, v in enumerate(rng.uniform(-1, 1, chain.dof), start=1)}
+    return q, rng.normal(size=6)
+
+
+@pytest.mark.parametrize("name", ROBOTS)
+def test_the_jacobian_written_out_is_the_numeric_one(name):
+    chain = ElasticChain(load(name))
+    q, _ = _configuration(chain)
+    seen = _at(virtual_jacobian(chain), q)
+    np.testing.assert_allclose(seen, kinematics(chain.robot, [list(q.values())]).J_theta[0], atol=1e-13)
+
+
+@pytest.mark.parametrize("name", ROBOTS)
+def test_the_observation_matrix_by_columns_is_what_the_program_lets_be_temporaries(name):
+    chain = ElasticChain(load(name))
+    q, wrench = _configuration(chain)
+    stage = reduce(chain.robot).stages[3]
+    by_columns = _at(observation_matrix(chain, wrench, stage.terms), q)
+    program = written_out(observation_program(chain, stage.terms, stage.names))["A"]
+    w = {sp.Symbol(f"w_{c}", real=True): v for c, v in enumerate(wrench, start=1)}
+    np.testing.assert_allclose(_at(program, q | w), by_columns, atol=1e-12)
+
+
+@pytest.mark.parametrize("name", ROBOTS)
+def test_original_terms_are_those_of_the_reductions_first_stage(name):
+    chain = ElasticChain(load(name))
+    assert original_terms(chain) == reduce(chain.robot).stages[0].terms
+
+
+def test_every_step_multiplies_the_observation_matrix_by_its_binary_map():
+    chain = ElasticChain(load("planar2r"), symbolic=True)
+    force = (*sp.symbols("f_x f_y", real=True), 0, 0, 0, 0)
+    stages = reduce(chain.robot, "force").stages
+    for before, after in pairwise(stages):
+        A, reduced = (observation_matrix(chain, force, s.terms) for s in (before, after))
+        difference = A * sp.Matrix(after.matrix.tolist()) - reduced
+        assert difference.applyfunc(sp.expand).is_zero_matrix
+
+
+def test_lengths_of_a_symbolic_chain_stay_symbols():
+    chain = ElasticChain(load("planar2r"), symbolic=True)
+    assert set(map(str, virtual_jacobian(chain).free_symbols)) == {"a_1", "a_2", "q_1", "q_2"}
+
+
+def test_objects_show_tables_with_what_matters():
+    robot = load("kuka_kr270")
+    reduction = reduce(robot, "gravity", "pose")
+    model = StiffnessModel.of(reduction)
+    assert "3.02e-07 rad/(N·m)" in robot._repr_html_()
+    assert "rotation about z of frame 3" in ElasticChain(robot)._repr_html_()
+    assert "elimination of what has no influence (G1 1, G2 10, G3 45)" in reduction._repr_html_()
+    assert "equals" not in reduction.stages[1]._repr_html_()
+    assert "compliance matrices are symmetric" in reduction.stages[1]._repr_html_()
+    assert "link 1: rotation about 3 by moment about 3" in model._repr_html_()
+    assert repr(reduction) == "Reduction(kuka_kr270, gravity, pose: 258 to 26 parameters)"
+    assert repr(reduction.stages[3]) == "Stage(M3: 56 parameters)"
+    assert repr(model) == "StiffnessModel(kuka_kr270: 26 parameters)"
+
+
+def test_tables_escape_what_a_robot_file_says():
+    robot = load("planar2r").model_copy(update={"source": "<script>alert(1)</script>"})
+    assert "<script>" not in robot._repr_html_()
+
+
+def test_importing_symstiff_imports_no_symbolic_or_numeric_library():
+    code = (
+        "import sys, symstiff; print([m for m in ('sympy', 'numpy', 'casadi', 'pandas') if m in sys.modules])"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert done.stdout.strip() == "[]"
+
+
+def test_every_exported_name_is_found_and_others_are_not():
+    for name in symstiff._HOME:
+        assert callable(getattr(symstiff, name))
+        assert name in dir(symstiff)
+    with pytest.raises(AttributeError, match="no attribute 'nothing'"):
+        symstiff.nothing  # noqa: B018
