@@ -57,6 +57,8 @@ def run_plan(request: PlanRequest) -> None:
 
     if request.criterion not in ("D", "A", "test"):
         raise UserError(f"--criterion {request.criterion}: use D, A or test")
+    if request.separate is not None:
+        return _separate(request)
     robot = load(request.robot)
     fixed = parse_fixed(request.fixed)
     out = console(request.json)
@@ -85,6 +87,33 @@ def run_plan(request: PlanRequest) -> None:
     _print_plan(out, plan, model.units)
     out.print(f"wrote {request.output}")
     write_json(request.json, summary(plan))
+
+
+def _separate(request: PlanRequest) -> None:
+    """Poses that decide among the explanations of an ambiguous verdict."""
+    from symstiff.calibration.table import write_table
+    from symstiff.discrepancy.separate import Wish, separate
+
+    assert request.separate is not None
+    robot = load(request.robot)
+    out = console(request.json)
+    wish = Wish(
+        request.poses, request.loads, request.measure, request.force, request.markers, request.sigma * 1e-3,
+        request.seed,
+    )  # fmt: skip
+    with stages(out) as progress:
+        progress("separating the explanations")
+        table, found, names = separate(robot, request.separate, wish)
+    write_table(table, request.output, "deg")
+    out.print(f"{len(found.poses)} poses that decide between: " + " | ".join(names))
+    out.print(
+        f"separation {found.separation[-1]:.3g} (squared distance of the predictions in units of the noise "
+        "variance that no fit closes; 20 is ample)"
+    )
+    out.print(f"wrote {request.output}")
+    write_json(
+        request.json, {"explanations": names, "poses": table.labels, "separation": list(found.separation)}
+    )
 
 
 def _test_poses(request: PlanRequest) -> tuple[Any, Any]:

@@ -71,7 +71,7 @@ def _print(out: Console, finding: Finding) -> None:
     out.print(f"[bold]{escape(headline(finding))}[/bold]")
     out.print(escape(sentence(finding)))
     rows = step_rows(finding)
-    whole = [a for a in ("positional", "rotational") if a in rows[0].sizes]
+    whole: list[str] = [a for a in ("positional", "rotational") if a in rows[0].sizes]
     shown = whole or list(rows[0].sizes)  # axes are in the report; positions as a whole fit a terminal
     table = Table(title="residuals \\[mm, mrad]", title_justify="left")
     table.add_column("step")

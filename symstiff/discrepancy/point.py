@@ -89,4 +89,4 @@ def _with_tool(robot: Robot, offset: Array) -> Robot:
 def _number(value: object) -> float:
     from symstiff.robot.exact import parse_exact
 
-    return float(parse_exact(value))  # type: ignore[arg-type]
+    return float(parse_exact(value))

@@ -22,7 +22,7 @@ from symstiff.discrepancy.point import find_point
 from symstiff.discrepancy.problem import Array, Options, Shape
 from symstiff.discrepancy.result import CandidateResult, Diagnosis, Estimate, Name, Rms
 from symstiff.discrepancy.strata import Stratum
-from symstiff.discrepancy.verdict import INSUFFICIENT, NAMED, NOTHING, UNEXPLAINED, UNTESTABLE
+from symstiff.discrepancy.verdict import AMBIGUOUS, INSUFFICIENT, NAMED, NOTHING, UNEXPLAINED, UNTESTABLE
 from symstiff.effects.base import EffectInstance
 from symstiff.errors import UserError
 from symstiff.model import StiffnessModel
@@ -94,6 +94,9 @@ class Finding:
     testable: bool
     reason: str
     effects: tuple[Found, ...]
+    """The named set; all admissible sets, best first, where the verdict is ambiguous."""
+    alternatives: tuple[Found, ...]
+    """Admissible sets that trail so far that the verdict does not count them."""
     steps: tuple[Rung, ...]
     rms: Rms
     remarks: tuple[str, ...]
@@ -226,16 +229,29 @@ def _finding(
         sets = sorted({e.set_number for e in named}) or [0]
         named = tuple(e for s in sets for e in (*(replace(c, set_number=s) for c in climbed),
                                                 *(n for n in named if n.set_number == s)))  # fmt: skip
+    named = tuple(_as_identified(e, after) if e.set_number == 0 else e for e in named)
+    counted = named if verdict == AMBIGUOUS else tuple(e for e in named if e.set_number == 0)
     return Finding(
         task, table, before, after, first, last, assembly, verdict if testable else UNEXPLAINED, testable, reason,
-        named, _steps(first, last, start, base, assembly, before, bool(climbed)), _rms(first, last),
-        tuple(remarks),
+        counted, tuple(e for e in named if e not in counted),
+        _steps(first, last, start, base, before, bool(climbed)), _rms(first, last), tuple(remarks),
     )  # fmt: skip
 
 
+def _as_identified(effect: Found, fitted: Fitted) -> Found:
+    """The effect with the values that the grown model holds, all parameters identified jointly."""
+    model, parameters = fitted.model, dict(effect.parameters)
+    for name, e in parameters.items():
+        if name in model.deviations:
+            parameters[name] = Estimate(float(model.values[name]), float(model.deviations[name]), e.unit)
+        elif name in fitted.absorbed:
+            parameters[name] = Estimate(0.0, float("inf"), e.unit)
+    return replace(effect, parameters=parameters)
+
+
 def _steps(
-    first: Diagnosis, last: Diagnosis, start: StiffnessModel, base: StiffnessModel, assembly: Assembly,
-    before: Fitted, climbed: bool,
+    first: Diagnosis, last: Diagnosis, start: StiffnessModel, base: StiffnessModel, before: Fitted,
+    climbed: bool,
 ) -> tuple[Rung, ...]:  # fmt: skip
     if not last.growth:
         return (Rung("start model", len(start.parameters), before.residual, (), 1.0),)

@@ -55,7 +55,11 @@ def _code(finding: Finding, folder: Path) -> dict[str, Any]:
 
     model = of_robot(finding.grown.model)
     left_out = [e.effect for e in finding.grown.model.effects if e not in model.effects]
-    note = f"; without {', '.join(left_out)}, which belongs to the measurement" if left_out else ""
+    note = (
+        f"; without {', '.join(left_out)}: no law of the robot that a controller evaluates"
+        if left_out
+        else ""
+    )
     try:
         made = generate(model, folder)
     except UserError as error:

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from typing import Any
 
 from markupsafe import Markup
 
 from symstiff import __version__
-from symstiff.discrepancy.result import CandidateResult
-from symstiff.discrepancy.workflow import Finding
+from symstiff.discrepancy.result import CandidateResult, Estimate, Name
+from symstiff.discrepancy.workflow import Finding, Found, place, spoken
 from symstiff.effects.base import catalogue
 from symstiff.report import plots, words
 from symstiff.report.code import Line, formulas
@@ -26,7 +27,7 @@ def render(finding: Finding, files: dict[str, Any], changes: list[Line]) -> str:
 
     jinja = environment()
     jinja.autoescape = True
-    return jinja.get_template("report/report.html.j2").render(_context(finding, files, changes))
+    return str(jinja.get_template("report/report.html.j2").render(_context(finding, files, changes)))
 
 
 def _context(finding: Finding, files: dict[str, Any], changes: list[Line]) -> dict[str, Any]:
@@ -40,7 +41,8 @@ def _context(finding: Finding, files: dict[str, Any], changes: list[Line]) -> di
         "verdict": finding.verdict if finding.testable else "untestable",
         "remarks": finding.remarks,
         "facts": _facts(finding),
-        "effects": _effects(finding),
+        "effects": _effects(finding.effects),
+        "alternatives": _effects(finding.alternatives),
         "steps": _steps(finding),
         "strata": _strata(finding),
         "pictures": _pictures(finding),
@@ -79,10 +81,10 @@ def _facts(finding: Finding) -> list[tuple[str, str]]:
     return facts
 
 
-def _effects(finding: Finding) -> list[dict[str, Any]]:
+def _effects(effects: Sequence[Found]) -> list[dict[str, Any]]:
     known = catalogue()
     out = []
-    for e in finding.effects:
+    for e in effects:
         entry = known.get(e.effect)
         out.append(
             {
@@ -92,7 +94,7 @@ def _effects(finding: Finding) -> list[dict[str, Any]]:
                 "description": entry.description if entry else "",
                 "separated_by": entry.separated_by if entry else "",
                 "parameters": [(n, words.quantity(v)) for n, v in e.parameters.items()],
-                "p": words.p_text(e.p_value),
+                "p": words.p_equals(e.p_value),
                 "confidence": f"{100 * e.confidence:.0f} %",
                 "confounded": [words.name_text(n) for n in e.confounded_with],
                 "shape": ", ".join(f"{k} = {v:.4g}" for k, v in e.shape.items()),
@@ -130,7 +132,7 @@ def _strata(finding: Finding) -> list[tuple[str, str, str, str]]:
 
 
 def _stratum(s: Any) -> str:
-    p = "reference" if s.p_value is None else f"p = {words.p_text(s.p_value)}"
+    p = "reference" if s.p_value is None else words.p_equals(s.p_value)
     return f"{s.ratio:.3g} ({p})"
 
 
@@ -149,7 +151,7 @@ def _marked(picture: plots.Picture | None) -> dict[str, Any] | None:
 def _laws(finding: Finding) -> list[dict[str, Any]]:
     """Every effect that was added: its law as formula, and drawn through the data."""
     out = []
-    for e in finding.named[:4]:
+    for e in finding.named[::-1][:4]:  # the last that was added first
         found = formulas(finding.task.robot, e.instance)
         out.append(
             {
@@ -164,12 +166,12 @@ def _laws(finding: Finding) -> list[dict[str, Any]]:
 def _unnamed(finding: Finding) -> dict[str, Any] | None:
     if finding.verdict not in ("unexplained", "named_insufficient") or not finding.testable:
         return None
-    place, law = finding.last.localisation, finding.last.law
-    top = [] if place is None else [
-        (b.virtual_joint, f"{100 * b.explained:.0f} %", f"{b.with_tau:+.2f}") for b in place.back_projections[:6]
+    where, law = finding.last.localisation, finding.last.law
+    top = [] if where is None else [
+        (b.virtual_joint, f"{100 * b.explained:.0f} %", f"{b.with_tau:+.2f}") for b in where.back_projections[:6]
     ]  # fmt: skip
     return {
-        "accused": place.accused if place else "",
+        "accused": where.accused if where else "",
         "picture": _marked(plots.draw_unnamed(finding)),
         "law": None
         if law is None
@@ -211,7 +213,9 @@ def _candidates(finding: Finding) -> list[dict[str, str]]:
             "sufficient": answer[c.sufficient],
             "plausible": answer[c.plausible],
             "left": f"{100 * c.share_left:.0f} %",
-            "confused": ", ".join(words.name_text(n) for n in c.confused_with[:4]),
+            "confused": _few(
+                [words.name_text(n) for n in c.confused_with if n != Name(c.effect, c.where)], 3
+            ),
         }
         for c in [c for c in finding.candidates if c.testable][:_MOST_CANDIDATES]
     ]
@@ -219,13 +223,19 @@ def _candidates(finding: Finding) -> list[dict[str, str]]:
 
 def _untested(finding: Finding) -> list[tuple[str, str]]:
     """Reasons why candidates could not be tested, with those that they hold for."""
-    reasons: dict[str, list[str]] = {}
+    reasons: dict[str, dict[str, list[CandidateResult]]] = {}
     for c in finding.candidates:
         if not c.testable:
-            reasons.setdefault(c.reason or "not testable", []).append(words.named(c.effect, c.where))
-    return [
-        (reason, _few(names)) for reason, names in sorted(reasons.items(), key=lambda item: -len(item[1]))
-    ]
+            reasons.setdefault(c.reason or "not testable", {}).setdefault(c.effect, []).append(c)
+    return [(reason, "; ".join(_together(group) for group in by.values())) for reason, by in reasons.items()]
+
+
+def _together(group: list[CandidateResult]) -> str:
+    """One effect at its places; only their number where there are many."""
+    if len(group) > 8:
+        return f"{spoken(group[0].effect)} ({len(group)} places)"
+    names = list(dict.fromkeys(place(c.where) for c in group))
+    return f"{spoken(group[0].effect)} {', '.join(names)}".strip()
 
 
 def _few(names: list[str], most: int = 12) -> str:
@@ -273,7 +283,7 @@ def _moved(finding: Finding) -> list[dict[str, str]]:
 def _value(value: float | None, std: float | None) -> str:
     if value is None or std is None:
         return "–"
-    return words.quantity(words.Estimate(value, std, "plain")).removesuffix(" plain")
+    return words.quantity(Estimate(value, std, "plain")).removesuffix(" plain")
 
 
 def _noise(finding: Finding) -> list[str]:

@@ -135,9 +135,9 @@ def draw_map(finding: Finding) -> Picture:
             axes.set_yticks(range(len(shown)), [COMPONENTS[k] for k in shown])
             axes.set_title(title, loc="left")
         axes = grid[len(views) - 1]
-        step = max(1, -(-len(poses) // 30))
+        stride = max(1, -(-len(poses) // 30))
         labels = [table.labels[p] for p in poses]
-        axes.set_xticks(range(0, len(poses), step), labels[::step], rotation=90, fontsize=7)
+        axes.set_xticks(range(0, len(poses), stride), labels[::stride], rotation=90, fontsize=7)
         axes.set_xlabel("pose")
         figure.colorbar(image, ax=list(grid), label="residual / noise", shrink=0.9)
     return Picture(

@@ -27,6 +27,7 @@ def verdict_table(finding: Finding) -> dict[str, Any]:
         "robot": finding.task.robot.name,
         "start": finding.task.start,
         "effects": [effect_table(e) for e in finding.effects],
+        "alternatives": [effect_table(e) for e in finding.alternatives],
         "candidates": [_candidate(c) for c in finding.candidates],
         "rms_mm": {
             "before": _mm(finding.rms.before),

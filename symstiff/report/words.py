@@ -42,7 +42,7 @@ def quantity(estimate: Estimate) -> str:
     largest = max(abs(value), std)
     exponent = 0 if 1e-2 <= largest < 1e4 else math.floor(math.log10(largest))
     decimals = max(0, min(6, 1 - math.floor(math.log10(std / 10**exponent))))
-    text = f"{value / 10**exponent:.{decimals}f} ± {std / 10**exponent:.{decimals}f}"
+    text = f"{value / 10**exponent:.{decimals}f} ± {std / 10**exponent:.{decimals}f}".replace("-", "−")
     if exponent:
         return f"({text})·10{str(exponent).translate(_SUPER)} {unit}".strip()
     return f"{text} {unit}".strip()
@@ -57,6 +57,12 @@ def size_text(estimate: Estimate) -> str:
 def p_text(p: float) -> str:
     """A p-value."""
     return f"{p:.2g}" if p >= 1e-4 else f"< 10{str(math.ceil(math.log10(max(p, 1e-300)))).translate(_SUPER)}"
+
+
+def p_equals(p: float) -> str:
+    """The same with its sign: ``p = 0.02``, ``p < 10⁻⁸``."""
+    text = p_text(p)
+    return f"p {text}" if text.startswith("<") else f"p = {text}"
 
 
 def named(effect: str, where: Mapping[str, Any]) -> str:
@@ -111,14 +117,24 @@ def main_parameter(effect: Found) -> str:
 
 
 def listed(finding: Finding) -> str:
-    """The leading set: names, sizes, confidence."""
-    parts = []
+    """The leading set: names, sizes, confidence; an effect at many places in one breath."""
+    kinds: dict[str, list[Found]] = {}
     for e in finding.named:
-        size = main_parameter(e)
-        parts.append(
-            f"{named(e.effect, e.where)} ({size + ', ' if size else ''}confidence {100 * e.confidence:.0f} %)"
-        )
-    return "; ".join(parts)
+        kinds.setdefault(e.effect, []).append(e)
+    return "; ".join(part for group in kinds.values() for part in _told(group))
+
+
+def _told(group: list[Found]) -> list[str]:
+    if len(group) > 3:
+        places = ", ".join(place(e.where).removeprefix("at ") for e in group)
+        sure = min(e.confidence for e in group)
+        count = sum(len(e.parameters) for e in group)
+        return [f"{spoken(group[0].effect)} at {places} ({count} parameters, confidence {100 * sure:.0f} %)"]
+    return [
+        f"{named(e.effect, e.where)} "
+        f"({', '.join(t for t in (main_parameter(e), f'confidence {100 * e.confidence:.0f} %') if t)})"
+        for e in group
+    ]
 
 
 def gap(finding: Finding) -> str:
@@ -141,7 +157,7 @@ def _nothing(finding: Finding) -> str:
     r = finding.rms
     return (
         f"The model accounts for the data: {millimetres(r.before)} rms a coordinate is left, the noise is "
-        f"{millimetres(r.noise)} (p = {p_text(finding.first.p_missing)} that anything of the catalogue is missing)."
+        f"{millimetres(r.noise)} ({p_equals(finding.first.p_missing)} that anything of the catalogue is missing)."
     )
 
 
