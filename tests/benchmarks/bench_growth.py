@@ -58,7 +58,7 @@ def grown(n: int) -> Growth:
     robot = snake(n)
     reduction, reducing = _timed(lambda: reduce(robot))
     functions = Functions(StiffnessModel.of(reduction))
-    programs, deriving = _timed(lambda: functions.all)
+    _, deriving = _timed(lambda: functions.all)
     _, emitting = _timed(lambda: [TARGETS[t].emitter()(functions, Options()) for t in ("c", "casadi")])
     deflection = functions.operations["deflection"]
     count = sum(deflection[kind] for kind in ("add", "mul", "neg"))

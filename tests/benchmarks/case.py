@@ -130,7 +130,7 @@ class Case:
         second = np.cross([0.0, 0.0, 1.0], first)
         second = second / np.linalg.norm(second) if np.linalg.norm(second) else np.array([1.0, 0.0, 0.0])
         columns = np.column_stack([first, second, np.cross(first, second)])
-        return np.vectorize(snapped)(columns)
+        return np.array([[snapped(x) for x in row] for row in columns])
 
     @cached_property
     def inputs(self) -> np.ndarray:

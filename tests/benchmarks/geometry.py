@@ -15,6 +15,7 @@ import numpy as np
 from tests.benchmarks.case import Case
 
 Vec = list[Any]
+Function = Callable[[Any], Any]
 
 
 @dataclass(frozen=True)
@@ -33,7 +34,7 @@ class Style:
 STYLES = tuple(Style(m, s, t) for m in (True, False) for s in (False, True) for t in (False, True))
 
 
-def combined(coefficients: Sequence[float], vectors: Sequence[Vec]) -> Vec:
+def combined(coefficients: Sequence[float] | np.ndarray, vectors: Sequence[Vec]) -> Vec:
     """Σ c·v for known numbers c."""
     return [
         _total([_times(float(c), v[r]) for c, v in zip(coefficients, vectors, strict=True) if c])
@@ -83,7 +84,7 @@ class Frames:
     levers: list[Vec]
 
 
-def frames(case: Case, q: Sequence[Any], cos: Callable, sin: Callable, merged: bool) -> Frames:
+def frames(case: Case, q: Sequence[Any], cos: Function, sin: Function, merged: bool) -> Frames:
     """Orientations from the base to the tip, levers from the tip to the base; world axes."""
     axes = [[[_whole(x) for x in column] for column in case.base[0].T]]
     signs = [[1, 1, 1]]
@@ -133,7 +134,7 @@ def _moved(lever: Vec, length: Any, axis: Vec) -> Vec:
 
 
 def _whole(x: float) -> Any:
-    return int(round(x)) if abs(x - round(x)) < 1e-15 else float(x)
+    return round(x) if abs(x - round(x)) < 1e-15 else float(x)
 
 
 def _turned(x: Vec, y: Vec, c: Any, s: Any, sign: int) -> tuple[Vec, Vec]:

@@ -12,7 +12,7 @@ import numpy as np
 
 from symstiff.codegen.footprint_parse import call_graph, instructions_per_call, symbol_sizes, totals
 from tests.benchmarks.case import Case
-from tests.benchmarks.peers import Peer
+from tests.benchmarks.peer import Peer
 
 FLAGS = ("-O2",)
 

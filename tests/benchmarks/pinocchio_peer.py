@@ -58,12 +58,13 @@ def functions(case: Case) -> tuple[Callable[..., np.ndarray], Callable[..., np.n
 
     def deflection(q: np.ndarray, w: np.ndarray) -> np.ndarray:
         j = columns(q)
-        return j @ (stiffness @ (w @ j))
+        dt: np.ndarray = j @ (stiffness @ (w @ j))
+        return dt
 
     def observation(q: np.ndarray, w: np.ndarray) -> np.ndarray:
         j = columns(q)
         tau = w @ j
-        matrix = j[:, first] * tau[second]
+        matrix: np.ndarray = j[:, first] * tau[second]
         matrix[:, coupling] += j[:, second[coupling]] * tau[first[coupling]]
         return matrix
 
