@@ -18,7 +18,10 @@ def test_the_committed_folder_is_what_the_program_writes(name: str, tmp_path: Pa
 
 
 def test_fresh_interpreters_under_different_hash_seeds_write_the_same_bytes(tmp_path: Path) -> None:
-    code = "import sys; from pathlib import Path; from tests.golden import write; write('kuka_kr270', Path(sys.argv[1]))"
+    code = (
+        "import sys; from pathlib import Path; from tests.golden import write; "
+        "write('kuka_kr270', Path(sys.argv[1]))"
+    )
     for seed in ("1", "2"):
         subprocess.run(
             [sys.executable, "-c", code, str(tmp_path / seed)],

@@ -1,4 +1,4 @@
-"""The seed's Table 2 on a virtual robot: the counts come out of the reduction, the order of the models is the seed's."""
+"""The seed's Table 2 on a virtual robot: counts by the reduction, the models in the order of the seed."""
 
 import pytest
 
