@@ -1,0 +1,37 @@
+"""``python -m tests.blind --n 200 --jobs 2``: the blind benchmark at full size."""
+
+from __future__ import annotations
+
+import argparse
+import os
+from pathlib import Path
+
+for name in ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS"):
+    os.environ.setdefault(name, "1")  # before NumPy: a process a case, one thread each
+
+
+def main() -> None:
+    from tests.blind.generate import CLASSES, Options
+    from tests.blind.run import benchmark, keep, report
+
+    parser = argparse.ArgumentParser(prog="python -m tests.blind", description=__doc__)
+    parser.add_argument("--n", type=int, default=200, help="number of cases")
+    parser.add_argument("--first", type=int, default=0, help="number of the first case")
+    parser.add_argument("--jobs", type=int, default=1, help="processes")
+    parser.add_argument("--seed", type=int, default=4, help="another seed draws other cases")
+    parser.add_argument("--kind", choices=CLASSES, help="only cases of one class")
+    parser.add_argument("--alone", action="store_true", help="leave out BIC, AIC, lasso and cross-validation")
+    parser.add_argument("--json", type=Path, help="keep cases and results")
+    given = parser.parse_args()
+    options = Options(seed=given.seed)
+    if given.kind:
+        options = Options(seed=given.seed, classes=(given.kind,), shares=(1.0,))
+    numbers = range(given.first, given.first + given.n)
+    rows = benchmark(numbers, options, given.jobs, not given.alone, lambda text: print(text, flush=True))
+    print("\n" + report(rows))
+    if given.json:
+        keep(rows, given.json)
+
+
+if __name__ == "__main__":
+    main()

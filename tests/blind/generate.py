@@ -1,0 +1,393 @@
+"""Cases: a design, a hidden truth scaled to a wanted noncentrality, and the table that is all the workflow sees."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
+from functools import lru_cache
+from typing import Any
+
+import numpy as np
+
+from symstiff.calibration.measurements import Measurements, measurements
+from symstiff.calibration.simulation import Effect, Noise, Truth, clean_response, nominal_truth, simulate
+from symstiff.discrepancy.assemble import assemble
+from symstiff.discrepancy.scan import column_space
+from symstiff.errors import UserError
+from symstiff.model import StiffnessModel
+from symstiff.reduction.reduce import reduce
+from symstiff.robot import Robot, from_table, load
+from symstiff.robot.table import to_table
+from tests.blind.stories import BAD_POSE, ONE, OUTSIDE, Draw, Story, Where
+
+FORCE = {"kuka_kr270": 2200.0, "ur10": 110.0, "franka_panda": 50.0, "scara": 60.0}
+LAMBDAS = (10.0, 25.0, 60.0, 150.0, 600.0)
+CLASSES = ("nothing", "one", "two", "outside", "confounded", "untestable", "bad_pose")
+SHARES = (0.22, 0.42, 0.12, 0.12, 0.04, 0.04, 0.04)
+GEOMETRY = 1.5
+"""Noncentrality that the second-order geometry of the deflection may have where it is not the story."""
+LEAST_FREEDOM = 30
+_TRIES = 60
+_SMALL = 0.02
+
+
+@dataclass(frozen=True)
+class Options:
+    """What may be drawn; the reduced benchmark draws from less."""
+
+    robots: tuple[str, ...] = tuple(FORCE)
+    poses: tuple[int, ...] = (15, 30, 60)
+    levels: tuple[int, ...] = (1, 3, 5)
+    markers: tuple[int, ...] = (1, 3)
+    classes: tuple[str, ...] = CLASSES
+    shares: tuple[float, ...] = SHARES
+    lambdas: tuple[float, ...] = LAMBDAS
+    seed: int = 4
+    most_rows: int = 1400
+
+
+@dataclass(frozen=True)
+class Label:
+    """The truth: never in the table, never read by the workflow."""
+
+    number: int
+    kind: str
+    robot: str
+    story: tuple[str, ...]
+    truth: tuple[tuple[str, Where], ...]
+    wanted: float
+    noncentrality: tuple[float, ...]
+    geometry: float
+    design: dict[str, Any]
+    stated: float
+
+
+@dataclass(frozen=True)
+class Case:
+    """A table, the model to start from, and the label that the scoring keeps."""
+
+    label: Label
+    table: Measurements
+    model: StiffnessModel
+    signal: np.ndarray = field(repr=False)
+    """(rows, 6) what the hidden effects add to the noise-free values: for the oracle."""
+
+
+@dataclass(frozen=True)
+class _Scene:
+    """A design with its robot and noise, before anything is hidden; ``basis`` spans the current model, whitened."""
+
+    robot: Robot
+    values: dict[str, float]
+    table: Measurements
+    noise: Noise
+    loads: str
+    model: StiffnessModel
+    spread: np.ndarray
+    basis: np.ndarray
+
+
+def cases(count: int, options: Options, start: int = 0) -> list[Case]:
+    """Cases ``start`` to ``start + count``; each depends on its number and the options' seed alone."""
+    return [case(start + k, options) for k in range(count)]
+
+
+def case(number: int, options: Options) -> Case:
+    """Draw one case; where a story does not fit the design, another story is drawn."""
+    rng = np.random.default_rng([options.seed, number])
+    share = np.array(options.shares[: len(options.classes)])
+    kind = str(rng.choice(options.classes, p=share / share.sum()))
+    wanted = float(rng.choice(options.lambdas)) if kind not in ("nothing", "untestable") else 0.0
+    if kind in ("two", "bad_pose", "outside"):
+        wanted = float(rng.choice([x for x in options.lambdas if x >= 60] or [options.lambdas[-1]]))
+    for _ in range(_TRIES):
+        stories = _stories(kind, rng)
+        try:
+            return _case(number, kind, stories, wanted, rng, options)
+        except (_Unfit, UserError):  # no equilibrium at that size, or nothing to be seen
+            continue
+    raise RuntimeError(f"no story of kind {kind} fits case {number}")
+
+
+class _Unfit(Exception):  # noqa: N818
+    """The story cannot be seen, or not at a believable size, in this design."""
+
+
+def _stories(kind: str, rng: np.random.Generator) -> tuple[Story, ...]:
+    if kind == "nothing":
+        return ()
+    pool = {"outside": OUTSIDE, "bad_pose": (BAD_POSE,)}.get(kind, ONE)
+    if kind == "two":
+        pool = tuple(s for s in pool if s.context not in ("heavy", "start"))
+        first = pool[int(rng.integers(len(pool)))]
+        pool = tuple(s for s in pool if s.kind == first.kind and s.name.split()[0] != first.name.split()[0])
+        return first, pool[int(rng.integers(len(pool)))]
+    if kind == "untestable":
+        pool = tuple(s for s in ONE if s.name in ("tool", "joint left out", "link left out"))
+    if kind == "confounded":
+        pool = tuple(
+            s for s in ONE if s.name.split()[0] in ("backlash", "compensator", "base", "sensor", "frame")
+        )
+    return (pool[int(rng.integers(len(pool)))],)
+
+
+def _case(
+    number: int,
+    kind: str,
+    stories: Sequence[Story],
+    wanted: float,
+    rng: np.random.Generator,
+    options: Options,
+) -> Case:
+    scene = _scene(stories, rng, options)
+    scene = _limited(scene, rng, wanted if any(s.context == "heavy" for s in stories) else 0.0)
+    draw, base = _draw(scene, rng), scene.values
+    made = [(story, *story.make(draw)) for story in stories]
+    for story, _, where in made:
+        if story.context == "start" and kind != "untestable":
+            base = _without(base, where)
+            scene = _with_model(scene, _lacking(scene, where), base)
+    hidden = [e for story, e, _ in made if story.context != "heavy"]
+    effects, found = _scaled(scene, base, hidden, wanted, kind)
+    clean = _values(scene, base, ())
+    geometry = _noncentrality(scene, clean)
+    if any(story.context == "heavy" for story, _, _ in made):
+        found = (*found, geometry)
+    stated = float(rng.choice([1.0, 1.0, 1.0, 0.8, 1.2]))
+    truth = Truth(scene.robot, base, effects, scene.noise)
+    table = simulate(truth, scene.table, int(rng.integers(2**31)))
+    size = float(np.sqrt(np.mean(scene.spread[:, :3] ** 2)))
+    # one number for all axes and distances, as a data sheet would have it
+    table = replace(table, sigma=np.where(table.measured, size * stated, np.nan))
+    named = () if kind in ("nothing", "outside", "untestable") else tuple((e.effect, w) for _, e, w in made)
+    label = Label(
+        number, kind, scene.robot.name, tuple(s.name for s in stories), named, wanted, found, geometry,
+        _described(scene, size), stated,
+    )  # fmt: skip
+    return Case(label, table, scene.model, _values(scene, base, effects) - clean)
+
+
+def _described(scene: _Scene, size: float) -> dict[str, Any]:
+    table = scene.table
+    return {
+        "data": table.kind,
+        "loads": scene.loads,
+        "poses": len(table.labels),
+        "levels": len(np.unique(np.round(np.linalg.norm(table.w[table.pose == 0], axis=1), 6))),
+        "coordinates": 3 * len(table.points),
+        "sigma_mm": size * 1e3,
+        "freedom": 3 * len(table) - scene.basis.shape[1],
+        "branch": bool(np.isfinite(table.branch).any()),
+        "clock": bool(np.isfinite(table.time).any()),
+    }
+
+
+def _scene(stories: Sequence[Story], rng: np.random.Generator, options: Options) -> _Scene:
+    fits = [r for r in options.robots if all(not s.robots or r in s.robots for s in stories)]
+    if not fits:
+        raise _Unfit
+    robot = load(str(rng.choice(fits)))
+    data = stories[0].kind if stories else str(rng.choice(["deflection", "deflection", "absolute"]))
+    if any(s.name == "joint left out" for s in stories):
+        robot = _rigid_links(robot)
+    least = max((s.levels for s in stories), default=1)
+    levels = [n for n in options.levels if n >= least]
+    contexts = {s.context for s in stories}
+    table = _design(robot, data, int(rng.choice(levels)), contexts, rng, options)
+    values = {n: v * float(np.exp(0.25 * rng.normal())) for n, v in nominal_truth(robot).items()}
+    for link in range(
+        robot.dof + 1
+    ):  # couplings between bending and shift keep the size that a beam gives them
+        for diagonal, moment, mixed, sign in (("22", "66", "26", 1), ("33", "55", "35", -1)):
+            if f"k{link}_{mixed}" in values:
+                size = np.sqrt(values[f"k{link}_{diagonal}"] * values[f"k{link}_{moment}"])
+                values[f"k{link}_{mixed}"] = sign * 0.75 * float(size)
+    sigma = float(np.exp(rng.uniform(np.log(0.01), np.log(0.1))))
+    x, y, z = (float(v) for v in sigma * np.exp(0.12 * rng.normal(size=3)))
+    noise = Noise((x, y, z), growth_ppm=float(rng.uniform(0, 80 * sigma)), approach_mm=(0.3 * sigma,) * 3,
+                  quantum_mm=0.001)  # fmt: skip
+    loads = "wrench" if table.w[:, [0, 1, 3, 4, 5]].any() else "gravity"
+    if data == "absolute":
+        loads = "wrench"
+    bare = _Scene(robot, values, table, noise, loads, _complete(robot, loads), np.ones(1), np.ones((1, 1)))
+    spread = simulate(Truth(robot, values, (), noise), table, 1).sigma
+    return _with_model(replace(bare, spread=spread), bare.model, values)
+
+
+def _design(
+    robot: Robot, data: str, levels: int, contexts: set[str], rng: np.random.Generator, options: Options
+) -> Measurements:
+    """Random poses and loads; the same load in steps at every pose, up and down again where branches are told."""
+    poses, markers = int(rng.choice(options.poses)), int(rng.choice(options.markers))
+    steps = [(k + 1) / levels for k in range(levels)]
+    branch = [1.0] * levels
+    told = "branch" in contexts or (levels > 1 and rng.random() < 0.25)
+    if told:
+        steps, branch = [*steps, *steps[-2::-1]], [*branch, *[-1.0] * (levels - 1)]
+    while poses * len(steps) * markers * 3 > options.most_rows and poses > 15:
+        poses = {60: 30}.get(poses, 15)
+    limits = np.array([j.range for j in robot.joint])
+    q = rng.uniform(limits[:, 0], limits[:, 1], (poses, robot.dof))
+    if "levels" in contexts or rng.random() < 0.2:
+        q[:, 1] = rng.choice(np.linspace(*limits[1], 7)[1:-1], poses)
+    force = FORCE[robot.name]
+    if rng.random() < 0.35:
+        w = np.tile([0.0, 0.0, -force, 0.0, 0.0, 0.0], (poses, 1))
+    else:
+        w = rng.normal(size=(poses, 6))
+        w[:, :3] *= force / np.linalg.norm(w[:, :3], axis=1)[:, None]
+        w[:, 3:] *= 0.15 * force / np.linalg.norm(w[:, 3:], axis=1)[:, None]
+    each = len(steps) * markers
+    n = poses * each
+    case = np.repeat(np.arange(poses * len(steps)), markers)
+    clock = "clock" in contexts or rng.random() < 0.3
+    time = 30.0 * case.astype(float)
+    warmth = 20.0 + 4.0 * (1 - np.exp(-time / (0.3 * time.max()))) + 0.3 * np.sin(time / 500.0)
+    return measurements(
+        np.repeat(q, each, axis=0),
+        np.repeat(w, each, axis=0) * np.tile(np.repeat(steps, markers), poses)[:, None],
+        pose=np.repeat(np.arange(poses), each),
+        points=("p1", "p2", "p3")[:markers],
+        point=np.tile(np.arange(markers), n // markers),
+        kind=data,  # type: ignore[arg-type]
+        joint_units=["m" if j.prismatic else "rad" for j in robot.joint],
+        time=time if clock else None,
+        temperature=warmth if clock else None,
+        branch=np.tile(np.repeat(branch, markers), poses) if told else None,
+    )
+
+
+@lru_cache(maxsize=32)
+def _complete(robot: Robot, loads: str) -> StiffnessModel:
+    return StiffnessModel.of(reduce(robot, loads))
+
+
+def _rigid_links(robot: Robot, only: int | None = None) -> Robot:
+    table = to_table(robot)
+    places = [table.setdefault("base", {}), *table["joint"]]
+    for i, place in enumerate(places):
+        if only is None or i == only:
+            place["link"] = {**place.get("link", {}), "template": "rigid"}
+    return from_table(table)
+
+
+def _without(values: dict[str, float], where: Where) -> dict[str, float]:
+    """The compliances without those of one joint or link."""
+    if "joint" in where:
+        return {n: v for n, v in values.items() if n != f"c{where['joint']}"}
+    return {n: v for n, v in values.items() if not n.startswith(f"k{where['link']}_")}
+
+
+def _lacking(scene: _Scene, where: Where) -> StiffnessModel:
+    """The model of a robot in which that joint or link is rigid."""
+    if "link" in where:
+        return _complete(_rigid_links(scene.robot, int(where["link"])), scene.loads)
+    kept = tuple(p for p in scene.model.compliances if p.name != f"c{where['joint']}")
+    return replace(scene.model, compliances=kept, values={})
+
+
+def _with_model(scene: _Scene, model: StiffnessModel, values: dict[str, float]) -> _Scene:
+    scene = replace(scene, model=model)
+    current = assemble(model, replace(scene.table, values=_values(scene, values, ())), effects=())
+    columns = np.zeros((len(scene.table), 3, current.problem.A.shape[1]))
+    view = current.situation.view
+    columns[view.state, view.component] = current.problem.A
+    white = _whitened(scene, columns)
+    return replace(scene, basis=column_space(white.reshape(-1, columns.shape[2])))
+
+
+def _values(scene: _Scene, values: dict[str, float], effects: Sequence[Effect]) -> np.ndarray:
+    """Noise-free values (rows, 6), positions only."""
+    table = scene.table
+    fields = ("points", "point", "labels", "pose", "time", "temperature", "branch")
+    truth = Truth(scene.robot, values, tuple(effects))
+    found = clean_response(
+        truth, table.q, table.w, {"kind": table.kind, **{name: getattr(table, name) for name in fields}}
+    )
+    found[:, 3:] = np.nan
+    return found
+
+
+def _whitened(scene: _Scene, rows: np.ndarray) -> np.ndarray:
+    """(rows, 3, …) in units of the noise, the error that a pose's rows share included."""
+    tail = (1,) * (rows.ndim - 2)
+    size = scene.spread[:, :3].reshape(-1, 3, *tail)
+    z = rows / size
+    u = 1e-3 * np.array(scene.noise.approach_mm).reshape(1, 3, *tail) / size
+    for pose in np.unique(scene.table.pose):
+        hit = scene.table.pose == pose
+        square = np.sum(u[hit] ** 2, axis=0)
+        shrink = (1 - 1 / np.sqrt(1 + square)) / np.maximum(square, 1e-300)
+        z[hit] -= u[hit] * np.sum(u[hit] * z[hit], axis=0) * shrink
+    return np.asarray(z)
+
+
+def _noncentrality(scene: _Scene, signal: np.ndarray, further: np.ndarray | None = None) -> float:
+    """λ: what is left of a signal (rows, 6) outside the model and further columns, over the noise's variance."""
+    white = _whitened(scene, signal[:, :3]).ravel()
+    basis = scene.basis if further is None else np.column_stack([scene.basis, further])
+    if further is not None:
+        basis = column_space(basis, 1e-7)
+    left = white - basis @ (basis.T @ white)
+    return float(left @ left)
+
+
+def _limited(scene: _Scene, rng: np.random.Generator, heavy: float) -> _Scene:
+    """Scale the loads so that the second-order geometry stays below the noise, or has the wanted noncentrality."""
+    limit = heavy or GEOMETRY * float(rng.uniform(0.1, 1.0))
+    for _ in range(4 if scene.table.kind == "deflection" else 2):
+        found = _noncentrality(scene, _values(scene, scene.values, ()))
+        factor = (limit / max(found, 1e-12)) ** 0.25
+        if not heavy:
+            factor = min(factor, 1.0)
+        table = replace(scene.table, w=scene.table.w * factor)
+        largest = np.linalg.norm(table.w[:, :3], axis=1).max()
+        if largest > 3 * FORCE[scene.robot.name]:
+            raise _Unfit
+        scene = _with_model(replace(scene, table=table), scene.model, scene.values)
+        if abs(factor - 1.0) < 0.02:
+            break
+    found = _noncentrality(scene, _values(scene, scene.values, ()))
+    if not heavy and found > 3 * GEOMETRY:
+        raise _Unfit
+    freedom = 3 * len(scene.table) - scene.basis.shape[1]
+    if freedom < LEAST_FREEDOM:
+        raise _Unfit
+    return scene
+
+
+def _draw(scene: _Scene, rng: np.random.Generator) -> Draw:
+    found = assemble(scene.model, replace(scene.table, values=_values(scene, scene.values, ())), effects=())
+    tau = np.abs(found.situation.view.tau).max(axis=0)
+    torque = tau[[k for k, v in enumerate(found.situation.view.joints) if v.kind == "joint"]]
+    span = float(np.nanmax(scene.table.time)) if np.isfinite(scene.table.time).any() else 1.0
+    force = float(np.linalg.norm(scene.table.w[:, :3], axis=1).max())
+    angles = np.unique(scene.table.q[:, 1])
+    return Draw(scene.robot, scene.values, torque, force, span, angles, scene.table.labels, rng)
+
+
+def _scaled(
+    scene: _Scene, base: dict[str, float], effects: Sequence[Effect], wanted: float, kind: str
+) -> tuple[tuple[Effect, ...], tuple[float, ...]]:
+    """Scale every effect to its noncentrality given the others'; raise where it would be larger than believable."""
+    clean = _values(scene, base, ())
+    if kind == "untestable":
+        for effect in effects:
+            signal = _values(scene, base, (effect,)) - clean
+            if _noncentrality(scene, signal) > 2.0:
+                raise _Unfit
+        return tuple(effects), (0.0,) * len(effects)
+    trial = [e.scaled(_SMALL) for e in effects]
+    found = [0.0] * len(trial)
+    for attempt in range(5):
+        signals = [_values(scene, base, (e,)) - clean for e in trial]
+        for k, signal in enumerate(signals):
+            rest = [_whitened(scene, s[:, :3]).ravel() for i, s in enumerate(signals) if i != k]
+            found[k] = _noncentrality(scene, signal, np.column_stack(rest) if rest else None)
+            factor = np.sqrt(wanted / found[k]) if found[k] > 0 else np.inf
+            if attempt == 0 and factor * _SMALL > 1.0:
+                raise _Unfit
+            trial[k] = trial[k].scaled(float(factor))
+        if all(abs(f / wanted - 1) < 0.03 for f in found):
+            break
+    return tuple(trial), tuple(found)
