@@ -16,6 +16,7 @@ from symstiff.codegen.compact import compact
 from symstiff.codegen.emit import emit_c, operations
 from symstiff.codegen.functions import Functions
 from symstiff.codegen.options import Options
+from symstiff.effects.base import EffectInstance, Scales, catalogue
 from symstiff.files import write_tree
 from symstiff.model import StiffnessModel
 from symstiff.reduction import reduce
@@ -351,3 +352,26 @@ def test_clang_tidy_has_nothing_to_say(folders, variant):
         cwd=folders[variant],
     )
     assert "warning:" not in printed
+
+
+def test_an_effect_of_the_moment_reads_it_beside_the_parameters(functions, tmp_path):
+    need("gcc")
+    place = catalogue()["hysteresis"].places(functions.model.robot)[0]
+    shape = catalogue()["hysteresis"].shapes(functions.model.robot, place, Scales())[0]
+    model = functions.model.with_effect(EffectInstance("hysteresis", place, shape))
+    values = dict.fromkeys(model.parameters, 1e-7) | {e.name: e.typical for e in model.effect_parameters}
+    write_tree(tmp_path, emit_c(Functions(model), Options(targets=("c",))))
+    sources = [f"{NAME}.c", f"{NAME}_batch.c"]
+    done("gcc", "-O1", *STRICT, "-fPIC", "-shared", *sources, "-o", "lib.so", "-lm", cwd=tmp_path)
+    library = ctypes.CDLL(str(tmp_path / "lib.so"))
+    q, w = [0.1, -1.0, 1.2, 0.3, 0.5, -0.2], [500.0, 300.0, -2000.0, 0.0, 0.0, 0.0]
+    seen = []
+    for branch in (1.0, -1.0):
+        p = _numbers("double", [*model.vector(values), branch])
+        status, dt = _deflection(library, "double", p, _numbers("double", q), _numbers("double", w))
+        assert status == 0
+        context = {"branch": np.array([branch])}
+        expected = model.deflection(np.array([q]), np.array([w]), values, context)[0]
+        np.testing.assert_allclose(dt, expected, rtol=1e-9, atol=1e-15)
+        seen.append(dt)
+    assert seen[0] != seen[1]

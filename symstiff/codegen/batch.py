@@ -11,7 +11,7 @@ import sympy as sp
 
 from symstiff.codegen.names import SUMMARIES
 from symstiff.codegen.sincos import DOUBLE, FLOAT, Sincos
-from symstiff.codegen.text import CAlgebra, Text, c_body
+from symstiff.codegen.text import CAlgebra, Text, c_body, context_names
 from symstiff.symbolic.program import Constant, Program, evaluate
 
 if TYPE_CHECKING:
@@ -130,7 +130,8 @@ def batch_function(
     names = [v.name for v in program.inputs]
     (output, shape) = program.outputs[0]
     size = f"{program.name.upper()}_BLOCK"
-    arrays = [f"const {real} *NO_ALIAS {n}" for n in names if n != "p"]
+    fixed = {"p", *inputs}
+    arrays = [f"const {real} *NO_ALIAS {n}" for n in names if n not in fixed]
     inner = [parameter] * ("p" in names) + arrays + [f"{real} *NO_ALIAS {output}"]
     algebra = VectorAlgebra(single, iter(small_arguments(program, single)))
     store = f"{{vector}}[({{index}} * {size}) + i]"
@@ -139,7 +140,9 @@ def batch_function(
     zero = f"] = {algebra.literal(0.0)};"
     lines = body.split("\n")
     body = "\n".join(line for line in lines if not line.endswith(zero))
-    unused = [n for n in names if f"{n}[" not in body and f"{n}->" not in body]
+    unused = [
+        n for n in names if (n == "p" or n not in fixed) and f"{n}[" not in body and f"{n}->" not in body
+    ]
     return {
         "name": program.name,
         "summary": summary,
@@ -149,11 +152,13 @@ def batch_function(
         "arguments": ", ".join(inner),
         "block_arguments": ", ".join(inner).replace("NO_ALIAS ", ""),
         "public_parameter": f"{parameter}, " if "p" in names else "",
-        "call": ", ".join(["p"] * ("p" in names) + [f"block_{n}" for n in names if n != "p"] + ["block"]),
+        "call": ", ".join(
+            ["p"] * ("p" in names) + [f"block_{n}" for n in names if n not in fixed] + ["block"]
+        ),
         "prologue": "".join(f"    (void){n};\n" for n in unused),
         "body": body,
         "zeros": len(body) < sum(len(line) + 1 for line in lines) - 1,
-        "arrays": [{"name": v.name, "size": len(v.symbols)} for v in program.inputs if v.name != "p"],
+        "arrays": [{"name": v.name, "size": len(v.symbols)} for v in program.inputs if v.name not in fixed],
         "output": output,
         "outputs": program.size(output),
         "rows": shape[0],
@@ -175,8 +180,8 @@ def batch_context(functions: Functions, options: Options) -> dict[str, Any]:
     model, single = functions.model, options.single
     fields = {n: f"p->k[{k}]" for k, n in enumerate(model.stiffness_parameters)}
     fields |= {e.name: f"p->{e.name}" for e in model.effect_parameters}
-    order = model.parameters
-    fixed = {"p": lambda k: fields[order[k]], "context": lambda k: "p->context"}
+    order, moment = model.parameters, context_names(functions.deflection)
+    fixed = {"p": lambda k: fields[order[k]], "context": lambda k: f"p->{moment[k]}"}
     parameter = f"const {model.robot.name}_params_t *p"
     batches = [
         batch_function(p, fixed, parameter, single, SUMMARIES[p.name])

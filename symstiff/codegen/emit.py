@@ -12,11 +12,11 @@ from symstiff import __version__
 from symstiff.codegen.batch import batch_context
 from symstiff.codegen.compact import compact
 from symstiff.codegen.functions import Functions
-from symstiff.codegen.names import LOADS_MEANING, SUMMARIES, meaning
+from symstiff.codegen.names import CONTEXT_DEFAULTS, CONTEXT_MEANING, LOADS_MEANING, SUMMARIES, meaning
 from symstiff.codegen.options import Options
 from symstiff.codegen.reference import DIGITS, Case, cases, configurations, plausible_values, unit_length
 from symstiff.codegen.targets import TARGETS
-from symstiff.codegen.text import CAlgebra, c_body
+from symstiff.codegen.text import CAlgebra, c_body, context_names
 from symstiff.symbolic.algebras import count
 from symstiff.symbolic.program import Program
 
@@ -127,6 +127,10 @@ def base_context(functions: Functions, options: Options) -> dict[str, Any]:
             }
             for e in model.effect_parameters
         ],
+        "states": [
+            {"name": n, "meaning": CONTEXT_MEANING[n], "default": literal(CONTEXT_DEFAULTS[n])}
+            for n in context_names(functions.deflection)
+        ],
         "casadi": "casadi" in options.targets,
         "headers": [
             f"{robot.name}.h",
@@ -207,7 +211,7 @@ def _function(
             "p": lambda k: fields[order[k]],
             "q": lambda k: f"q[{k}]",
             "w": lambda k: f"w[{k}]",
-            "context": lambda k: "p->context",
+            "context": lambda k: f"p->{context_names(program)[k]}",
         },
         single=bool(context["single"]),
     )
@@ -244,7 +248,8 @@ def _selftest(functions: Functions, options: Options) -> dict[str, Any]:
         "cases": [members(c) for c in found],
         "tolerance": algebra.literal(2e-5 if options.single else 1e-12),
         "test_parameters": parameters[:stiffness],
-        "test_effect_parameters": parameters[stiffness:],
+        "test_effect_parameters": parameters[stiffness:]
+        + [algebra.literal(1.0) for _ in context_names(functions.deflection)],
     }
 
 

@@ -19,7 +19,7 @@ from symstiff.codegen.footprint_parse import call_graph, instructions_per_call, 
 from symstiff.codegen.functions import Functions
 from symstiff.codegen.options import Options
 from symstiff.codegen.reference import configurations, plausible_values
-from symstiff.codegen.text import CAlgebra
+from symstiff.codegen.text import CAlgebra, context_names
 
 FUNCTIONS = ("deflection", "compensate", "observation", "jacobian", "stiffness", "forward")
 
@@ -80,7 +80,8 @@ def _printed(command: list[str], cwd: Path) -> str:
 def bench(functions: Functions, single: bool) -> str:
     """A C program that calls every function at a few configurations."""
     model, literal = functions.model, CAlgebra(single).literal
-    values = [literal(v) for v in plausible_values(model).values()]
+    moment = [1.0 for _ in context_names(functions.deflection)]
+    values = [literal(v) for v in (*plausible_values(model).values(), *moment)]
     stiffness = len(model.stiffness_parameters)
     context = {
         "name": model.robot.name,

@@ -9,6 +9,12 @@ LOADS_MEANING = {
     "force": "any force at the tool centre point, no moment",
     "gravity": "a vertical force at the tool centre point (world z)",
 }
+CONTEXT_MEANING = {
+    "time": "s, since the start of the measurements",
+    "temperature": "degC",
+    "branch": "+1 while the load grows, -1 while it falls",
+}
+CONTEXT_DEFAULTS = {"time": 0.0, "temperature": 20.0, "branch": 1.0}
 SUMMARIES = {
     "deflection": "deflection of the tool centre point by recursion over the links",
     "observation": "observation matrix by columns",

@@ -135,6 +135,11 @@ def c_body(
     return "\n".join(indent + line for line in lines)
 
 
+def context_names(program: Program) -> list[str]:
+    """What a program knows of the moment besides joints and wrench: time, temperature, branch."""
+    return [s.name for v in program.inputs if v.name == "context" for s in v.symbols]
+
+
 def stored_outputs(program: Program) -> tuple[int, ...]:
     """Indices of a program's only output that are not identically zero, in order of emission."""
     return tuple(s.index for s in program.statements if isinstance(s, Emit) and s.expression != 0)

@@ -16,6 +16,7 @@ import numpy as np
 from symstiff.codegen.compiler import STRICT, Compiler, library_sources
 from symstiff.codegen.functions import Functions
 from symstiff.codegen.reference import Case, cases, plausible_values
+from symstiff.codegen.text import context_names
 from symstiff.errors import UserError
 
 CONFIGURATIONS = 64  # random ones over the joint range that the bounds of a compiled library are measured at
@@ -150,7 +151,7 @@ def c_errors(
     loaded, prefix = ctypes.CDLL(str(library)), model.robot.name
     real: Any = ctypes.c_float if single else ctypes.c_double
     n, m = model.robot.dof, len(model.stiffness_parameters)
-    p = (real * len(model.parameters))(*model.vector(values))
+    p = struct_values(functions, values, real)
     rows, whole = [slice(r * m, (r + 1) * m) for r in range(6)], [slice(None)]
     worst: dict[str, float] = {}
 
@@ -174,6 +175,12 @@ def c_errors(
             seen["stiffness"] = relative(called("stiffness", 36, p, q), case.K, whole) / case.condition
         worst = {k: max(error, worst.get(k, 0.0)) for k, error in seen.items()}
     return worst
+
+
+def struct_values(functions: Functions, values: Mapping[str, float], real: Any) -> Any:
+    """The C struct of parameters as an array; time, temperature and branch, where there are any, are one."""
+    numbers = [*functions.model.vector(values), *(1.0 for _ in context_names(functions.deflection))]
+    return (real * len(numbers))(*numbers)
 
 
 def _greatest_difference(x: Sequence[float], reference: Sequence[Any]) -> float:
