@@ -119,33 +119,47 @@ def twist(change: np.ndarray, at: np.ndarray) -> np.ndarray:
     return np.array([*change[:3, 3], skew[2, 1], skew[0, 2], skew[1, 0]])
 
 
+def poses(robot: Robot, q: np.ndarray) -> np.ndarray:
+    """(N, 4, 4) poses of the tool at joint variables (N, n)."""
+    return _stacked(pose(robot, list(q.T.astype(complex)), alg=np), len(q)).real
+
+
+def jacobians(robot: Robot, q: np.ndarray) -> np.ndarray:
+    """(N, 6, V) J_θ by complex steps: the pose's derivative along every virtual joint, to rounding."""
+    step, variables, R = 1e-40, list(q.T.astype(complex)), poses(robot, q)[:, :3, :3]
+    columns = []
+    for place in places(robot):
+        change = _stacked(pose(robot, variables, {place: step * 1j}, alg=np), len(q)).imag / step
+        skew = change[:, :3, :3] @ R.transpose(0, 2, 1)
+        turn = np.stack([skew[:, 2, 1], skew[:, 0, 2], skew[:, 1, 0]], axis=1)
+        columns.append(np.hstack([change[:, :3, 3], turn]))
+    return np.stack(columns, axis=2)
+
+
+def _stacked(matrix: np.ndarray, n: int) -> np.ndarray:
+    """(n, 4, 4) from a 4 × 4 of numbers and arrays (n,)."""
+    return np.array([[np.broadcast_to(x, n) for x in row] for row in matrix]).transpose(2, 0, 1)
+
+
 def jacobian(robot: Robot, q: Sequence[float]) -> np.ndarray:
-    """(6, V) J_θ by complex steps: the derivative of the pose along every virtual joint, to rounding."""
-    step = 1e-40
-    at = pose(robot, q).astype(complex).real
-    columns = [
-        twist(pose(robot, q, {place: step * 1j}).astype(complex).imag / step, at) for place in places(robot)
-    ]
-    return np.stack(columns, axis=1)
+    """(6, V) J_θ at one configuration."""
+    return np.asarray(jacobians(robot, np.atleast_2d(np.asarray(q, float)))[0])
 
 
 def observation(robot: Robot, q: np.ndarray, w: np.ndarray, names: Sequence[str]) -> np.ndarray:
     """(6·N, P) observation matrix of compliances by name, k_ab with its mirror, pose by pose."""
     where = {place: k for k, place in enumerate(places(robot))}
-    blocks = []
-    for angles, wrench in zip(q, w, strict=True):
-        J = jacobian(robot, list(angles))
-        tau, block = J.T @ wrench, np.empty((6, len(names)))
-        for p, name in enumerate(names):
-            if name[0] == "c":
-                k = where["joint", int(name[1:]), 0]
-                block[:, p] = J[:, k] * tau[k]
-            else:
-                body, ab = name[1:].split("_")
-                r, c = (where["link", int(body), int(axis)] for axis in ab)
-                block[:, p] = J[:, r] * tau[c] + (J[:, c] * tau[r] if r != c else 0.0)
-        blocks.append(block)
-    return np.vstack(blocks)
+    J = jacobians(robot, q)
+    tau, A = np.einsum("nrv,nr->nv", J, w), np.empty((len(q), 6, len(names)))
+    for p, name in enumerate(names):
+        if name[0] == "c":
+            k = where["joint", int(name[1:]), 0]
+            A[:, :, p] = J[:, :, k] * tau[:, [k]]
+        else:
+            body, ab = name[1:].split("_")
+            r, c = (where["link", int(body), int(axis)] for axis in ab)
+            A[:, :, p] = J[:, :, r] * tau[:, [c]] + (J[:, :, c] * tau[:, [r]] if r != c else 0.0)
+    return A.reshape(6 * len(q), -1)
 
 
 def samples(robot: Robot, n: int, seed: int, loads: str = "wrench") -> tuple[np.ndarray, np.ndarray]:

@@ -46,10 +46,9 @@ def closed_form(reduction: Reduction) -> dict[str, dict[str, sp.Expr]]:
 
     def fitted(eliminated: str, kept: str, value: Fraction) -> sp.Expr:
         found = _fit(sampler, (eliminated, kept), lengths, degree[kept] - degree[eliminated])
-        number = float(value)
-        if found is not None and abs(float(found.subs(here)) - number) <= 1e-9 * max(1.0, abs(number)):
-            return found
-        return _number(value)
+        there = sp.nan if found is None else sp.N(found.subs(here))
+        close = there.is_finite and abs(float(there) - float(value)) <= 1e-9 * max(1.0, abs(float(value)))
+        return found if close else _number(value)
 
     try:
         return {
