@@ -110,6 +110,8 @@ def _separate(request: PlanRequest) -> None:
         f"separation {found.separation[-1]:.3g} (squared distance of the predictions in units of the noise "
         "variance that no fit closes; 20 is ample)"
     )
+    if found.separation[-1] < 1.0:
+        out.print("[yellow]note[/yellow]: these loads do not tell them apart: other loads, or more force")
     out.print(f"wrote {request.output}")
     write_json(
         request.json, {"explanations": names, "poses": table.labels, "separation": list(found.separation)}

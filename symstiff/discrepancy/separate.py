@@ -14,6 +14,7 @@ from symstiff.calibration.measurements import Measurements
 from symstiff.discrepancy.deciding import Experiment, Rival, decide_poses, several_levels
 from symstiff.discrepancy.design import Decider
 from symstiff.discrepancy.problem import Array
+from symstiff.discrepancy.speech import named
 from symstiff.effects.base import EffectInstance, Scales, find
 from symstiff.errors import UserError
 from symstiff.model import StiffnessModel
@@ -59,7 +60,7 @@ def separate(robot: Robot, verdict: Path, wish: Wish) -> tuple[Measurements, Dec
         wish.seed,
         offered=max(300, 4 * wish.poses),
     )
-    return chosen, found, [" with ".join(f"{e.effect} {dict(e.where)}" for e in r.effects) for r in rivals]
+    return chosen, found, [" with ".join(named(e.effect, e.where) for e in r.effects) for r in rivals]
 
 
 def _read(path: Path) -> Mapping[str, Any]:

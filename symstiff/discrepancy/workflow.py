@@ -21,6 +21,7 @@ from symstiff.discrepancy.growth import Fitted, fit, grow
 from symstiff.discrepancy.point import find_point
 from symstiff.discrepancy.problem import Array, Options, Shape
 from symstiff.discrepancy.result import CandidateResult, Diagnosis, Estimate, Name, Rms
+from symstiff.discrepancy.speech import place, spoken
 from symstiff.discrepancy.strata import Stratum
 from symstiff.discrepancy.verdict import AMBIGUOUS, INSUFFICIENT, NAMED, NOTHING, UNEXPLAINED, UNTESTABLE
 from symstiff.effects.base import EffectInstance
@@ -273,22 +274,3 @@ def _rms(first: Diagnosis, last: Diagnosis) -> Rms:
     return replace(
         last.rms, before=first.rms.before, held_out_before=first.rms.held_out_before,
     )  # fmt: skip
-
-
-def spoken(effect: str) -> str:
-    """An effect's identifier as words."""
-    return effect.replace("_", " ")
-
-
-def place(where: Mapping[str, Any]) -> str:
-    """A place as words: ``at joint 2``, ``at joints 4, 5``, ``of the force sensor``."""
-    parts = []
-    for key, value in where.items():
-        shown = ", ".join(str(v) for v in value) if isinstance(value, list | tuple) else str(value)
-        parts.append({
-            "joint": f"at joint {shown}", "link": f"at link {shown}", "joints": f"between joints {shown}",
-            "harmonics": f"({shown} a turn)", "load": f"({shown.replace('_', ' ')})",
-            "measurement": f"(measuring {shown.replace('_', ' ')})", "rows": f"(pose {shown})",
-            "robot": "",
-        }.get(key, f"{key} {shown}"))  # fmt: skip
-    return " ".join(p for p in parts if p)

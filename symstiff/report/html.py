@@ -10,7 +10,8 @@ from markupsafe import Markup
 
 from symstiff import __version__
 from symstiff.discrepancy.result import CandidateResult, Estimate, Name
-from symstiff.discrepancy.workflow import Finding, Found, place, spoken
+from symstiff.discrepancy.speech import named, place, spoken
+from symstiff.discrepancy.workflow import Finding, Found
 from symstiff.effects.base import catalogue
 from symstiff.report import plots, words
 from symstiff.report.code import Line, formulas
@@ -82,25 +83,35 @@ def _facts(finding: Finding) -> list[tuple[str, str]]:
 
 
 def _effects(effects: Sequence[Found]) -> list[dict[str, Any]]:
-    known = catalogue()
-    out = []
+    """A card an effect; one for all places of an effect that is at many."""
+    groups: dict[tuple[int, str], list[Found]] = {}
     for e in effects:
-        entry = known.get(e.effect)
-        out.append(
-            {
-                "set": e.set_number + 1,
-                "name": words.named(e.effect, e.where),
-                "title": entry.title if entry else e.effect,
-                "description": entry.description if entry else "",
-                "separated_by": entry.separated_by if entry else "",
-                "parameters": [(n, words.quantity(v)) for n, v in e.parameters.items()],
-                "p": words.p_equals(e.p_value),
-                "confidence": f"{100 * e.confidence:.0f} %",
-                "confounded": [words.name_text(n) for n in e.confounded_with],
-                "shape": ", ".join(f"{k} = {v:.4g}" for k, v in e.shape.items()),
-            }
-        )
-    return out
+        groups.setdefault((e.set_number, e.effect), []).append(e)
+    cards = [
+        part for group in groups.values() for part in ([group] if len(group) > 3 else [[e] for e in group])
+    ]
+    return [_card(group) for group in cards]
+
+
+def _card(group: list[Found]) -> dict[str, Any]:
+    e = group[0]
+    entry = catalogue().get(e.effect)
+    name = named(e.effect, e.where)
+    if len(group) > 1:
+        name = f"{spoken(e.effect)} at " + ", ".join(place(g.where).removeprefix("at ") for g in group)
+    confounded = dict.fromkeys(words.name_text(n) for g in group for n in g.confounded_with)
+    return {
+        "set": e.set_number + 1,
+        "name": name,
+        "wide": len(group) > 1,
+        "description": entry.description if entry else "",
+        "separated_by": entry.separated_by if entry else "",
+        "parameters": [(n, words.quantity(v)) for g in group for n, v in g.parameters.items()],
+        "p": words.p_equals(max(g.p_value for g in group)),
+        "confidence": f"{100 * min(g.confidence for g in group):.0f} %",
+        "confounded": list(confounded),
+        "shape": ", ".join(f"{k} = {v:.4g}" for k, v in e.shape.items()),
+    }
 
 
 def _steps(finding: Finding) -> dict[str, Any]:
@@ -155,7 +166,7 @@ def _laws(finding: Finding) -> list[dict[str, Any]]:
         found = formulas(finding.task.robot, e.instance)
         out.append(
             {
-                "name": words.named(e.effect, e.where),
+                "name": named(e.effect, e.where),
                 "formulas": [(Markup(f.mathml), f.text) for f in found],
                 "picture": _marked(plots.draw_law(finding, e)) if finding.testable else None,
             }
@@ -207,7 +218,7 @@ def _candidates(finding: Finding) -> list[dict[str, str]]:
     answer = {True: "yes", False: "no", None: "not asked"}
     return [
         {
-            "name": words.named(c.effect, c.where),
+            "name": named(c.effect, c.where),
             "size": _best(c),
             "p": words.p_text(c.p_value),
             "sufficient": answer[c.sufficient],
@@ -255,7 +266,7 @@ def _sensitivity(finding: Finding) -> list[tuple[str, str, str]]:
     for group in best.values():
         rows = sorted(group, key=_smallest_value)
         for c in rows[:1] if len(rows) > 8 else rows[:6]:
-            out.append((words.named(c.effect, c.where), _smallest(c), "yes" if c.testable else "no"))
+            out.append((named(c.effect, c.where), _smallest(c), "yes" if c.testable else "no"))
     return out
 
 

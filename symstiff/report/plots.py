@@ -14,10 +14,10 @@ import numpy as np
 from symstiff.discrepancy.growth import contribution
 from symstiff.discrepancy.localise import back_project
 from symstiff.discrepancy.problem import Array
+from symstiff.discrepancy.speech import named
 from symstiff.discrepancy.workflow import Finding, Found
 from symstiff.effects.base import EffectInstance
 from symstiff.report.tables import by_state, standardised
-from symstiff.report.words import named
 
 BEFORE, AFTER, NOISE, LAW = "#9aa7b4", "#1f6f8b", "#b8860b", "#c0392b"
 COMPONENTS = ("x", "y", "z", "rx", "ry", "rz")

@@ -3,11 +3,10 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
-from typing import Any
 
 from symstiff.discrepancy.result import Estimate, Name
-from symstiff.discrepancy.workflow import Finding, Found, place, spoken
+from symstiff.discrepancy.speech import named, place, spoken
+from symstiff.discrepancy.workflow import Finding, Found
 
 _SHOWN = {"m": ("mm", 1e3), "rad": ("mrad", 1e3), "1": ("", 1.0)}
 _SUPER = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
@@ -63,11 +62,6 @@ def p_equals(p: float) -> str:
     """The same with its sign: ``p = 0.02``, ``p < 10⁻⁸``."""
     text = p_text(p)
     return f"p {text}" if text.startswith("<") else f"p = {text}"
-
-
-def named(effect: str, where: Mapping[str, Any]) -> str:
-    """An effect at its place: ``gravity compensator at joint 2``."""
-    return f"{spoken(effect)} {place(where)}".strip()
 
 
 def name_text(name: Name) -> str:

@@ -1,0 +1,181 @@
+"""report.html: everything that was found is in it, and it needs nothing from outside."""
+
+from __future__ import annotations
+
+import re
+from dataclasses import replace
+from html.parser import HTMLParser
+
+import numpy as np
+import pytest
+
+from symstiff.discrepancy.result import Estimate
+from symstiff.discrepancy.workflow import Finding, Task, run
+from symstiff.report.code import core, difference
+from symstiff.report.html import render
+from symstiff.report.words import number, p_equals, quantity
+from symstiff.robot import load
+from tests.diagnosis_data import HARDENING, ROBOT, measured
+
+CODE = {"folder": True, "compiled": True, "text": "compiled", "error": 1e-15}
+
+
+@pytest.fixture(scope="module")
+def named() -> Finding:
+    return run(Task(load(ROBOT), measured(HARDENING)))
+
+
+@pytest.fixture(scope="module")
+def unexplained() -> Finding:
+    """A deflection that follows the second joint's angle and load in a way that no effect of the catalogue has."""
+    table = measured()
+    lever = 0.7 * np.hypot(table.w[:, 0], table.w[:, 1]) * np.sin(5 * table.q[:, 1])
+    values = table.values.copy()
+    values[:, 0] += 3e-6 * lever
+    values[:, 1] -= 2e-6 * np.abs(lever)
+    return run(Task(load(ROBOT), replace(table, values=values)))
+
+
+@pytest.fixture(scope="module")
+def page(named: Finding) -> str:
+    changes = difference(core(named.start.model), core(named.grown.model))
+    return render(named, {"code": CODE, "decide": None}, changes)
+
+
+class Outline(HTMLParser):
+    """Sections, resources and whether every element that opens closes."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.sections: list[str] = []
+        self.resources: list[str] = []
+        self.open: list[str] = []
+
+    def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
+        found = dict(attrs)
+        if tag == "section":
+            self.sections.append(found.get("id") or "")
+        self.resources += [v or "" for k, v in attrs if k in ("src", "href", "xlink:href", "srcset", "data")]
+        if tag not in ("meta", "link", "br", "img"):
+            self.open.append(tag)
+
+    def handle_startendtag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
+        self.handle_starttag(tag, attrs)
+        if tag not in ("meta", "link", "br", "img"):
+            self.open.pop()
+
+    def handle_endtag(self, tag: str) -> None:
+        assert self.open.pop() == tag
+
+
+def outline(page: str) -> Outline:
+    parser = Outline()
+    parser.feed(page)
+    return parser
+
+
+def test_the_page_has_every_section(page: str) -> None:
+    wanted = {
+        "effects", "gap", "steps", "histograms", "map", "laws", "candidates", "untested", "detectable",
+        "compliances", "code",
+    }  # fmt: skip
+    assert wanted <= set(outline(page).sections)
+
+
+def test_the_page_is_well_formed_and_needs_nothing_from_outside(page: str) -> None:
+    found = outline(page)
+    assert found.open == []
+    assert all(r.startswith(("#", "data:")) for r in found.resources)
+    assert not re.search(r"https?://|url\((?!#)|@import|<script|<link|<iframe", page)
+
+
+def test_the_verdict_is_a_sentence_with_size_unit_and_confidence(page: str) -> None:
+    text = re.search(r'id="verdict">(.*?)</p>', page, re.S)
+    assert text is not None
+    for part in ("nonlinear stiffness at joint 2", "±", "rad/(N·m)", "confidence", "mm"):
+        assert part in text.group(1)
+
+
+def test_the_step_table_has_max_and_rms_of_every_axis_and_of_positions(page: str, named: Finding) -> None:
+    table = page[page.index('id="steps"') : page.index('id="histograms"')]
+    for name in (
+        "x [mm]",
+        "y [mm]",
+        "z [mm]",
+        "position [mm]",
+        "MAX",
+        "RMS",
+        "no compensation",
+        "start model",
+    ):
+        assert name in table
+    last = named.steps[-1].residual * 1e3
+    view = named.assembly.situation.view
+    z = last[view.component == 2]
+    assert f"{np.abs(z).max():.3f}" in table
+    assert f"{np.sqrt(np.mean(z**2)):.3f}" in table
+
+
+def test_the_law_is_shown_as_formula_and_as_text(page: str) -> None:
+    laws = page[page.index('id="laws"') : page.index('id="candidates"')]
+    assert "<math" in laws
+    assert "nonlinear_stiffness_2_c*" in laws
+    assert "tau_joint2" in laws
+    assert "<svg" in laws
+
+
+def test_the_difference_in_the_code_shows_the_new_parameter(page: str) -> None:
+    code = page[page.index('id="code"') :]
+    added = re.findall(r'<span class="add">(.*?)</span>', code, re.S)
+    assert any("nonlinear_stiffness_2_c;" in line for line in added)  # in the struct
+    assert any("p-&gt;nonlinear_stiffness_2_c" in line for line in added)  # in the recursion
+
+
+def test_a_difference_does_not_mind_how_temporaries_are_numbered() -> None:
+    before = ["const double t0 = a*b;", "const double t1 = t0 + c;", "x = t1;"]
+    after = [
+        "const double t0 = d*d;",
+        "const double t1 = a*b;",
+        "const double t2 = t1 + c;",
+        "x = t2;",
+        "y = t0;",
+    ]
+    changed = [(line.kind, line.text) for line in difference(before, after) if line.kind in "+-"]
+    assert changed == [("+", "const double t0 = d*d;"), ("+", "y = t0;")]
+
+
+def test_what_has_no_name_is_shown_where_it_sits_with_a_fitted_expression(unexplained: Finding) -> None:
+    assert unexplained.verdict == "unexplained"
+    page = render(unexplained, {"code": CODE, "decide": None}, [])
+    part = page[page.index('id="unnamed"') : page.index('id="candidates"')]
+    assert "The evidence is strongest at" in part
+    assert "<svg" in part
+    law = unexplained.last.law
+    if law is not None:
+        assert law.expression in part
+
+
+def test_text_from_the_user_is_escaped(named: Finding) -> None:
+    robot = named.task.robot.model_copy(update={"title": "<script>alert(1)</script>"})
+    page = render(replace(named, task=replace(named.task, robot=robot)), {"code": CODE, "decide": None}, [])
+    assert "<script" not in page
+
+
+@pytest.mark.parametrize(
+    ("value", "std", "unit", "text"),
+    [
+        (1.4432e-7, 1.03e-8, "rad/(N*m)", "(1.44 ± 0.10)·10⁻⁷ rad/(N·m)"),
+        (-2.5e-4, 1e-5, "rad", "−0.250 ± 0.010 mrad"),
+        (1.2e-3, 3e-5, "m", "1.200 ± 0.030 mm"),
+        (4.0, float("inf"), "m/N", "4 m/N (not determined apart from others)"),
+    ],
+)
+def test_quantities_read_as_a_person_writes_them(value: float, std: float, unit: str, text: str) -> None:
+    assert quantity(Estimate(value, std, unit)) == text
+
+
+def test_numbers_far_from_one_have_powers_of_ten() -> None:
+    assert number(3.02e-7) == "3.02·10⁻⁷"
+    assert number(0.25) == "0.25"
+    assert p_equals(3e-9) == "p < 10⁻⁸"
+    assert p_equals(0.03) == "p = 0.03"
