@@ -10,6 +10,7 @@ import shutil
 import subprocess
 import tempfile
 from collections.abc import Mapping
+from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
@@ -29,7 +30,10 @@ def measure(folder: Path, functions: Functions, single: bool) -> dict[str, Any]:
     found = {}
     for machine in MACHINES:
         if not machine.missing and (single or machine.doubles):
-            with tempfile.TemporaryDirectory() as scratch:
+            with (
+                tempfile.TemporaryDirectory() as scratch,
+                suppress(RuntimeError),
+            ):  # half a toolchain, e.g. no newlib
                 found[machine.name] = _measured(machine, folder, Path(scratch), functions, single)
     return found
 
