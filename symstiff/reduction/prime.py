@@ -10,6 +10,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from fractions import Fraction
+from itertools import islice
 from typing import Any
 
 import numpy as np
@@ -17,7 +18,9 @@ import sympy as sp
 
 from symstiff.symbolic.program import Constant, stand_in
 
-PRIMES = tuple(sp.prevprime(2**31 - 1 - 7919 * k) for k in range(1, 25))
+# −1 has no square root modulo 4k + 3, so that 1 + t² never vanishes and every t is a point of the circle.
+_BELOW = (sp.prevprime(2**31 - 1 - 7919 * k) for k in range(1, 200))
+PRIMES = tuple(islice((p for p in _BELOW if p % 4 == 3), 24))
 PI = sp.Rational(5419351, 1725033)  # within 1e-13; a length may be a multiple of pi
 Residues = Any  # an int, or an int64 array (N,)
 
