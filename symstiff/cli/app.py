@@ -221,9 +221,7 @@ def diagnose(
     from symstiff.cli.diagnose import DiagnoseRequest, run_diagnose
 
     run_diagnose(
-        DiagnoseRequest(
-            robot, tuple(data), output, start, loads, measure, max_effects, seed, json, max_poses
-        )
+        DiagnoseRequest(robot, tuple(data), output, start, loads, measure, max_effects, seed, json, max_poses)
     )
 
 
@@ -238,6 +236,14 @@ def compensate(
     from symstiff.cli.calibrate import run_compensate
 
     run_compensate(model, trajectory, output, json)
+
+
+@app.command(epilog="Example: symstiff footprint kuka_kr270 --loads gravity")
+def footprint(robot: Robot, loads: Loads = "wrench", measure: Measure = "pose", json: Json = None) -> None:
+    """Measure code, stack and instructions of the generated C on this machine and on emulated Cortex-M boards."""
+    from symstiff.cli.produce import run_footprint
+
+    run_footprint(robot, loads, measure, json)
 
 
 @app.command(epilog="Example: symstiff reproduce")

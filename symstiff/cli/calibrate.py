@@ -68,9 +68,7 @@ def run_plan(request: PlanRequest) -> None:
         test_q, test_w = _test_poses(request)
         goal = Goal(request.poses, request.criterion, None, test_q, test_w)  # type: ignore[arg-type]
         load_class: Any = request.loads
-        search = Search(
-            request.candidates, seed=request.seed, refine=request.refine, cluster=request.cluster
-        )
+        search = Search(request.candidates, seed=request.seed, refine=request.refine, cluster=request.cluster)
         sigma = (request.sigma * 1e-3, request.sigma * 1e-3 / 0.3)
         plan = plan_for(
             model, goal, Load(load_class, request.force), request.markers, sigma, _region(request),

@@ -42,7 +42,7 @@ def run_generate(
             model = _fresh(out, robot, loads or "wrench", measure or "pose", fixed)
         else:
             model = _identified(robot, model_file, loads, measure)
-        result = generate(model, output, options, compile_c=compile_c, progress=progress)
+        result = generate(model, output, options, compile_c=compile_c, footprint=compile_c, progress=progress)
     _report(out, result)
     write_json(json, result.manifest)
 
@@ -90,3 +90,22 @@ def _report(out: Console, result: Generated) -> None:
     if proof.max_relative_error is not None:
         out.print(f"greatest relative error against 50-digit values: {proof.max_relative_error:.1e}")
     out.print(f"wrote {result.folder}")
+
+
+def run_footprint(robot: str, loads: str, measure: str, json: str | None) -> None:
+    """Measure all variants of precision and layout on every machine that the tools at hand can show."""
+    from symstiff.codegen.footprint import markdown, variants
+    from symstiff.codegen.functions import Functions
+    from symstiff.model import StiffnessModel
+    from symstiff.reduction import reduce
+
+    out = console(json)
+    with stages(out) as progress:
+        progress("compiling and measuring")
+        measured = variants(Functions(StiffnessModel.of(reduce(load(robot), loads, measure))))
+    if not measured:
+        raise UserError(
+            "no compiler or emulator was found: install gcc, and arm-none-eabi-gcc with QEMU for boards"
+        )
+    out.print(markdown(measured), markup=False, soft_wrap=True)
+    write_json(json, measured)
