@@ -52,11 +52,12 @@ def experiment_of(table: Measurements, robot: Robot) -> ExperimentClass:
 
 
 def _sees_rotation(table: Measurements, robot: Robot) -> bool:
-    """Rotations are measured, or three points that are not on one line are."""
+    """Rotations are measured, or points beside the tool centre point are: their lever shows the tool's rotation."""
     if table.measured[:, 3:].any():
         return True
+    tip = np.array([float(x) for x in robot.marker_position("tcp")])
     places = np.array([[float(x) for x in robot.marker_position(p)] for p in table.points])
-    return len(places) >= 3 and np.linalg.matrix_rank(places - places[0], tol=1e-6) >= 2
+    return bool(np.abs(places - tip).max() > 1e-6)
 
 
 @dataclass(frozen=True, eq=False)

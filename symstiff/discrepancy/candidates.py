@@ -7,17 +7,17 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from symstiff.calibration.measurements import Measurements
 from symstiff.discrepancy.current import Current, spread_of
 from symstiff.discrepancy.problem import Array, Candidate, Parameter, Problem, Shape
 from symstiff.discrepancy.scan import column_space
-from symstiff.discrepancy.situation import Situation, View, load_factor
-from symstiff.effects.base import Effect, Realisation, Scales, Where
+from symstiff.discrepancy.situation import Situation, View
+from symstiff.effects.base import Effect, Realisation, Where
 from symstiff.model import StiffnessModel
 
 _LEFT = 1e-9
 """Share of a column's squared length below which nothing of it is outside the model."""
 _SAME = 1e-6
+_MOST_SHAPES = 4
 _SAME_ANGLE = 2e-3
 
 
@@ -117,64 +117,29 @@ def _inside(columns: _Columns, basis: Array, view: View) -> bool:
 
 
 def grouped(problem: Problem, candidates: Sequence[Candidate]) -> tuple[Candidate, ...]:
-    """Name the groups of candidates without shapes that add the same space to the model."""
+    """Name the groups of candidates that add the same spaces to the model, whatever their shape."""
     basis = column_space(problem.A)
     probe = np.random.default_rng(0).standard_normal(problem.rows)
-    spaces: list[tuple[str, Array]] = []
+    known: list[tuple[str, Array]] = []
     out = []
     for candidate in candidates:
-        if candidate.unavailable or len(candidate.shapes) > 1:
+        if candidate.unavailable or len(candidate.shapes) > _MOST_SHAPES:
             out.append(candidate)
             continue
-        block = candidate.columns(candidate.shapes[0])
-        length = np.linalg.norm(block, axis=0)
-        block = block[:, length > 0] / length[length > 0]
-        own = column_space(block - basis @ (basis.T @ block), 1e-7)
-        shadow = own @ (own.T @ probe)  # equal spaces cast equal shadows
-        same = (
-            name for name, other in spaces if np.linalg.norm(other - shadow) < _SAME * np.linalg.norm(shadow)
-        )
-        name = next(same, candidate.key)
-        spaces.append((name, shadow))
+        shadow = np.concatenate([_shadow(candidate.columns(s), basis, probe) for s in candidate.shapes])
+        name = next((n for n, other in known if _equal(other, shadow)), candidate.key)
+        known.append((name, shadow))
         out.append(replace(candidate, group=name))
     return tuple(out)
 
 
-def scales_of(view: View) -> Scales:
-    """The experiment's sizes, over which shapes are profiled."""
-    table = view.table
-    load = {v: float(np.abs(view.tau[:, k]).max()) for k, v in enumerate(view.joints) if v.kind == "joint"}
-    angles = []
-    poses = len(np.unique(table.pose))
-    for j in range(table.dof):
-        values = np.sort(np.unique(table.q[:, j]))
-        start = np.concatenate([[True], np.diff(values) > _SAME_ANGLE])
-        levels = [float(np.mean(part)) for part in np.split(values, np.flatnonzero(start)[1:])]
-        angles.append(tuple(levels) if 2 * len(levels) <= poses else ())
-    context, lowest = {}, {}
-    for name, values in (("time", table.time), ("temperature", table.temperature)):
-        if np.isfinite(values).any():
-            context[name] = float(np.nanmax(values) - (np.nanmin(values) if name == "temperature" else 0.0))
-            lowest[name] = float(np.nanmin(values))
-            if np.nanmax(values) == np.nanmin(values):
-                del context[name]
-    return Scales(table.kind, load, tuple(angles), context, lowest)
+def _shadow(block: Array, basis: Array, probe: Array) -> Array:
+    """Projection (M,) of one random vector on what a block adds to the model: equal spaces cast equal shadows."""
+    length = np.linalg.norm(block, axis=0)
+    block = block[:, length > 0] / length[length > 0]
+    own = column_space(block - basis @ (basis.T @ block), 1e-7)
+    return np.asarray(own @ (own.T @ probe))
 
 
-def _missing(effect: Effect, table: Measurements) -> str:
-    """Why this table cannot show the effect; empty if it can."""
-    if table.kind not in effect.seen_in:
-        return f"cannot be seen in {table.kind} data"
-    share = load_factor(table)
-    levels = max(len(np.unique(np.round(share[table.pose == p], 6))) for p in np.unique(table.pose))
-    available = {
-        "time": np.isfinite(table.time).any() and np.nanmax(table.time) > np.nanmin(table.time),
-        "temperature": np.isfinite(table.temperature).any()
-        and np.nanmax(table.temperature) > np.nanmin(table.temperature),
-        "branch": bool((table.branch > 0).any() and (table.branch < 0).any()),
-        "load_levels": levels > 1,
-    }
-    for need in sorted(effect.needs):
-        if not any(available.get(name, False) for name in need.split(" or ")):
-            return f"needs {need.replace('_', ' ')}, which the table does not hold"
-    return ""
+def _equal(a: Array, b: Array) -> bool:
+    return a.shape == b.shape and bool(np.linalg.norm(a - b) < _SAME * np.linalg.norm(b))

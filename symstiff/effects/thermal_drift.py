@@ -2,7 +2,8 @@
 
 Δ = rate·s with s = t/T_end, (T − T₀)/span, or 1 − exp(−t/T) over its value at the end of the session; the
 three
-parameters are what has grown at the end of the session, in metres.
+parameters are what has grown at the end of the session, in metres. A pedestal that grows shifts the whole robot:
+that is the measuring frame's drift.
 """
 
 from __future__ import annotations
@@ -60,7 +61,7 @@ EFFECT = Effect(
     description="The device's frame, or a link, grows with time or temperature against the start of "
     "the session.",
     seen_in=BOTH,
-    places=lambda robot: ({"measurement": "frame"}, *links(robot)),
+    places=lambda robot: ({"measurement": "frame"}, *links(robot)[1:]),
     realise=_realise,
     shapes=_shapes,
     needs=frozenset({"time or temperature"}),

@@ -142,7 +142,8 @@ def line(row: dict[str, Any]) -> str:
     d = row["design"]
     return (
         f"{row['number']:4d} {row['kind']:10s} {row['robot'][:8]:8s} lam {row['wanted']:5.0f} dof {d['freedom']:4d} "
-        f"{row['outcome']:6s} {row['verdict']:18s} {row['seconds']:5.1f} s  {'/'.join(row['story'])}: {truth} -> {names}"
+        f"{row['outcome']:6s} {row['verdict']:18s} {row['seconds']:5.1f} s  "
+        f"{'/'.join(row['story'])}: {truth} -> {names}"
     )
 
 

@@ -88,9 +88,15 @@ def bars(rows: Sequence[Row]) -> dict[str, dict[str, Any]]:
     def one(lam: float) -> Select:
         return lambda r: r["kind"] == "one" and r["wanted"] == lam
 
+    def of(kind: str) -> Select:
+        return lambda r: r["kind"] == kind
+
+    def spoke(row: Row) -> float:
+        return float(row["spoke"])
+
     table = {
-        "false alarms (nothing missing) <= 0.05": share(rows, lambda r: r["kind"] == "nothing", lambda r: float(r["spoke"])),
-        "false alarms (untestable) <= 0.05": share(rows, lambda r: r["kind"] == "untestable", lambda r: float(r["spoke"])),
+        "false alarms (nothing missing) <= 0.05": share(rows, of("nothing"), spoke),
+        "false alarms (untestable) <= 0.05": share(rows, of("untestable"), spoke),
         "right name at lambda 10": share(rows, one(10.0), points),
         "right name at lambda 25 >= 0.85": share(rows, one(25.0), points),
         "right name at lambda 60 >= 0.95": share(rows, one(60.0), points),

@@ -177,7 +177,7 @@ def drift(shape: str) -> Maker:
         values: dict[str, Any] = {"rate": d.vector(3e-3 * per)}
         if clock == "exponential":
             values["T"] = d.uniform(0.2, 0.8) * d.span
-        where: Where = {"link": d.link(0)} if shape.startswith("link") else {"measurement": "frame"}
+        where: Where = {"link": d.link()} if shape.startswith("link") else {"measurement": "frame"}
         return Effect("thermal_drift", where, shape, values), where
 
     return make
@@ -325,7 +325,7 @@ OUTSIDE: tuple[Story, ...] = (
     Story("magnitude of a load", "deflection", other("load_product", "magnitude", lambda d, j, k: {
         "c": d.compliance(j) / max(d.load(k), 1e-9)}), levels=3),
     Story("soft spot", "deflection", other("local_bump", "compliance", lambda d, j, k: {
-        "c": 3 * d.compliance(j), "center": d.uniform(-1, 1), "width": 0.4})),
+        "c": 3 * d.compliance(j), "center": d.uniform(-1, 1), "width": 0.9})),
     Story("creep", "deflection", other("creep", "exponential", lambda d, j, k: {
         "c": 0.9 * d.compliance(j), "T": 0.4 * d.span}), "clock"),
     Story("softening when warm", "deflection", other("thermal_softening", "linear", lambda d, j, k: {
