@@ -155,15 +155,17 @@ def test_a_bad_table_is_refused_in_one_line_and_nothing_is_written(
 
 
 def test_a_plan_separates_the_explanations_of_a_verdict(tmp_path: Path) -> None:
+    hardening = {"nonlinear_stiffness_2_c": {"value": 3e-6, "std": 1e-7, "unit": "rad/(N*m)"}}
+    gap = {"backlash_2_gap": {"value": 1e-3, "std": 1e-5, "unit": "rad"}}
     effects = [
-        {"effect": "nonlinear_stiffness", "where": {"joint": 2}, "set": 0},
-        {"effect": "backlash", "where": {"joint": 2}, "set": 1},
+        {"effect": "nonlinear_stiffness", "where": {"joint": 2}, "parameters": hardening, "set": 0},
+        {"effect": "backlash", "where": {"joint": 2}, "parameters": gap, "set": 1},
     ]
     (tmp_path / "verdict.json").write_text(json.dumps({"robot": ROBOT, "effects": effects}))
-    arguments = ("plan", ROBOT, "--poses", 4, "--loads", "force", "-o", tmp_path / "poses.csv")
+    arguments = ("plan", ROBOT, "--poses", 6, "--loads", "force", "-o", tmp_path / "poses.csv")
     assert command(*arguments, "--separate", tmp_path / "verdict.json", "--json", tmp_path / "p.json") == 0
     table = read_poses(tmp_path / "poses.csv")
-    assert len(table.labels) == 4
+    assert len(table.labels) == 6
     loads = {tuple(w) for w in np.round(table.w, 6).tolist()}
     assert len({abs(w[2]) for w in loads if w[2]}) == 2  # two levels: what a nonlinear gear shows in
     separation = json.loads((tmp_path / "p.json").read_text())["separation"]

@@ -5,13 +5,17 @@ from __future__ import annotations
 import re
 from dataclasses import replace
 from html.parser import HTMLParser
+from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 
+from symstiff.calibration.table import read_poses
 from symstiff.discrepancy.result import Estimate
-from symstiff.discrepancy.workflow import Finding, Task, run
+from symstiff.discrepancy.workflow import Finding, Found, Task, run
 from symstiff.report.code import core, difference
+from symstiff.report.folder import write_deciding_poses
 from symstiff.report.html import render
 from symstiff.report.words import number, p_equals, quantity
 from symstiff.robot import load
@@ -153,6 +157,22 @@ def test_what_has_no_name_is_shown_where_it_sits_with_a_fitted_expression(unexpl
     law = unexplained.last.law
     if law is not None:
         assert law.expression in part
+
+
+def test_an_ambiguous_verdict_leaves_poses_that_decide(named: Finding, tmp_path: Path) -> None:
+    gap = {"backlash_2_gap": Estimate(1e-3, 1e-5, "rad")}
+    rival = Found("backlash", {"joint": 2}, {}, gap, 0.01, 0.4, (), 1)
+    finding = replace(named, verdict="ambiguous", effects=(*named.effects, rival))
+    verdict: dict[str, Any] = {}
+    decide = write_deciding_poses(finding, tmp_path, verdict, lambda stage: None)
+    table = read_poses(tmp_path / "decide.csv")
+    assert decide is not None
+    assert [p["pose"] for p in decide["poses"]] == list(table.labels)
+    assert set(table.points) == {"p1", "p2", "p3"}
+    assert np.abs(table.w).max() > 0
+    page = render(finding, {"code": CODE, "decide": decide}, [])
+    assert "What would decide" in page
+    assert "backlash at joint 2" in page
 
 
 def test_text_from_the_user_is_escaped(named: Finding) -> None:

@@ -39,12 +39,16 @@ def formulas(robot: Robot, instance: EffectInstance) -> list[Formula]:
         kind, place = term.at.kind, f"{term.at.body}" + (f",{term.at.axis}" if term.at.axis else "")
         symbol = {"measure": f"t_{term.at.axis}", "load": f"W_{term.at.axis}"}.get(kind, f"theta_{place}")
         with sp.evaluate(False):
-            law = sp.Symbol(term.parameter) * term.factor
+            symbol_of = sp.Symbol(term.parameter)
+            law = symbol_of if term.factor == 1 else symbol_of * term.factor
             before = laws.get(term.at.name)
             laws[term.at.name] = (symbol, law if before is None else before[1] + law)
     out = []
+    names = [p.name for p in instance.realise(robot).parameters]
     for name, (symbol, law) in list(laws.items())[:_MOST_TERMS]:
-        body = mathml(_readable(law), printer="presentation")
+        body = mathml(_readable(law, names), printer="presentation")
+        for k, parameter in enumerate(names):
+            body = body.replace(f"<mi>{_stand_in(k)}</mi>", _parameter(parameter))
         left = mathml(sp.Symbol(symbol), printer="presentation")
         out.append(
             Formula(
@@ -55,11 +59,24 @@ def formulas(robot: Robot, instance: EffectInstance) -> list[Formula]:
     return out
 
 
-def _readable(law: sp.Expr) -> sp.Expr:
-    """Loads as τ with the virtual joint as index; floats of a shape to four digits."""
+def _stand_in(k: int) -> str:
+    """A name that MathML does not take apart at underscores."""
+    return "PARAMETER" + "".join(chr(ord("A") + int(digit)) for digit in str(k))
+
+
+def _parameter(name: str) -> str:
+    """A parameter as MathML: a compliance with its indices, another effect's by its whole name."""
+    head, underscore, axes = name.partition("_")
+    if underscore and head[0] == "k" and head[1:].isdigit() and axes.isdigit():
+        return f"<msub><mi>k</mi><mtext>{head[1:]},{axes}</mtext></msub>"
+    return f"<mtext>{name}</mtext><mo>&#x2062;</mo>"
+
+
+def _readable(law: sp.Expr, names: list[str]) -> sp.Expr:
+    """Parameters as stand-ins; loads as τ with the virtual joint as index; floats of a shape to four digits."""
     import sympy as sp
 
-    renamed = {}
+    renamed = {sp.Symbol(name): sp.Symbol(_stand_in(k)) for k, name in enumerate(names)}
     for s in law.free_symbols:
         if s.name.startswith("tau_"):
             renamed[s] = sp.Symbol(

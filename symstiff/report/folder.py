@@ -37,7 +37,7 @@ def write_folder(finding: Finding, folder: Path, tell: Callable[[str], None] = l
         tell("code")
         code = _code(finding, temporary.resolve() / "code")
         changes = _changes(finding) if code["folder"] else []
-        decide = _decide(finding, temporary, verdict, tell)
+        decide = write_deciding_poses(finding, temporary, verdict, tell)
         verdict["code"] = code
         finding.grown.model.save(temporary / "model.toml")
         tell("report")
@@ -84,7 +84,7 @@ def _changes(finding: Finding) -> list[Line]:
     return difference(core(before), core(after))
 
 
-def _decide(
+def write_deciding_poses(
     finding: Finding, folder: Path, verdict: dict[str, Any], tell: Callable[[str], None]
 ) -> dict[str, Any] | None:
     """decide.csv for an ambiguous verdict: poses and loads that tell the admissible sets apart."""
