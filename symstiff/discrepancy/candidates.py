@@ -143,3 +143,43 @@ def _shadow(block: Array, basis: Array, probe: Array) -> Array:
 
 def _equal(a: Array, b: Array) -> bool:
     return a.shape == b.shape and bool(np.linalg.norm(a - b) < _SAME * np.linalg.norm(b))
+
+
+def scales_of(view: View) -> Scales:
+    """The experiment's sizes, over which shapes are profiled."""
+    table = view.table
+    load = {v: float(np.abs(view.tau[:, k]).max()) for k, v in enumerate(view.joints) if v.kind == "joint"}
+    angles = []
+    poses = len(np.unique(table.pose))
+    for j in range(table.dof):
+        values = np.sort(np.unique(table.q[:, j]))
+        start = np.concatenate([[True], np.diff(values) > _SAME_ANGLE])
+        levels = [float(np.mean(part)) for part in np.split(values, np.flatnonzero(start)[1:])]
+        angles.append(tuple(levels) if 2 * len(levels) <= poses else ())
+    context, lowest = {}, {}
+    for name, values in (("time", table.time), ("temperature", table.temperature)):
+        if np.isfinite(values).any():
+            context[name] = float(np.nanmax(values) - (np.nanmin(values) if name == "temperature" else 0.0))
+            lowest[name] = float(np.nanmin(values))
+            if np.nanmax(values) == np.nanmin(values):
+                del context[name]
+    return Scales(table.kind, load, tuple(angles), context, lowest)
+
+
+def _missing(effect: Effect, table: Measurements) -> str:
+    """Why this table cannot show the effect; empty if it can."""
+    if table.kind not in effect.seen_in:
+        return f"cannot be seen in {table.kind} data"
+    share = load_factor(table)
+    levels = max(len(np.unique(np.round(share[table.pose == p], 6))) for p in np.unique(table.pose))
+    available = {
+        "time": np.isfinite(table.time).any() and np.nanmax(table.time) > np.nanmin(table.time),
+        "temperature": np.isfinite(table.temperature).any()
+        and np.nanmax(table.temperature) > np.nanmin(table.temperature),
+        "branch": bool((table.branch > 0).any() and (table.branch < 0).any()),
+        "load_levels": levels > 1,
+    }
+    for need in sorted(effect.needs):
+        if not any(available.get(name, False) for name in need.split(" or ")):
+            return f"needs {need.replace('_', ' ')}, which the table does not hold"
+    return ""
