@@ -1,0 +1,161 @@
+"""The function block parses, and its arithmetic is that of NumPy and of the C functions."""
+
+from __future__ import annotations
+
+import ctypes
+import re
+from dataclasses import replace
+from functools import cache
+
+import numpy as np
+import pytest
+
+pytest.importorskip("blark", reason="blark is missing")
+
+from symstiff.codegen.functions import Functions
+from symstiff.codegen.options import Options
+from symstiff.codegen.reference import unit_length
+from symstiff.codegen.structured_text import emit_st
+from symstiff.effects.base import EffectInstance, Scales, find
+from symstiff.errors import UserError
+from symstiff.symbolic.algebras import evaluate_numpy
+from tests.generated_c import model, poses, shared_library, written
+from tests.structured_text import Block
+
+# Arms of four, six and seven joints; few compliances, since the parser is slow.
+ROBOTS = ["scara", "puma560", "franka_panda"]
+
+
+@cache
+def small(robot: str):
+    m = model(robot)
+    return (
+        m
+        if robot == "scara"
+        else replace(m, compliances=m.compliances[:3], values={n: m.values[n] for n in m.parameters[:3]})
+    )
+
+
+@cache
+def source(robot: str, precision: str = "double") -> str:
+    options = Options(precision=precision, targets=("st",))
+    return emit_st(Functions(small(robot)), options)[f"FB_{robot}.st"].decode()
+
+
+@pytest.mark.parametrize("robot", ROBOTS)
+def test_deflections_are_those_of_numpy(robot):
+    block, m = Block(source(robot)), small(robot)
+    q, w = poses(robot, 6)
+    wanted = m.deflection(q, w)
+    for k in range(6):
+        outputs = block(q=q[k], w=w[k])
+        assert outputs["status"] == 0
+        np.testing.assert_allclose(outputs["dt"], wanted[k], rtol=0, atol=1e-13 * np.abs(wanted[k]).max())
+
+
+@pytest.mark.parametrize("robot", ROBOTS)
+def test_commands_are_the_least_joint_motions_that_undo_the_deflection(robot):
+    """lstsq knows both: least squares where joints are missing, fewest motions where there are more than six."""
+    block, m = Block(source(robot)), small(robot)
+    q, w = poses(robot, 6, seed=1)
+    J = evaluate_numpy(Functions(m).jacobian, q=q)["J"]
+    weights = np.array([1.0] * 3 + [unit_length(m)] * 3)
+    dt = m.deflection(q, w)
+    for k in range(6):
+        outputs = block(q=q[k], w=w[k])
+        assert outputs["status"] == 0
+        wanted = np.linalg.lstsq(weights[:, None] * J[k], weights * dt[k], rcond=None)[0]
+        np.testing.assert_allclose(
+            q[k] - outputs["q_cmd"], wanted, rtol=0, atol=1e-9 * np.abs(wanted).max() + 1e-15
+        )
+
+
+@pytest.mark.parametrize("precision", ["double", "float"])
+def test_both_precisions_agree_with_the_c_functions(precision, tmp_path):
+    folder = written(tmp_path, "scara", precision)
+    library = shared_library(folder, ["scara.c"])
+    real = np.float64 if precision == "double" else np.float32
+    block = Block(source("scara", precision))
+    q, w = poses("scara", 6, seed=2)
+    p = model("scara").vector().astype(real)
+    for k in range(6):
+        a, b, dt, command = q[k].astype(real), w[k].astype(real), np.empty(6, real), np.empty(4, real)
+        p_, a_, b_, dt_, command_ = (x.ctypes.data_as(ctypes.c_void_p) for x in (p, a, b, dt, command))
+        assert (
+            library.scara_deflection(p_, a_, b_, dt_) == library.scara_compensate(p_, a_, b_, command_) == 0
+        )
+        outputs = block(q=a, w=b)
+        assert outputs["dt"].dtype == real
+        eps = float(np.finfo(real).eps)
+        np.testing.assert_allclose(outputs["dt"], dt, rtol=0, atol=100 * eps * np.abs(dt).max())
+        np.testing.assert_allclose(outputs["q_cmd"], command, rtol=0, atol=20 * eps)
+
+
+def test_other_parameters_may_be_given_and_the_defaults_are_the_models():
+    m, block = model("scara"), Block(source("scara"))
+    assert {n: float(block.variables[n.lower()]) for n in m.parameters} == m.values
+    q, w = poses("scara", 1)
+    values = dict.fromkeys(m.parameters, 2e-7)
+    wanted = m.deflection(q, w, values)[0]
+    found = block(q=q[0], w=w[0], **values)["dt"]
+    np.testing.assert_allclose(found, wanted, rtol=0, atol=1e-13 * np.abs(wanted).max())
+
+
+@pytest.mark.parametrize("change", ["q", "w", "parameter"])
+@pytest.mark.parametrize("bad", [np.nan, np.inf])
+def test_what_is_not_finite_is_an_error_with_zeros(change, bad):
+    q, w = poses("scara", 1)
+    inputs = {"q": q[0].copy(), "w": w[0].copy()}
+    if change == "parameter":
+        inputs[model("scara").parameters[2]] = bad
+    else:
+        inputs[change][2] = bad
+    outputs = Block(source("scara"))(**inputs)
+    assert outputs["status"] == -2
+    assert not outputs["dt"].any()
+    np.testing.assert_array_equal(outputs["q_cmd"], np.zeros(4) if change == "q" else q[0])
+
+
+def test_a_singular_pose_is_an_error_that_keeps_the_joints():
+    q = np.array([0.1, -0.4, 0.3, 0.2, 0.0, 0.5])  # the axes of joints 4 and 6 coincide
+    outputs = Block(source("puma560"))(q=q, w=np.full(6, 100.0))
+    assert outputs["status"] == -3
+    np.testing.assert_array_equal(outputs["q_cmd"], q)
+
+
+@pytest.mark.parametrize("effect", ["backlash", "transmission_error"])
+def test_laws_of_effects_are_written_in_standard_functions(effect):
+    m = model("planar2r")
+    entry = find(effect)
+    where = entry.places(m.robot)[1]
+    m = m.with_effect(EffectInstance(effect, where, entry.shapes(m.robot, where, Scales())[0]))
+    m = m.with_values(dict.fromkeys(m.parameters, 1e-7) | {e.name: e.typical for e in m.effect_parameters})
+    block = Block(emit_st(Functions(m), Options(targets=("st",)))["FB_planar2r.st"].decode())
+    q, w = poses("planar2r", 4)
+    wanted = m.deflection(q, w)
+    for k in range(4):
+        found = block(q=q[k], w=w[k])["dt"]
+        np.testing.assert_allclose(found, wanted[k], rtol=0, atol=1e-12 * np.abs(wanted[k]).max())
+
+
+def test_single_precision_has_no_untyped_literal():
+    text = re.sub(r"\(\*.*?\*\)", "", source("scara", "float"), flags=re.DOTALL)
+    assert "LREAL" not in text
+    literals = re.findall(r"(\S*?)(\d+\.\d+(?:E[-+]?\d+)?)", text)
+    assert len(literals) > 30
+    assert all(before.endswith("REAL#") for before, _ in literals)
+
+
+def test_no_two_names_differ_by_case_alone():
+    for robot in ROBOTS:
+        declared = re.findall(r"^    (\w+) : ", source(robot), flags=re.MULTILINE)
+        assert len({n.lower() for n in declared}) == len(declared)
+
+
+def test_laws_of_load_history_are_refused():
+    m = model("kuka_kr270")
+    entry = find("hysteresis")
+    where = entry.places(m.robot)[0]
+    grown = m.with_effect(EffectInstance("hysteresis", where, entry.shapes(m.robot, where, Scales())[0]))
+    with pytest.raises(UserError, match=r"^target st: the model's effects depend on"):
+        emit_st(Functions(grown), Options(targets=("st",)))
