@@ -4,8 +4,6 @@ from __future__ import annotations
 
 import hashlib
 import json
-import os
-import tomllib
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
@@ -17,7 +15,9 @@ import numpy as np
 from symstiff.display import html_table
 from symstiff.effects.base import EffectInstance, EffectParameter, Realisation
 from symstiff.errors import UserError
-from symstiff.reduction.physical import Parameter, physical_stages, terms_of
+from symstiff.files import write_file
+from symstiff.reduction.aggregation import joint_direction
+from symstiff.reduction.physical import Parameter, terms_of
 from symstiff.robot.loading import from_table
 from symstiff.robot.schema import Robot
 from symstiff.robot.table import to_table
@@ -225,14 +225,7 @@ class StiffnessModel:
         """Write model.toml, whole or not at all."""
         import tomli_w
 
-        target = Path(path)
-        temporary = target.with_name(f".{target.name}.part")
-        try:
-            temporary.write_bytes(tomli_w.dumps(self._table()).encode())
-            os.replace(temporary, target)
-        except OSError as error:
-            temporary.unlink(missing_ok=True)
-            raise UserError(f"cannot write {path}: {error.strerror}") from error
+        write_file(path, tomli_w.dumps(self._table()))
 
     def __repr__(self) -> str:
         effects = "".join(f" + {e.effect}" for e in self.effects)
@@ -294,8 +287,6 @@ def latex(terms: Sequence[Term]) -> str:
 
 def known_values(robot: Robot, parameters: Sequence[Parameter]) -> dict[str, float]:
     """The compliances that a robot file states, mapped to a parameter set: a joint's goes to the link before it."""
-    from symstiff.symbolic.program import Builder
-
     chain = ElasticChain(robot)
     names = tuple(p.name for p in parameters)
     values = dict.fromkeys(names, 0.0)
@@ -307,12 +298,12 @@ def known_values(robot: Robot, parameters: Sequence[Parameter]) -> dict[str, flo
         if f"c{i}" in names:
             values[f"c{i}"] += joint.compliance
             continue
-        shift = 0 if joint.prismatic else 3
-        axes = chain.elastic_axes(Builder("axes", ()), i - 1)
-        for k, axis in enumerate(axes):
-            name = f"k{i - 1}_{k + 1 + shift}{k + 1 + shift}"
-            if axis[0] == 0 and axis[1] == 0 and name in names:
-                values[name] += joint.compliance
+        along = joint_direction(chain, i)
+        for r, u in along.items():
+            for c, v in along.items():
+                name = f"k{i - 1}_{r}{c}"
+                if name in values:
+                    values[name] += joint.compliance * u * v
     return {n: v for n, v in values.items() if v}
 
 
@@ -327,7 +318,8 @@ def joints_only(
     from symstiff.reduction.reduce import reduce
 
     reduction = reduce(rigid, loads, measure, fixed)
-    return StiffnessModel(robot, reduction.kept, loads, measure, (), known_values(rigid, reduction.kept))
+    values = reduction.reduced_values(known_values(rigid, reduction.full))
+    return StiffnessModel(robot, reduction.kept, loads, measure, (), values)
 
 
 def _without_links(robot: Robot) -> Robot:
@@ -341,48 +333,6 @@ def _without_links(robot: Robot) -> Robot:
 
 def load_model(path: str | Path) -> StiffnessModel:
     """Read model.toml. Raises UserError."""
-    try:
-        table = tomllib.loads(Path(path).read_bytes().decode("utf-8"))
-    except OSError as error:
-        raise UserError(f"{path}: cannot read the model: {error.strerror}") from error
-    except (UnicodeDecodeError, tomllib.TOMLDecodeError) as error:
-        raise UserError(f"{path}: not a model file: {error}") from error
-    return from_model_table(table, str(path))
+    from symstiff.model_file import read_model
 
-
-def from_model_table(table: Mapping[str, Any], origin: str) -> StiffnessModel:
-    """A model from its table. Raises UserError naming what is wrong."""
-    if table.get("format") != 1 or not isinstance(table.get("robot"), dict):
-        raise UserError(f"{origin}: not a model file: format = 1 and a [robot] table are needed")
-    robot = from_table(dict(table["robot"]), f"{origin}: robot")
-    known = {p.name: p for stage in physical_stages(robot) for p in stage.parameters}
-    names = table.get("parameters", [])
-    for name in names:
-        if name not in known:
-            raise UserError(f"{origin}: parameters: {robot.name} has no compliance {name!r}")
-    effects = tuple(
-        EffectInstance(e["effect"], e.get("where", {}), e.get("shape", {})) for e in table.get("effect", [])
-    )
-    model = StiffnessModel(
-        robot,
-        tuple(known[n] for n in names),
-        table.get("loads", "wrench"),
-        table.get("measure", "pose"),
-        effects,
-        _numbers(table, "values", origin),
-        _numbers(table, "deviations", origin),
-    )
-    unknown = sorted(set(model.values) - set(model.parameters))
-    if unknown:
-        raise UserError(f"{origin}: values: the model has no parameter {unknown[0]!r}")
-    return model
-
-
-def _numbers(table: Mapping[str, Any], key: str, origin: str) -> dict[str, float]:
-    entries = table.get(key, {})
-    if not isinstance(entries, dict):
-        raise UserError(f"{origin}: {key}: expected a table of numbers")
-    for name, value in entries.items():
-        if isinstance(value, bool) or not isinstance(value, (int, float)) or not np.isfinite(value):
-            raise UserError(f"{origin}: {key}.{name}: expected a finite number, found {value!r}")
-    return {k: float(v) for k, v in entries.items()}
+    return read_model(path)

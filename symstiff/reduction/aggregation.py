@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
+import sympy as sp
+
 from symstiff.reduction.physical import Parameter, Stage, terms_of
 from symstiff.reduction.prime import PRIMES
 from symstiff.reduction.structural import ExactEngine, Experiment
@@ -33,12 +35,14 @@ def inexact_aggregations(
     return tuple(p.name for c, p in enumerate(suspects, start=len(full)) if form[beyond, c].any())
 
 
-def joint_entries(chain: ElasticChain, p: Parameter) -> tuple[tuple[int, int], ...]:
-    """Entries (row ≤ column) of the link before joint ``p`` that u·uᵀ of the joint's axis u fills."""
-    shift = 0 if p.prismatic else 3
-    axes = chain.elastic_axes(Builder("axes", ()), p.body - 1)
-    along = [k + 1 + shift for k, axis in enumerate(axes) if axis[2] != 0]
-    return tuple((r, c) for r in along for c in along if r <= c)
+def joint_direction(chain: ElasticChain, joint: int) -> dict[int, float]:
+    """Components of a joint's axis along the elastic axes (1 to 6) of the link before it; zeros left out."""
+    shift = 0 if chain.rows[joint - 1].prismatic else 3
+    b = Builder("axes", ())
+    axes = chain.elastic_axes(b, joint - 1)
+    exact = {c.symbol: c.exact for c in b.constants}
+    components = {k + shift: sp.sympify(axis[2]) for k, axis in enumerate(axes, start=1)}
+    return {k: float(u.xreplace(exact)) for k, u in components.items() if u != 0}
 
 
 def _absorbed(stages: Sequence[Stage]) -> tuple[Parameter, ...]:
@@ -47,4 +51,5 @@ def _absorbed(stages: Sequence[Stage]) -> tuple[Parameter, ...]:
 
 def _inside_template(chain: ElasticChain, sparsed: Stage, p: Parameter) -> bool:
     entries = {(q.row, q.column) for q in sparsed.parameters if q.body == p.body - 1 and not q.is_joint}
-    return entries.issuperset(joint_entries(chain, p))
+    along = joint_direction(chain, p.body)
+    return entries.issuperset((r, c) for r in along for c in along if r <= c)

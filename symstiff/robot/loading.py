@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import tomllib
+from collections.abc import Callable
 from functools import cache
 from importlib import resources
 from pathlib import Path
@@ -58,8 +59,15 @@ def _read(path: Path) -> bytes:
 def parse(data: bytes, origin: str = "robot file") -> Robot:
     """Validate the bytes of a robot file; ``origin`` stands in messages. Raises UserError."""
     origin = printable(origin)
+    return from_table(toml_table(data, origin, "robot file", Decimal), origin)
+
+
+def toml_table(
+    data: bytes, origin: str, what: str, parse_float: Callable[[str], Any] = float
+) -> dict[str, Any]:
+    """The table in the bytes of a TOML file; ``what`` is the kind of file that was expected. Raises UserError."""
     if len(data) > _MAX_BYTES:
-        raise UserError(f"{origin}: larger than {_MAX_BYTES} bytes: not a robot file")
+        raise UserError(f"{origin}: larger than {_MAX_BYTES} bytes: not a {what}")
     try:
         text = data.decode("utf-8-sig")
     except UnicodeDecodeError as error:
@@ -69,18 +77,15 @@ def parse(data: bytes, origin: str = "robot file") -> Robot:
     # A key of thousands of dotted parts takes the TOML parser minutes.
     for number, line in enumerate(text.split("\n"), start=1):
         if len(line) > _MAX_LINE:
-            raise UserError(
-                f"{origin}: line {number} is longer than {_MAX_LINE} characters: not a robot file"
-            )
+            raise UserError(f"{origin}: line {number} is longer than {_MAX_LINE} characters: not a {what}")
     try:
-        table = tomllib.loads(text, parse_float=Decimal)
+        return tomllib.loads(text, parse_float=parse_float)
     except RecursionError as error:
         raise UserError(f"{origin}: not valid TOML: arrays or tables nested too deeply") from error
     except tomllib.TOMLDecodeError as error:
         raise UserError(f"{origin}: not valid TOML: {printable(str(error), 200)}") from error
     except ValueError as error:  # an integer of thousands of digits, a date that does not exist
         raise UserError(f"{origin}: not valid TOML: a number or date out of range") from error
-    return from_table(table, origin)
 
 
 def from_table(table: dict[str, Any], origin: str = "robot") -> Robot:

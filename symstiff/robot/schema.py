@@ -99,6 +99,7 @@ def _readable(value: str) -> str:
     return value
 
 
+Format = Annotated[Literal[1], BeforeValidator(_format)]
 Length = Annotated[Exact, BeforeValidator(_length)]
 Angle = Annotated[Exact, BeforeValidator(_angle)]
 Number = Annotated[float, BeforeValidator(_finite)]
@@ -223,7 +224,7 @@ class Template(_Frozen):
 class Robot(_Frozen):
     """A serial robot as its file describes it (format 1): metres, radians, exact numbers."""
 
-    format: Annotated[Literal[1], BeforeValidator(_format)]
+    format: Format
     name: Identifier
     title: Text = ""
     convention: Literal["standard", "modified"] = "standard"

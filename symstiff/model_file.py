@@ -1,0 +1,101 @@
+"""model.toml read back: validated as robot files are, every mistake one line that names file, key and remedy."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated, Any, Literal
+
+from pydantic import AfterValidator, BaseModel, ConfigDict, StrictInt, StrictStr, ValidationError
+
+from symstiff.effects.base import EffectInstance
+from symstiff.errors import UserError
+from symstiff.model import StiffnessModel
+from symstiff.reduction.physical import physical_stages
+from symstiff.robot.loading import from_table, toml_table
+from symstiff.robot.mistakes import explain, printable
+from symstiff.robot.schema import Format, Number
+
+
+def _deviation(value: float) -> float:
+    if value < 0:
+        raise UserError(f"a standard deviation is not negative, found {value:g}")
+    return value
+
+
+Deviation = Annotated[Number, AfterValidator(_deviation)]
+Place = StrictInt | StrictStr | list[StrictInt]
+
+
+class _Strict(BaseModel):
+    model_config = ConfigDict(frozen=True, extra="forbid")
+
+
+class EffectEntry(_Strict):
+    """An ``[[effect]]``: which, where, with which shape."""
+
+    effect: StrictStr
+    where: dict[str, Place] = {}
+    shape: dict[str, Number] = {}
+
+
+class ModelFile(_Strict):
+    """The keys of model.toml (format 1)."""
+
+    format: Format
+    loads: Literal["wrench", "force", "gravity"]
+    measure: Literal["pose", "position"]
+    parameters: tuple[StrictStr, ...]
+    values: dict[str, Number] = {}
+    deviations: dict[str, Deviation] = {}
+    effect: tuple[EffectEntry, ...] = ()
+    robot: dict[str, Any]
+
+
+def read_model(path: str | Path) -> StiffnessModel:
+    """Read model.toml. Raises UserError."""
+    origin = printable(str(path))
+    try:
+        data = Path(path).read_bytes()
+    except OSError as error:
+        raise UserError(f"{origin}: cannot read the model: {error.strerror}") from error
+    except ValueError as error:  # a NUL or a lone surrogate
+        raise UserError(f"{origin}: is no path: {error}") from error
+    return from_model_table(toml_table(data, origin, "model file"), origin)
+
+
+def from_model_table(table: dict[str, Any], origin: str) -> StiffnessModel:
+    """A model from its table. Raises UserError naming what is wrong."""
+    try:
+        file = ModelFile.model_validate(table)
+    except ValidationError as error:
+        raise UserError(f"{origin}: {explain(error)}") from error
+    robot = from_table(file.robot, f"{origin}: robot")
+    known = {p.name: p for stage in physical_stages(robot)[1:] for p in stage.parameters}
+    for k, name in enumerate(file.parameters):
+        if name not in known:
+            raise UserError(f"{origin}: parameters: {robot.name} has no compliance {printable(name, 40)!r}")
+        if name in file.parameters[:k]:
+            raise UserError(f"{origin}: parameters: {name!r} stands there twice: remove one")
+    effects = tuple(EffectInstance(e.effect, e.where, e.shape) for e in file.effect)
+    compliances = tuple(known[n] for n in file.parameters)
+    model = StiffnessModel(
+        robot, compliances, file.loads, file.measure, effects, file.values, file.deviations
+    )
+    _complete(model, origin)
+    return model
+
+
+def _complete(model: StiffnessModel, origin: str) -> None:
+    """Realise the effects, and look for values that belong to nothing."""
+    try:
+        parameters = set(model.parameters)
+    except UserError as error:
+        raise UserError(f"{origin}: effect: {error}") from error
+    for key, numbers in (("values", model.values), ("deviations", model.deviations)):
+        unknown = sorted(set(numbers) - parameters)
+        if unknown:
+            raise UserError(
+                f"{origin}: {key}: the model has no parameter {printable(unknown[0], 40)!r}: remove it"
+            )
+    if not parameters:
+        raise UserError(f"{origin}: parameters: a model has at least one parameter or effect")

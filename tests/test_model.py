@@ -1,0 +1,319 @@
+"""StiffnessModel: saved and read back, spoilt files, known values, the joints-only models."""
+
+from __future__ import annotations
+
+import copy
+import errno
+import os
+import tomllib
+from contextlib import suppress
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import tomli_w
+from definition import jacobians, places, samples
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+
+from symstiff.effects.base import EffectInstance
+from symstiff.errors import UserError
+from symstiff.model import StiffnessModel, joints_only, known_values, load_model
+from symstiff.reduction import reduce
+from symstiff.reduction.physical import physical_stages
+from symstiff.robot import from_table, library, load
+from symstiff.robot.table import to_table
+
+KR270 = load("kuka_kr270")
+
+
+def small() -> StiffnessModel:
+    model = StiffnessModel.of(reduce(load("planar2r"), "wrench"))
+    values = {n: 1e-7 * (k + 1) for k, n in enumerate(model.parameters)}
+    return model.with_values(values, {model.parameters[0]: 1e-9})
+
+
+# --- saving and loading ----------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("name", library())
+def test_a_saved_model_reads_back_the_same_and_saves_the_same_bytes(name: str, tmp_path: Path) -> None:
+    model = StiffnessModel.of(reduce(load(name), "gravity"))
+    rng = np.random.default_rng(1)
+    size = {n: float(x) for n, x in zip(model.parameters, rng.lognormal(-15, 3, 99), strict=False)}
+    model = model.with_values(size, {n: v / 7 for n, v in size.items()})
+    model.save(tmp_path / "model.toml")
+    again = load_model(tmp_path / "model.toml")
+    assert again == model
+    assert again.structure_hash == model.structure_hash
+    again.save(tmp_path / "again.toml")
+    assert (tmp_path / "again.toml").read_bytes() == (tmp_path / "model.toml").read_bytes()
+
+
+def test_a_model_with_effects_survives_the_file_and_predicts_the_same(tmp_path: Path) -> None:
+    model = small()
+    for effect in (
+        EffectInstance("backlash", {"joint": 2}, {"width": 1.0}),
+        EffectInstance("wrist_coupling", {"joints": [1, 2]}),
+    ):
+        try:
+            effect.realise(model.robot)
+        except UserError:
+            continue
+        model = model.with_effect(effect)
+    model = model.with_effect(EffectInstance("joint_compliance", {"joint": 2}))
+    model = model.with_values(dict.fromkeys(model.parameters, 2e-6))
+    model.save(tmp_path / "model.toml")
+    again = load_model(tmp_path / "model.toml")
+    assert again.parameters == model.parameters
+    q, w = samples(model.robot, 5, 1)
+    np.testing.assert_array_equal(again.deflection(q, w), model.deflection(q, w))
+
+
+def test_observation_times_values_is_the_deflection_and_any_number_of_poses_will_do() -> None:
+    model = small()
+    q, w = samples(model.robot, 7, 3)
+    A = model.observation(q, w)
+    assert A.shape == (7, 6, len(model.parameters))
+    np.testing.assert_allclose(A @ model.vector(), model.deflection(q, w), atol=1e-20)
+    np.testing.assert_array_equal(model.observation(q[:1], w)[0], A[0])
+
+
+def test_the_structure_hash_depends_on_everything_but_values_and_words() -> None:
+    model = small()
+    assert model.with_values({}).structure_hash == model.structure_hash
+    table = to_table(model.robot)
+    table["title"], table["source"] = "another", "elsewhere"
+    assert StiffnessModel.of(reduce(from_table(table), "wrench")).structure_hash == model.structure_hash
+    table["joint"][0]["a"] = 0.9
+    assert StiffnessModel.of(reduce(from_table(table), "wrench")).structure_hash != model.structure_hash
+
+
+@pytest.mark.parametrize("place", ["missing/model.toml", "file/model.toml", ""])
+def test_a_place_that_cannot_be_written_is_a_users_mistake(place: str, tmp_path: Path) -> None:
+    (tmp_path / "file").write_text("")
+    with pytest.raises(UserError, match="cannot write"):
+        small().save(tmp_path / place)
+    assert [p.name for p in tmp_path.iterdir()] == ["file"]
+
+
+def test_a_full_disk_leaves_the_old_file_and_nothing_else(tmp_path: Path, monkeypatch: Any) -> None:
+    model = small()
+    model.save(tmp_path / "model.toml")
+    before = (tmp_path / "model.toml").read_bytes()
+
+    def full(self: Path, data: bytes) -> int:
+        with self.open("wb") as file:
+            file.write(data[: len(data) // 2])
+        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+
+    monkeypatch.setattr(Path, "write_bytes", full)
+    with pytest.raises(UserError, match="No space left on device"):
+        model.with_values({}).save(tmp_path / "model.toml")
+    assert [p.name for p in tmp_path.iterdir()] == ["model.toml"]
+    assert (tmp_path / "model.toml").read_bytes() == before
+
+
+# --- spoilt files ----------------------------------------------------------------------------------------
+
+
+def table_of(model: StiffnessModel, folder: Path) -> dict[str, Any]:
+    model.save(folder / "good.toml")
+    return tomllib.loads((folder / "good.toml").read_text())
+
+
+@pytest.fixture(scope="module")
+def good(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Any]:
+    model = small().with_effect(EffectInstance("joint_compliance", {"joint": 2}))
+    return table_of(model, tmp_path_factory.mktemp("model"))
+
+
+def complaint(table: Any, folder: Path) -> str:
+    path = folder / "bad.toml"
+    path.write_bytes(table if isinstance(table, bytes) else tomli_w.dumps(table).encode())
+    with pytest.raises(UserError) as caught:
+        load_model(path)
+    text = str(caught.value)
+    assert text.startswith(str(path))
+    assert "\n" not in text
+    return text
+
+
+WRONG = [1, -1, 1.5, True, "text", [], [1], {}, {"a": 1}, float("nan"), float("inf")]
+KEYS = ("format", "loads", "measure", "parameters", "values", "deviations", "effect", "robot")
+FITS = {"values": ({},), "deviations": ({},), "effect": ([],), "format": (1,)}
+
+
+@pytest.mark.parametrize("key", KEYS)
+def test_every_key_of_a_wrong_type_is_named(key: str, good: dict[str, Any], tmp_path: Path) -> None:
+    for wrong in WRONG:
+        if type(wrong) is not bool and wrong in FITS.get(key, ()):
+            continue
+        if key == "parameters" and wrong == []:
+            continue
+        assert key in complaint({**good, key: wrong}, tmp_path)
+
+
+@pytest.mark.parametrize("key", ["format", "loads", "measure", "parameters", "robot"])
+def test_every_key_that_is_needed_is_missed(key: str, good: dict[str, Any], tmp_path: Path) -> None:
+    assert key in complaint({k: v for k, v in good.items() if k != key}, tmp_path)
+
+
+def test_what_belongs_to_nothing_is_refused(good: dict[str, Any], tmp_path: Path) -> None:
+    names = good["parameters"]
+    assert "no compliance 'k9_11'" in complaint({**good, "parameters": [*names, "k9_11"]}, tmp_path)
+    assert "no compliance 'k1_21'" in complaint({**good, "parameters": [*names, "k1_21"]}, tmp_path)
+    assert "stands there twice" in complaint({**good, "parameters": [*names, names[0]]}, tmp_path)
+    assert "no parameter 'k9_11'" in complaint({**good, "values": {"k9_11": 1.0}}, tmp_path)
+    assert "no parameter 'c9'" in complaint({**good, "deviations": {"c9": 1.0}}, tmp_path)
+    assert "not negative" in complaint({**good, "deviations": {names[0]: -1.0}}, tmp_path)
+    assert "finite" in complaint({**good, "values": {names[0]: float("nan")}}, tmp_path)
+    assert "unknown key" in complaint({**good, "valeus": {}}, tmp_path)
+    assert "unknown effect" in complaint({**good, "effect": [{"effect": "magic", "where": {}}]}, tmp_path)
+    for where in ({}, {"joint": 9}, {"joint": "2"}, {"links": [1]}):
+        bad = [{"effect": "joint_compliance", "where": where}]
+        assert "joint_compliance cannot be at" in complaint({**good, "effect": bad}, tmp_path)
+
+
+@pytest.mark.parametrize(
+    "data", [b"", b"\xff\xfe", b"\x00", b"format = 1\n" * 2, b"[" * 5000, b"x = 1e" + b"9" * 300]
+)
+def test_what_is_no_model_at_all_is_refused(data: bytes, tmp_path: Path) -> None:
+    complaint(data, tmp_path)
+
+
+def test_a_missing_file_and_a_folder_are_refused(tmp_path: Path) -> None:
+    for path in (tmp_path / "none.toml", tmp_path, "\0"):
+        with pytest.raises(UserError):
+            load_model(path)
+
+
+scalars = st.one_of(
+    st.integers(-(2**62), 2**62),
+    st.floats(),
+    st.booleans(),
+    st.text(st.characters(blacklist_categories=["Cs"]), max_size=12),
+    st.sampled_from(
+        ["c1", "k0_11", "k1_66", "joint", "pi/2", "__import__('os')", "rigid", "full", "modified"]
+    ),
+    st.datetimes(),
+)
+
+
+def nested(inner: st.SearchStrategy[Any]) -> st.SearchStrategy[Any]:
+    return st.lists(inner, max_size=3) | st.dictionaries(st.text(max_size=5), inner, max_size=3)
+
+
+anything = st.recursive(scalars, nested, max_leaves=5)
+
+
+def paths(table: Any, here: tuple[Any, ...] = ()) -> list[tuple[Any, ...]]:
+    items = table.items() if isinstance(table, dict) else enumerate(table) if isinstance(table, list) else ()
+    return [*([here] if here else []), *(p for key, value in items for p in paths(value, (*here, key)))]
+
+
+@given(st.data())
+@settings(max_examples=150, deadline=None, suppress_health_check=list(HealthCheck))
+def test_nothing_but_a_users_mistake_comes_out_of_a_mutated_file(
+    good: dict[str, Any], tmp_path: Path, data: st.DataObject
+) -> None:
+    table = copy.deepcopy(good)
+    for _ in range(data.draw(st.integers(1, 3))):
+        *route, last = data.draw(st.sampled_from(paths(table)))
+        place = table
+        for key in route:
+            place = place[key]
+        match data.draw(st.sampled_from(["replace", "remove", "add"])):
+            case "replace":
+                place[last] = data.draw(anything)
+            case "remove":
+                del place[last]
+            case "add" if isinstance(place, dict):
+                place[data.draw(st.text(st.characters(blacklist_categories=["Cs"]), max_size=8))] = data.draw(
+                    anything
+                )
+        if not paths(table):
+            break
+    path = tmp_path / "mutated.toml"
+    path.write_bytes(tomli_w.dumps(table).encode())
+    with suppress(UserError):
+        model = load_model(path)
+        q, w = samples(model.robot, 1, 1)
+        assert model.deflection(q, w).shape == (1, 6)
+
+
+@given(st.binary(max_size=200))
+@settings(max_examples=100, deadline=None, suppress_health_check=list(HealthCheck))
+def test_nothing_but_a_users_mistake_comes_out_of_any_bytes(tmp_path: Path, data: bytes) -> None:
+    path = tmp_path / "bytes.toml"
+    path.write_bytes(data)
+    with pytest.raises(UserError):
+        load_model(path)
+
+
+# --- joints only, known values ---------------------------------------------------------------------------
+
+
+def test_the_joints_only_model_under_gravity_has_the_seeds_five_parameters() -> None:
+    """Joint 1 does not move a vertical load (seed Table 2, J1)."""
+    assert joints_only(KR270, loads="gravity").parameters == ("c2", "c3", "c4", "c5", "c6")
+    assert joints_only(KR270).parameters == ("c1", "c2", "c3", "c4", "c5", "c6")
+
+
+def joint_deflection(robot: Any, q: np.ndarray, w: np.ndarray) -> np.ndarray:
+    """Σ J_j c_j J_jᵀ W over the joints, by the definition."""
+    J = jacobians(robot, q)
+    joints = [places(robot).index(("joint", j, 0)) for j in range(1, robot.dof + 1)]
+    compliances = np.array([joint.compliance for joint in robot.joint])
+    return np.einsum("nrj,j,nsj,ns->nr", J[:, :, joints], compliances, J[:, :, joints], w)
+
+
+@pytest.mark.parametrize("name", ["kuka_kr270", "kuka_kr240", "scara"])
+@pytest.mark.parametrize("loads", ["gravity", "wrench"])
+def test_the_files_joint_compliances_deflect_the_complete_and_the_joints_only_model_alike(
+    name: str, loads: str
+) -> None:
+    table = to_table(load(name))
+    for k, row in enumerate(table["joint"]):
+        row["compliance"] = 1e-6 * (k + 1)
+        row["link"].pop("compliance", None)
+    robot = from_table(table)
+    q, w = samples(robot, 4, 2, loads)
+    expected = joint_deflection(robot, q, w)
+    for model in (joints_only(robot, loads), StiffnessModel.of(reduce(robot, loads))):
+        np.testing.assert_allclose(model.deflection(q, w), expected, atol=1e-17)
+
+
+def test_a_joint_oblique_to_a_link_with_all_terms_keeps_its_known_compliance() -> None:
+    table = to_table(KR270)
+    for row in table["joint"]:
+        row["link"] |= {"template": "full", "beam_axis": [1, 2, 3]}
+    table["base"]["link"] = {"template": "full", "beam_axis": [1, 0, -1]}
+    robot = from_table(table)
+    q, w = samples(robot, 3, 2)
+    model = StiffnessModel.of(reduce(robot))
+    np.testing.assert_allclose(model.deflection(q, w), joint_deflection(robot, q, w), atol=1e-16)
+
+
+def test_two_sliding_joints_in_line_add_their_known_compliances() -> None:
+    """Where the class cannot tell two joints apart the kept one stands for both."""
+    slide = {"type": "prismatic", "a": 0, "alpha": 0, "d": 0, "link": {"template": "rigid"}}
+    table = {
+        "format": 1,
+        "name": "slides",
+        "base": {"link": {"template": "rigid"}},
+        "joint": [{**slide, "compliance": 1e-6}, {**slide, "compliance": 2e-6}],
+    }
+    model = joints_only(from_table(table))
+    assert len(model.parameters) == 1
+    assert model.vector() == pytest.approx([3e-6])
+
+
+def test_known_link_entries_enter_the_model() -> None:
+    table = to_table(KR270)
+    table["joint"][1]["link"]["compliance"] = {"66": 3e-8, "26": 1e-8}
+    robot = from_table(table)
+    known = known_values(robot, physical_stages(robot)[-1].parameters)
+    assert known["k2_66"] == pytest.approx(3e-8 + robot.joint[2].compliance)
+    assert known["k2_26"] == 1e-8
