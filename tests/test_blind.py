@@ -1,0 +1,107 @@
+"""The blind benchmark: reduced by default, at full size with ``-m benchmark``."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import asdict
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from symstiff.calibration.table import read_measurements, write_table
+from symstiff.discrepancy.assemble import assemble
+from symstiff.discrepancy.scan import column_space
+from tests.blind.generate import Options, case
+from tests.blind.run import benchmark, keep, report
+from tests.blind.score import bars, calibration, outcome, same, wilson
+
+SMALL = Options(
+    robots=("kuka_kr270", "scara"),
+    poses=(15,),
+    levels=(3,),
+    markers=(1,),
+    classes=("nothing", "one"),
+    shares=(0.4, 0.6),
+    lambdas=(150.0, 600.0),
+)
+
+
+def test_the_same_number_gives_the_same_case() -> None:
+    first, again = case(3, SMALL), case(3, SMALL)
+    assert asdict(first.label) == asdict(again.label)
+    np.testing.assert_array_equal(first.table.values, again.table.values)
+
+
+def test_the_table_carries_no_trace_of_the_truth(tmp_path: Path) -> None:
+    hidden = next(c for c in (case(n, SMALL) for n in range(20)) if c.label.kind == "one")
+    write_table(hidden.table, tmp_path / "data.csv")
+    text = (tmp_path / "data.csv").read_text(encoding="utf-8")
+    for story in hidden.label.story:
+        assert story not in text
+    for effect, _ in hidden.label.truth:
+        assert effect not in text
+    assert len(read_measurements(tmp_path / "data.csv")) == len(hidden.table)
+
+
+def test_the_hidden_signal_has_the_noncentrality_that_the_label_says() -> None:
+    hidden = next(
+        c
+        for c in (case(n, SMALL) for n in range(20))
+        if c.label.kind == "one" and "left" not in c.label.story[0]
+    )
+    found = assemble(hidden.model, hidden.table, effects=())
+    view, problem = found.situation.view, found.problem
+    assert problem.sigma is not None
+    signal = hidden.signal[view.state, view.component]
+    basis = column_space(problem.A)
+    left = (signal - basis @ (basis.T @ signal)) / (problem.sigma / hidden.label.stated)
+    # the approach error and the noise's growth, which the label counts, make this an upper estimate
+    assert 0.7 * hidden.label.wanted < left @ left < 2.5 * hidden.label.wanted
+
+
+def test_scores_follow_their_definitions() -> None:
+    joint = ("backlash", {"joint": 3})
+    other = ("backlash", {"joint": 4})
+    assert same(("wrist_coupling", {"joints": [5, 4]}), ("wrist_coupling", {"joints": (4, 5)}), {})
+    assert not same(joint, other, {})
+    assert same(joint, other, {"backlash@joint=3": "a", "backlash@joint=4": "a"})
+    assert outcome("named", [[joint]], [joint], {}) == "right"
+    assert outcome("named", [[joint, other]], [joint], {}) == "wrong"
+    assert outcome("ambiguous", [[other], [joint]], [joint], {}) == "half"
+    assert outcome("named_insufficient", [[joint]], [joint], {}) == "half"
+    assert outcome("nothing_missing", [], [joint], {}) == "silent"
+    low, high = wilson(95, 100)
+    assert (round(low, 3), round(high, 3)) == (0.888, 0.978)
+    assert calibration([{"confidences": [(0.9, True)] * 9 + [(0.9, False)]}], 1)[0] == pytest.approx(0.0)
+    assert calibration([{"confidences": [(0.9, False)] * 10}])[0] == pytest.approx(0.9)
+
+
+def test_a_few_blind_cases_are_diagnosed_as_promised(tmp_path: Path) -> None:
+    rows = benchmark(range(10), SMALL, others=True)
+    print(report(rows))
+    keep(rows, tmp_path / "blind.json")
+    assert len(json.loads((tmp_path / "blind.json").read_text())["cases"]) == 10
+    table = bars(rows)
+    nothing = table["false alarms (nothing missing) <= 0.05"]
+    assert nothing["n"] >= 3
+    assert nothing["low"] <= 0.05  # a rate of 5 % is not contradicted
+    named = [r for r in rows if r["kind"] == "one"]
+    right = sum(r["outcome"] in ("right", "half") for r in named)
+    assert wilson(right, len(named))[1] >= 0.95  # nor one of 95 %
+    assert right >= 0.5 * len(named)
+
+
+@pytest.mark.benchmark
+def test_the_promises_hold_on_two_hundred_blind_cases(tmp_path: Path) -> None:
+    rows = benchmark(range(200), Options(), jobs=2)
+    print(report(rows))
+    keep(rows, tmp_path / "blind.json")
+    table = bars(rows)
+    assert table["false alarms (nothing missing) <= 0.05"]["low"] <= 0.05
+    assert table["right name at lambda 60 >= 0.95"]["high"] >= 0.95
+    assert table["right name at lambda 25 >= 0.85"]["high"] >= 0.85
+    assert table["wrong name outside the catalogue <= 0.05"]["low"] <= 0.05
+    assert table["two right at lambda 60 >= 0.85"]["high"] >= 0.85
+    assert table["two right at lambda 150 and more >= 0.93"]["high"] >= 0.93
+    assert (table["closure of the oracle's, median >= 0.97"]["share"] or 0.0) >= 0.97
