@@ -371,9 +371,17 @@ def test_the_kr270s_programs_stay_below_the_operation_bars() -> None:
 
 
 def test_parallel_axes_of_the_kr270_turn_by_one_merged_angle() -> None:
-    lets = [s.expression for s in kr270_programs()[1].statements if isinstance(s, Let)]
+    lets = [
+        s.expression
+        for s in jacobian_program(ElasticChain(load("kuka_kr270"))).statements
+        if isinstance(s, Let)
+    ]
     sums = [e for e in lets if e.is_Add and e.free_symbols <= {q(i) for i in range(1, 7)}]
     assert sums == [q(2) + q(3)]
+
+
+def test_a_merged_angle_needs_no_functions_where_its_parts_have_theirs() -> None:
+    assert [count(program)["trig"] for program in kr270_programs()] == [12, 12]
 
 
 def test_programs_compute_nothing_twice_and_nothing_in_vain() -> None:

@@ -19,6 +19,7 @@ from symstiff.codegen.targets import TARGETS
 from symstiff.codegen.text import CAlgebra, c_body, context_names
 from symstiff.symbolic.algebras import count
 from symstiff.symbolic.program import Program
+from symstiff.symbolic.programs import parameter_symbol
 
 
 @cache
@@ -99,6 +100,7 @@ def base_context(functions: Functions, options: Options) -> dict[str, Any]:
         "loads_meaning": LOADS_MEANING[model.loads],
         "defaults_meaning": _defaults_meaning(model.deviations),
         "compensation_meaning": _compensation_meaning(robot.dof),
+        "compliances_propagate": _compliances_propagate(functions),
         "prismatic": ", ".join(f"q{i}" for i, j in enumerate(robot.joint, 1) if j.prismatic),
         "redundant": robot.dof > 6,
         "solve_rows": max(robot.dof, 6),
@@ -150,6 +152,13 @@ def base_context(functions: Functions, options: Options) -> dict[str, Any]:
     context["compact_compliance"] = layout is not None and not model.effects
     context["cores"] = [_function(p, functions, context, counts) for p in _cores(functions, context)]
     return context
+
+
+def _compliances_propagate(functions: Functions) -> bool:
+    """Whether no compliance that is NaN or infinite leaves Δt finite: each is a factor, and no law may hide it."""
+    used = set().union(*(s.expression.free_symbols for s in functions.deflection.statements), set())
+    model = functions.model
+    return not model.effects and all(parameter_symbol(n) in used for n in model.stiffness_parameters)
 
 
 def _defaults_meaning(deviations: Any) -> str:

@@ -248,9 +248,20 @@ class Builder:
             quarter = offset / (sp.pi / 2)
             if offset != 0 and quarter.is_Integer:
                 self._angles[angle] = _quarter_turns(*self.cos_sin(angle - offset, name), int(quarter) % 4)
+            elif (parts := self._parts(angle)) is not None:  # six operations cost less than two functions
+                (c, s), (d, t) = parts
+                self._angles[angle] = self.let(c * d - s * t), self.let(s * d + c * t)
             else:
                 self._angles[angle] = self._trigonometric(angle, name)
         return self._angles[angle]
+
+    def _parts(self, angle: sp.Expr) -> tuple[tuple[sp.Expr, sp.Expr], tuple[sp.Expr, sp.Expr]] | None:
+        """Cosines and sines of two angles that are bound and add up to this one."""
+        for known, pair in self._angles.items():
+            rest = angle - known
+            if rest in self._angles:
+                return pair, self._angles[rest]
+        return None
 
     def _trigonometric(self, angle: sp.Expr, name: str) -> tuple[sp.Expr, sp.Expr]:
         pair = sp.Symbol(f"c{name}"), sp.Symbol(f"s{name}")

@@ -238,10 +238,11 @@ def _geometry(
     chain: ElasticChain, b: Builder, terms: Sequence[Term]
 ) -> tuple[dict[VirtualJoint, tuple[sp.Expr, ...]], dict[sp.Symbol, sp.Expr]]:
     """Columns J_v and loads τ_v, both bound; weights and load errors are no part of the columns."""
+    single = turns(chain, b)  # before the frames: sums of these angles then need no functions of their own
     f = frames(chain, b)
     columns = jacobian_columns(chain, b, f)
     r0: Vec = b.vector(in_base(f.axes[0], f.levers[0]))
-    loads = passed_loads(chain, b, turns(chain, b), r0, [w(c) for c in AXES])
+    loads = passed_loads(chain, b, single, r0, [w(c) for c in AXES])
     return columns, {tau(v): load for v, load in loads.items()}
 
 
