@@ -21,7 +21,7 @@ from symstiff.discrepancy.growth import Fitted, fit, grow
 from symstiff.discrepancy.point import find_point
 from symstiff.discrepancy.problem import Array, Options, Shape
 from symstiff.discrepancy.result import CandidateResult, Diagnosis, Estimate, Name, Rms
-from symstiff.discrepancy.speech import place, spoken
+from symstiff.discrepancy.speech import named as named_at
 from symstiff.discrepancy.strata import Stratum
 from symstiff.discrepancy.verdict import AMBIGUOUS, INSUFFICIENT, NAMED, NOTHING, UNEXPLAINED, UNTESTABLE
 from symstiff.effects.base import EffectInstance
@@ -261,7 +261,7 @@ def _steps(
         g = first.growth[0]
         out.append(Rung("start model", len(start.parameters), g.residual, g.strata, first.p_missing))
     for k, g in enumerate(last.growth):
-        title = "start model" if g.added is None else f"+ {spoken(g.added.effect)} {place(g.added.where)}"
+        title = "start model" if g.added is None else f"+ {named_at(g.added.effect, g.added.where)}"
         if g.added is None and climbed:
             title = "complete model (all links elastic)"
         added = sum(len(estimates) for _, estimates in g.effects)

@@ -69,7 +69,7 @@ def _parameter(name: str) -> str:
     head, underscore, axes = name.partition("_")
     if underscore and head[0] == "k" and head[1:].isdigit() and axes.isdigit():
         return f"<msub><mi>k</mi><mtext>{head[1:]},{axes}</mtext></msub>"
-    return f"<mtext>{name}</mtext><mo>&#x2062;</mo>"
+    return f"<mtext>{name}</mtext><mo>·</mo>"
 
 
 def _readable(law: sp.Expr, names: list[str]) -> sp.Expr:

@@ -1,0 +1,64 @@
+"""The seed's own story out of the data: joints, then links, then the gravity compensator (J1 → C1 → C2)."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import pytest
+
+from symstiff.calibration.plan import Goal, Load, Search, plan_for
+from symstiff.calibration.planning import Region, above_floor
+from symstiff.calibration.poses import with_markers
+from symstiff.calibration.seed_tables import FORCE, LEVELS, MARKERS, REACH, ROBOT, truth
+from symstiff.calibration.simulation.experiment import simulate
+from symstiff.calibration.simulation.truth import Noise
+from symstiff.discrepancy.workflow import Finding, Task, run
+from symstiff.model import StiffnessModel
+from symstiff.reduction import reduce
+from symstiff.robot import load
+
+
+@pytest.fixture(scope="module")
+def found() -> Finding:
+    """The seed's virtual robot, 20 of its poses, and a tracker good to 0.01 mm."""
+    robot = load(ROBOT)
+    plan = plan_for(
+        StiffnessModel.of(reduce(robot, "gravity", "pose")),
+        Goal(20, "D"),
+        Load("gravity", FORCE),
+        MARKERS,
+        (30e-6, 100e-6),
+        Region((), (above_floor(0.3),), REACH),
+        levels={2: LEVELS},
+        search=Search(candidates=4000, starts=3, seed=1, refine=False),
+    )
+    quiet = replace(truth(), noise=Noise(sigma_mm=(0.01, 0.01, 0.01)))
+    table = simulate(quiet, with_markers(plan.q, plan.w, MARKERS), 1)
+    return run(Task(robot, table, "joints"))
+
+
+def test_links_then_the_compensator_come_out_of_the_data(found: Finding) -> None:
+    assert found.verdict == "named"
+    places = [(e.effect, dict(e.where)) for e in found.named]
+    assert ("gravity_compensator", {"joint": 2}) in places
+    links = [where["link"] for effect, where in places if effect == "link_compliance"]
+    assert links == sorted(set(links))
+    assert len(links) >= 5
+    assert places.index(("gravity_compensator", {"joint": 2})) > max(
+        k for k, (effect, _) in enumerate(places) if effect == "link_compliance"
+    )
+
+
+def test_every_step_shrinks_the_gap_until_the_noise_is_left(found: Finding) -> None:
+    sizes = [float((s.residual**2).mean()) ** 0.5 for s in found.steps]
+    assert sizes == sorted(sizes, reverse=True)
+    assert found.steps[0].parameters == 5
+    assert found.steps[1].parameters == 26
+    assert found.rms.held_out_after is not None
+    assert found.rms.held_out_after < 1.5e-5
+    assert found.rms.held_out_before is not None
+    assert found.rms.held_out_before > 2e-4
+
+
+def test_the_remark_says_that_the_complete_model_took_over(found: Finding) -> None:
+    assert any("complete model" in remark for remark in found.remarks)
