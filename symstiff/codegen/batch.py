@@ -20,6 +20,10 @@ if TYPE_CHECKING:
 
 _BUFFER = 2048  # numbers in the largest block of outputs: 16 kB, beside as much of the caller's in a first-level cache
 _BLOCKS = (8, 64)
+_LOADS = {
+    "double": 1e75,
+    "float": 1e9,
+}  # largest wrench of the vectorised code [N, N·m]: no product overflows
 
 
 @dataclass(frozen=True)
@@ -87,10 +91,11 @@ def vector_context(single: bool) -> dict[str, Any]:
     """The literals of the template's sine and cosine."""
     numbers, literal = constants(single), CAlgebra(single).literal
     suffix = "f" if single else ""
+    load = _LOADS["float" if single else "double"]
     exact = {
-        "half": 0.5, "one": 1.0, "two": 2.0, "four": 4.0, "quarter": 0.25, "three_eighths": 0.375, "one_half": 1.5,
-        "two_over_pi": 2.0 / math.pi, "shift": numbers.shift, "zero": 0.0,
-        "half_over_reach": 0.5 / numbers.reach, "reach": numbers.reach, "domain": numbers.domain,
+        "half": 0.5, "one": 1.0, "two": 2.0, "quarter": 0.25, "zero": 0.0, "two_over_pi": 2.0 / math.pi,
+        "shift": numbers.shift, "reach": numbers.reach, "domain": numbers.domain, "load": load,
+        "half_over_reach": 0.5 / numbers.reach, "half_over_load": 0.5 / load,
     }  # fmt: skip
     return {
         "real": "float" if single else "double",

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from symstiff.codegen.emit import base_context, environment
-from symstiff.codegen.text import CAlgebra
+from symstiff.codegen.text import CAlgebra, context_names
 from symstiff.errors import UserError
 from symstiff.symbolic.algebras import evaluate_numpy
 
@@ -26,10 +26,9 @@ def emit_rls(functions: Functions, options: Options) -> dict[str, bytes]:
     size = len(model.stiffness_parameters)
     if not size:
         raise UserError("target rls: the model has no compliances to identify: remove rls from --targets")
-    if any(v.name == "context" for v in functions.deflection.inputs):
-        raise UserError("target rls: laws that depend on time or temperature cannot be followed on line")
     literal = CAlgebra(options.single).literal
-    numbers = 2 * size + size * (size - 1) // 2 + len(model.effect_parameters) + 2
+    others = len(model.effect_parameters) + len(context_names(functions.deflection))
+    numbers = 2 * size + size * (size - 1) // 2 + others + 2
     context = base_context(functions, options) | {
         "factors": max(size * (size - 1) // 2, 1),
         "state": numbers * (4 if options.single else 8),

@@ -1,0 +1,120 @@
+"""Every option does what it says, and two generations with different options never claim the same hash."""
+
+from __future__ import annotations
+
+import itertools
+import re
+
+import pytest
+
+from symstiff.codegen.functions import Functions
+from symstiff.codegen.options import CHOICES, Options
+from symstiff.codegen.targets import TARGETS
+from symstiff.effects.base import EffectInstance, Scales, find
+from symstiff.errors import UserError
+from tests.generated_c import STRICT, compiler, emitted, model, run, written
+
+ROBOT = "scara"
+
+
+def test_no_two_sets_of_options_share_a_hash():
+    m = model(ROBOT)
+    values = dict(m.values)
+    sets = [("c",), ("c", "casadi"), *((("c", t) if t != "c" else ("c", "st")) for t in TARGETS)]
+    options = {
+        Options(p, layout, targets)
+        for p, layout, targets in itertools.product(CHOICES["precision"], CHOICES["layout"], sets)
+    }
+    hashes = {o.model_hash(m.structure_hash, values) for o in options}
+    assert len(hashes) == len(options) > 30
+
+
+def test_values_and_structure_are_part_of_the_hash():
+    m, o = model(ROBOT), Options()
+    base = o.model_hash(m.structure_hash, dict(m.values))
+    assert o.model_hash(m.structure_hash, {n: 2 * v for n, v in m.values.items()}) != base
+    assert o.model_hash("0" * 64, dict(m.values)) != base
+
+
+def own(target: str, precision: str = "double") -> dict[str, bytes]:
+    """What one target writes."""
+    if target == "c":
+        return emitted(ROBOT, precision, ("c",))
+    options = Options(precision=precision, targets=("c", target))
+    return TARGETS[target].emitter()(Functions(model(ROBOT)), options)
+
+
+@pytest.mark.parametrize("target", [t for t in TARGETS if t not in ("c", "casadi")])
+def test_every_target_writes_files_of_its_own(target):
+    assert own(target)
+    assert not set(own(target)) & set(own("c"))
+
+
+@pytest.mark.parametrize("target", [t for t in TARGETS if t != "casadi"])
+def test_precision_changes_what_every_target_writes(target):
+    double, single = own(target, "double"), own(target, "float")
+    assert double.keys() == single.keys()
+    same = {n for n in double if double[n] == single[n]}
+    assert same <= {f"{ROBOT}.params", f"{ROBOT}.pc.in", "CMakeLists.txt", "MISRA.md"}
+
+
+def test_single_precision_targets_contain_no_double():
+    files = emitted(ROBOT, "float", ("c", "params", "rls", "cpp"))
+    for name in (
+        "scara.c",
+        "scara_batch.c",
+        "scara.h",
+        "scara_params.c",
+        "scara_rls.c",
+        "scara_selftest.c",
+        "scara.hpp",
+    ):
+        code = re.sub(r"/\*.*?\*/|//[^\n]*", "", files[name].decode(), flags=re.DOTALL)
+        assert not re.search(r"\bdouble\b", code), name
+        numbers = re.findall(r"(?<![\w.])\d+\.\d+(?:e[-+]?\d+)?\w*", code)
+        assert all(n.endswith("f") for n in numbers), name
+
+
+@pytest.mark.parametrize("cc", ["gcc", "clang"])
+@pytest.mark.parametrize("precision", ["double", "float"])
+def test_all_sources_compile_together_strictly(tmp_path, cc, precision):
+    folder = written(tmp_path, ROBOT, precision, ("c", "params", "rls"))
+    for source in sorted(folder.glob("scara*.c")):
+        run(compiler(cc), *STRICT, "-O1", "-c", "-I.", source.name, "-o", "x.o", cwd=folder)
+
+
+def test_the_sources_of_targets_join_the_library_that_cmake_builds():
+    text = emitted(ROBOT, "double", ("c", "params", "rls", "cpp"))["CMakeLists.txt"].decode()
+    for name in ("scara_params.c", "scara_rls.c", "scara_params.h", "scara_rls.h", "scara.hpp"):
+        assert name in text
+    plain = emitted(ROBOT, "double", ("c",))["CMakeLists.txt"].decode()
+    assert "params" not in plain.replace("scara_batch", "")
+
+
+@pytest.mark.parametrize("target", ["params", "rls", "cpp", "python"])
+def test_targets_over_c_need_it(target):
+    with pytest.raises(UserError, match="add c to --targets"):
+        Options(targets=(target,))
+
+
+def test_unknown_choices_are_named():
+    with pytest.raises(UserError, match="unknown precision 'half': use double or float"):
+        Options(precision="half")
+    with pytest.raises(UserError, match="unknown target 'rust': use c, casadi"):
+        Options(targets=("rust",))
+
+
+@pytest.mark.parametrize("target", TARGETS)
+def test_a_model_that_depends_on_the_moment_is_emitted_or_refused(target):
+    """Time and temperature: C knows them in its struct; a target that cannot say them says so."""
+    m = model("kuka_kr270")
+    entry = find("thermal_drift")
+    where = entry.places(m.robot)[0]
+    shape = entry.shapes(m.robot, where, Scales(context={"time": 3600.0, "temperature": 10.0}))[0]
+    grown = m.with_effect(EffectInstance("thermal_drift", where, shape))
+    options = Options(targets=("c", target) if target != "c" else ("c",))
+    if target in ("fmi2", "fmi3", "st"):
+        with pytest.raises(UserError, match=f"^target {target}: "):
+            TARGETS[target].emitter()(Functions(grown), options)
+    elif target != "c":  # slow: its reference values have 50 digits
+        assert TARGETS[target].emitter()(Functions(grown), options)
