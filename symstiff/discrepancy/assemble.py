@@ -1,8 +1,7 @@
 """The bridge: from a model and a measurement table to the statistics' rows, columns and candidates.
 
 Stages: view (geometry, loads) → placement of the device, where positions are absolute → current model's
-columns and
-fitted deflections → problem → candidates of the whole catalogue at all places.
+columns and fitted deflections → problem → candidates of the whole catalogue at all places.
 """
 
 from __future__ import annotations
@@ -30,9 +29,8 @@ class Assembly:
     """A problem with the candidates for it, and what they were made from.
 
     ``names`` are the parameters of the problem's columns; ``fitted`` their values (the current model's
-    where the data
-    do not tell); ``prediction`` (M,) by them. Candidates that cannot be told from the model are
-    ``unavailable``.
+    where the data do not tell); ``prediction`` (M,) by them. Candidates that cannot be told from the model
+    are ``unavailable``.
     """
 
     problem: Problem

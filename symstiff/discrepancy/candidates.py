@@ -135,7 +135,7 @@ def grouped(problem: Problem, candidates: Sequence[Candidate]) -> tuple[Candidat
 
 
 def _shadow(block: Array, basis: Array, probe: Array) -> Array:
-    """Projection (M,) of one random vector on what a block adds to the model: equal spaces cast equal shadows."""
+    """One random vector projected (M,) on what a block adds to the model: equal spaces, equal shadows."""
     length = np.linalg.norm(block, axis=0)
     block = block[:, length > 0] / length[length > 0]
     own = column_space(block - basis @ (basis.T @ block), 1e-7)

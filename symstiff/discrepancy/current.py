@@ -46,8 +46,7 @@ def settled(model: StiffnessModel, table: Measurements) -> Current:
 
 
 def _hidden(model: StiffnessModel) -> tuple[Compliance, ...]:
-    """Compliances that loads at the tool leave out of a complete model, and weights on the links bring
-    back."""
+    """Compliances that loads at the tool leave out of a complete model, and that weights bring back."""
     elastic = {p.body for p in model.compliances if not p.is_joint}
     full = physical_stages(model.robot)[-1].parameters
     return tuple(p for p in full if p.body in elastic and p.name not in model.parameters)

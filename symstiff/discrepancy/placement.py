@@ -1,5 +1,4 @@
-"""Where the measuring device stands: six numbers that absolute data always determine along with everything
-else."""
+"""Where the measuring device stands: six numbers that are always estimated from absolute data."""
 
 from __future__ import annotations
 
@@ -14,8 +13,7 @@ def placed(view: View, laws: Laws) -> tuple[View, Floats]:
     """The view in the device's axes, and what its rows read beyond the rigid robot (M,).
 
     Deflections are read in base axes and come back as they are. For absolute data the device's placement is
-    the
-    rotation and shift that bring the predicted points closest to the measured ones (Kabsch).
+    the rotation and shift that bring the predicted points closest to the measured ones (Kabsch).
     """
     table = view.table
     if table.kind != "absolute":

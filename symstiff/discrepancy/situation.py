@@ -1,5 +1,4 @@
-"""An experiment seen through a model: geometry, loads, deflections, and what the terms of any effect would
-add.
+"""An experiment seen through a model: geometry, loads, deflections, and what any effect's terms would add.
 
 One state is one row of the measurement table (pose, load case, point); one data row is one measured
 component.
@@ -44,7 +43,8 @@ _ALGEBRA = NumpyAlgebra()
 class View:
     """N states and the M data rows that are read from them.
 
-    ``turn`` (3, 3) takes base axes to the device's; ``state`` and ``component`` (M,) say what each row reads.
+    ``turn`` (3, 3) takes base axes to the device's; ``state`` and ``component`` (M,) say what each row
+    reads.
     """
 
     robot: Robot
@@ -116,7 +116,9 @@ class View:
         else:
             point = J[:, :3] - np.cross(J[:, 3:], self.found.rho[:, frame, :, None], axis=1)
             load = np.einsum("nr,nrv->nv", axis, point)
-        load[:, 7 * at.body + 6 :] = 0.0  # a body's weight acts on what is before it, its own springs included
+        load[:, 7 * at.body + 6 :] = (
+            0.0  # a body's weight acts on what is before it, its own springs included
+        )
         return np.asarray(load * factor[:, None])
 
 
@@ -270,8 +272,7 @@ class Situation:
 
     @cached_property
     def reading(self) -> dict[sp.Symbol, Floats]:
-        """Predicted deflection (N,) of the measured points by component, for terms of the measuring
-        device."""
+        """Predicted deflection (N,) of the measured points by component, for terms of the measuring device."""
         twist = np.einsum("nrv,nv->nr", self.view.at_point, self.theta)
         return {deflection(c): twist[:, c - 1] for c in AXES}
 
@@ -297,8 +298,7 @@ class Situation:
 
 
 def load_factor(table: Measurements) -> Floats:
-    """(N,) every wrench as a share of the largest of its pose, with its sign along it; a metre turns N into
-    N·m."""
+    """(N,) every wrench's component along the largest of its pose, as a share of it; N·m count as N."""
     share = np.zeros(len(table))
     for pose in np.unique(table.pose):
         rows = table.pose == pose

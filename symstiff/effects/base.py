@@ -1,8 +1,7 @@
 """The one shape of an effect: where it can be, and its law as terms at virtual joints.
 
 A catalogue file defines one ``Effect``; a plugin registers one under the entry point group
-``symstiff.effects``. No
-module outside this room knows an effect by name.
+``symstiff.effects``. No module outside this room knows an effect by name.
 """
 
 from __future__ import annotations
@@ -54,10 +53,8 @@ class Scales:
     """The sizes that shapes are profiled over: of an experiment, or plausible ones where there is none.
 
     kind: ``deflection`` or ``absolute``; load: largest \\|τ\\| by virtual joint [N, N·m]; angles: the
-    distinct values of
-    every joint variable, ascending [rad, m]; context: largest span of ``time`` [s] and ``temperature`` [K]
-    where known;
-    lowest: their smallest values.
+    distinct values of every joint variable, ascending [rad, m]; context: largest span of ``time`` [s] and
+    ``temperature`` [K] where known; lowest: their smallest values.
     """
 
     kind: str = "deflection"
@@ -73,13 +70,12 @@ class Scales:
 
 
 class Situation(Protocol):
-    """What an effect that is no law of virtual joints may look at: N states (pose, load case, point), M rows.
+    """What an effect that is no law may look at: N states (pose, load case, point), M rows of data.
 
     ``labels`` name the poses; ``row_pose`` and ``row_axis`` (M,) number each row's pose and component
-    (0–5); ``J``
-    (N, 6, V) is the virtual-joint Jacobian at the tool centre point, base axes; ``theta`` (N, V) the
-    current model's
-    deflections; ``wrench`` (N, 6); ``offset`` (N, 3) leads from the tool centre point to the measured point.
+    (0–5); ``J`` (N, 6, V) is the virtual-joint Jacobian at the tool centre point, base axes; ``theta`` (N,
+    V) the current model's deflections; ``wrench`` (N, 6); ``offset`` (N, 3) leads from the tool centre
+    point to the measured point.
     """
 
     @property
@@ -113,15 +109,11 @@ class Effect:
     """An entry of the catalogue.
 
     places(robot) lists the ``where`` dictionaries; shapes(robot, where, scales) the values of the shape
-    parameters to
-    profile (one empty dictionary where there are none); realise(robot, where, shape) the parameters and
-    terms.
-    seen_in: ``deflection``, ``absolute``; needs: context columns (``time``, ``temperature``, ``branch``,
-    ``load_levels``),
-    alternatives as ``time or temperature``.
-    An effect that is no law at virtual joints gives ``columns(situation, where, shape)`` (M, parameters)
-    instead of
-    terms, and ``places_in(situation)`` where its places depend on the data.
+    parameters to profile (one empty dictionary where there are none); realise(robot, where, shape) the
+    parameters and terms. seen_in: ``deflection``, ``absolute``; needs: context columns (``time``,
+    ``temperature``, ``branch``, ``load_levels``), alternatives as ``time or temperature``. An effect that
+    is no law at virtual joints gives ``columns(situation, where, shape)`` (M, parameters) instead of terms,
+    and ``places_in(situation)`` where its places depend on the data.
     """
 
     identifier: str

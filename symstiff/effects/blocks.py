@@ -1,5 +1,4 @@
-"""Compliance blocks of links as effects: standard names k<i>_<row><col>, so that they join what a model
-has."""
+"""Compliance blocks of links as effects, with the names k<i>_<row><col> that compliances have in a model."""
 
 from __future__ import annotations
 

@@ -100,8 +100,7 @@ def link_axes(link: int) -> tuple[VirtualJoint, ...]:
 
 @lru_cache(maxsize=256)
 def weight_load(robot: Robot, joint: int) -> sp.Expr:
-    """Load that the masses of the robot file put on an actuated joint, −∂U/∂q_j, as an expression in q [N
-    or N·m]."""
+    """Load of the robot file's masses on an actuated joint, −∂U/∂q_j, an expression in q [N or N·m]."""
     chain = ElasticChain(robot)
     heavy = {i: link for i, link in enumerate(robot.links) if link.mass}
     if not any(i >= joint for i in heavy):

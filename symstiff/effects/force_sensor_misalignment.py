@@ -1,5 +1,4 @@
-"""A force sensor that is mounted askew: the true wrench is the measured one turned by a small angle, ΔW = δ
-× W."""
+"""A force sensor mounted askew: the true wrench is the measured one turned by a small angle, ΔW = δ × W."""
 
 from __future__ import annotations
 

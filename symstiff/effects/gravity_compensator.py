@@ -1,13 +1,10 @@
 """A spring between two links that acts on a joint: the joint's stiffness depends on its angle.
 
 Spring form: anchors at distances a and L from the axis, angle φ = α − q between them, s² = a² + L² +
-2aL·cos φ,
-M = K_c·(1 − s₀/s)·aL·sin φ, joint stiffness K_j⁰ + ∂M/∂q (derived below, not copied). With k̂ = (∂M/∂q)/max
-the
-compliance changes by c·k̂/(1 + r·k̂): c is its change at the stiffest angle, r its ratio to the joint's own
-compliance.
-Angle form (the seed's C2 and J2): the joint's compliance is a polygon over the distinct angles of the data
-set.
+2aL·cos φ, M = K_c·(1 − s₀/s)·aL·sin φ, joint stiffness K_j⁰ + ∂M/∂q (derived below, not copied). With k̂ =
+(∂M/∂q)/max the compliance changes by c·k̂/(1 + r·k̂): c is its change at the stiffest angle, r its ratio to
+the joint's own compliance. Angle form (the seed's C2 and J2): the joint's compliance is a polygon over the
+distinct angles of the data set.
 """
 
 from __future__ import annotations
@@ -112,8 +109,7 @@ def _hats(x: sp.Expr, knots: list[sp.Rational]) -> list[sp.Expr]:
 
 
 def _own_compliance(robot: Robot, j: int) -> tuple[str, ...]:
-    """Names under which a model may hold the joint's compliance: its own, or the link's before it about its
-    axis."""
+    """A model's names for the joint's compliance: its own, or that of the link before it about the axis."""
     axes = ElasticChain(robot).elastic_axes(Builder("axes", ()), j - 1)
     about = [k for k, axis in enumerate(axes, start=4) if axis[0] == 0 and axis[1] == 0]
     return (f"c{j}", *(f"k{j - 1}_{k}{k}" for k in about))

@@ -1,5 +1,4 @@
-"""Friction that lags behind the load: Δθ_j = −branch·width/2·h(τ), less deflection on the way up, more on
-the way down.
+"""Friction lags behind the load: Δθ_j = −branch·width/2·h(τ), less deflection on the way up than down.
 
 h is a smooth sign of the load, times |τ/τ₀|^power, or times 1 − (τ/τ₀)² where the loop closes at its ends.
 """

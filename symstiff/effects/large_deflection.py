@@ -1,11 +1,8 @@
-"""The load acts on the deflected pose: the second-order term of the deflection, known once the compliances
-are.
+"""The load acts on the deflected pose: a second-order term, known once the compliances are.
 
 Second derivative of a serial chain with virtual joints u before v: an earlier turn rotates a later column,
-and a later
-shift moves the lever of an earlier one. The term has two parts: the curved path of the tool, ½·Σ dJ_v·θ_v,
-and the
-change of the loads, J·C·(dJᵀ·W). Its one coefficient is 1.
+and a later shift moves the lever of an earlier one. The term has two parts: the curved path of the tool,
+½·Σ dJ_v·θ_v, and the change of the loads, J·C·(dJᵀ·W). Its one coefficient is 1.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""The weight of a link as a load on every virtual joint before its frame: mass and first moment in DH frame i."""
+"""The weight of a link as a load on every virtual joint before its DH frame: mass and first moment."""
 
 from __future__ import annotations
 

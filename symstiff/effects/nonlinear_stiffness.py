@@ -1,8 +1,8 @@
-"""A gear whose stiffness depends on its load: Δθ_j = c₂·τ·|τ| + c₃·τ³, two slopes with a knee, or saturation.
+"""A gear whose stiffness depends on its load: Δθ_j = c₂·τ·|τ| + c₃·τ³, two slopes, or saturation.
 
-Without a shape the polynomial with c₂ and c₃. Profiled shapes have one parameter c, Δθ_j = c·τ₀·h(τ/τ₀), with
-h = sign(x)|x|^power, x − clip(x, −1, 1) beyond a knee at τ₀, or tanh x; c is a slope in rad/(N·m) whatever
-the shape.
+Without a shape the polynomial with c₂ and c₃. Profiled shapes have one parameter c, Δθ_j = c·τ₀·h(τ/τ₀),
+with h = sign(x)|x|^power, x − clip(x, −1, 1) beyond a knee at τ₀, or tanh x; c is a slope in rad/(N·m)
+whatever the shape.
 """
 
 from __future__ import annotations

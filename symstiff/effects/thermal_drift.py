@@ -1,9 +1,8 @@
 """Growth with time or temperature, of the measuring frame or of a link along its elastic axes.
 
 Δ = rate·s with s = t/T_end, (T − T₀)/span, or 1 − exp(−t/T) over its value at the end of the session; the
-three
-parameters are what has grown at the end of the session, in metres. A pedestal that grows shifts the whole robot:
-that is the measuring frame's drift.
+three parameters are what has grown at the end of the session, in metres. A pedestal that grows shifts the
+whole robot: that is the measuring frame's drift.
 """
 
 from __future__ import annotations

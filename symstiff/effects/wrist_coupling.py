@@ -1,5 +1,4 @@
-"""Two joints of the wrist that share gears: the load on one turns the other, Δθ_j = c·τ_k and Δθ_k =
-c·τ_j."""
+"""Two joints of the wrist that share gears: the load on one turns the other, Δθ_j = c·τ_k and Δθ_k = c·τ_j."""
 
 from __future__ import annotations
 

@@ -1,11 +1,9 @@
 """Before any data: does an effect add columns that a class of experiments can tell from the model's?
 
 The deflection of the grown model is evaluated at random points modulo a prime, once for every parameter
-raised by one;
-the differences are the columns, exact for laws that are linear in their parameters. Functions that no field
-knows
-(tanh, sign, …) are random oracles, so that a law that is no combination of the model's counts as
-independent of them.
+raised by one; the differences are the columns, exact for laws that are linear in their parameters.
+Functions that no field knows (tanh, sign, …) are random oracles, so that a law that is no combination of
+the model's counts as independent of them.
 """
 
 from __future__ import annotations
@@ -30,8 +28,8 @@ from symstiff.symbolic.terms import AXES, Term, link_joint
 class Distinction:
     """What a class of experiments can tell of an effect.
 
-    ``gained``: independent columns that it adds to the model's; ``inside``: parameters whose own column is a
-    combination of the model's; ``reason``: why nothing can be told, empty where something can.
+    ``gained``: independent columns that it adds to the model's; ``inside``: parameters whose own column is
+    a combination of the model's; ``reason``: why nothing can be told, empty where something can.
     """
 
     parameters: tuple[str, ...]
@@ -67,9 +65,8 @@ def distinction(
     """Tell structurally how an effect stands to a model.
 
     ``experiment`` defaults to the model's own class; ``shape`` to the effect's first. Effects whose columns
-    come from
-    the data themselves (outliers, second-order terms) count as distinguishable where they can be seen at all.
-    Raises UserError for a place the robot does not have.
+    come from the data themselves (outliers, second-order terms) count as distinguishable where they can be
+    seen at all. Raises UserError for a place the robot does not have.
     """
     entry = find(effect)
     if shape is None:

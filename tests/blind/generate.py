@@ -1,4 +1,4 @@
-"""Cases: a design, a hidden truth scaled to a wanted noncentrality, and the table that is all the workflow sees."""
+"""Cases: a design, a hidden truth scaled to a wanted noncentrality, and the table that the workflow sees."""
 
 from __future__ import annotations
 
@@ -75,7 +75,7 @@ class Case:
 
 @dataclass(frozen=True)
 class _Scene:
-    """A design with its robot and noise, before anything is hidden; ``basis`` spans the current model, whitened."""
+    """A design before anything is hidden; ``basis`` spans the current model, whitened."""
 
     robot: Robot
     values: dict[str, float]
@@ -217,7 +217,7 @@ def _scene(stories: Sequence[Story], rng: np.random.Generator, options: Options)
 def _design(
     robot: Robot, data: str, levels: int, contexts: set[str], rng: np.random.Generator, options: Options
 ) -> Measurements:
-    """Random poses and loads; the same load in steps at every pose, up and down again where branches are told."""
+    """Random poses and loads; a load comes in steps, and goes down again where branches are told."""
     poses, markers = int(rng.choice(options.poses)), int(rng.choice(options.markers))
     steps = [(k + 1) / levels for k in range(levels)]
     branch = [1.0] * levels
@@ -323,7 +323,7 @@ def _whitened(scene: _Scene, rows: np.ndarray) -> np.ndarray:
 
 
 def _noncentrality(scene: _Scene, signal: np.ndarray, further: np.ndarray | None = None) -> float:
-    """λ: what is left of a signal (rows, 6) outside the model and further columns, over the noise's variance."""
+    """λ: what is left of a signal (rows, 6) outside the model and further columns, over the noise."""
     white = _whitened(scene, signal[:, :3]).ravel()
     basis = scene.basis if further is None else np.column_stack([scene.basis, further])
     if further is not None:
@@ -333,7 +333,7 @@ def _noncentrality(scene: _Scene, signal: np.ndarray, further: np.ndarray | None
 
 
 def _limited(scene: _Scene, rng: np.random.Generator, heavy: float) -> _Scene:
-    """Scale the loads so that the second-order geometry stays below the noise, or has the wanted noncentrality."""
+    """Scale the loads so that second-order geometry stays below the noise, or has the wanted λ."""
     limit = heavy or GEOMETRY * float(rng.uniform(0.1, 1.0))
     for _ in range(4 if scene.table.kind == "deflection" else 2):
         found = _noncentrality(scene, _values(scene, scene.values, ()))
@@ -369,7 +369,7 @@ def _draw(scene: _Scene, rng: np.random.Generator) -> Draw:
 def _scaled(
     scene: _Scene, base: dict[str, float], effects: Sequence[Effect], wanted: float, kind: str
 ) -> tuple[tuple[Effect, ...], tuple[float, ...]]:
-    """Scale every effect to its noncentrality given the others'; raise where it would be larger than believable."""
+    """Scale every effect to its λ given the others; raise where it would be larger than believable."""
     clean = _values(scene, base, ())
     if kind == "untestable":
         for effect in effects:

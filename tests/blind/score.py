@@ -36,7 +36,7 @@ def _plain(where: Mapping[str, Any]) -> dict[str, Any]:
 def outcome(
     verdict: str, sets: Sequence[Sequence[Any]], truth: Sequence[Any], groups: Mapping[str, str]
 ) -> str:
-    """``right``, ``half`` (an admissible set that holds the truth, or named as insufficient), ``wrong``, ``silent``."""
+    """``right``, ``half`` (in an admissible set, or named as insufficient), ``wrong`` or ``silent``."""
     if verdict not in ("named", "ambiguous", "named_insufficient"):
         return "silent"
     matches = [len(s) == len(truth) and all(any(same(t, e, groups) for e in s) for t in truth) for s in sets]

@@ -1,6 +1,7 @@
-"""What can be hidden in the data: every effect of the catalogue in the simulator's shapes, and others outside of it.
+"""What can be hidden: every effect of the catalogue in the simulator's shapes, and others outside of it.
 
-A story makes its effect as large as anyone would believe; the generator scales it down to the wanted noncentrality.
+A story makes its effect as large as anyone would believe; the generator scales it down to the wanted
+noncentrality.
 """
 
 from __future__ import annotations
