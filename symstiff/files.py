@@ -13,16 +13,19 @@ from symstiff.errors import UserError
 
 
 def write_file(path: str | Path, data: bytes | str) -> None:
-    """Write one file atomically. Raises UserError where the place cannot be written."""
-    target = Path(path)
+    """Write one file atomically; a device or pipe is written to, never replaced. Raises UserError."""
+    target = Path(os.path.realpath(path))  # a link stays a link
     content = data.encode() if isinstance(data, str) else data
     temporary = target.with_name(f".{target.name}.part")
     try:
+        if target.exists() and not target.is_file() and not target.is_dir():
+            target.write_bytes(content)
+            return
         temporary.write_bytes(content)
         os.replace(temporary, target)
     except OSError as error:
         _remove(temporary)
-        raise cannot_write(target, error) from error
+        raise cannot_write(Path(path), error) from error
 
 
 @contextmanager

@@ -24,7 +24,7 @@ Measure = Annotated[str, typer.Option(help="What is measured: pose or position."
 Fixed = Annotated[str | None, typer.Option(help="Joints that stand still, e.g. q1=0,q4=pi/2 (rad, m).")]
 
 
-@app.callback()
+@app.callback(invoke_without_command=True)
 def _root(
     version: Annotated[bool, typer.Option("--version", help="Print the version.", is_eager=True)] = False,
 ) -> None:

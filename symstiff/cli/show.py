@@ -49,8 +49,10 @@ def parse_fixed(text: str | None) -> dict[int, Exact]:
             continue
         name, _, value = part.partition("=")
         joint = name.strip().removeprefix("q")
-        if not joint.isdigit() or not value.strip():
+        if not (joint.isascii() and joint.isdigit()) or not value.strip():
             raise UserError(f"--fixed {part.strip()!r}: write a joint and its value, e.g. q1=0 or q4=pi/2")
+        if int(joint) in fixed:
+            raise UserError(f"--fixed: q{int(joint)} stands there twice: give it one value")
         fixed[int(joint)] = parse_exact(value.strip())
     return fixed
 

@@ -24,6 +24,8 @@ class Options:
         for key, allowed in CHOICES.items():
             if getattr(self, key) not in allowed:
                 raise UserError(f"unknown {key} {getattr(self, key)!r}: use {' or '.join(allowed)}")
+        if not self.targets:
+            raise UserError(f"no target is given: use {', '.join(TARGETS)}")
         for target in self.targets:
             if target not in TARGETS:
                 raise UserError(f"unknown target {target!r}: use {', '.join(TARGETS)}")

@@ -16,7 +16,7 @@ from symstiff.reduction.aggregation import inexact_aggregations
 from symstiff.reduction.physical import Parameter, Stage, physical_stages, terms_of
 from symstiff.reduction.structural import ExactEngine, Experiment, Partition, from_dh_zero
 from symstiff.robot.exact import parse_exact
-from symstiff.robot.schema import Robot
+from symstiff.robot.schema import LONGEST, WIDEST, Robot
 from symstiff.symbolic.chain import ElasticChain
 from symstiff.symbolic.program import Builder
 from symstiff.symbolic.programs import observation_program
@@ -162,10 +162,17 @@ def reduce(
 
 
 def _fixed(robot: Robot, fixed: Mapping[int, Any]) -> dict[int, sp.Expr]:
-    for joint in fixed:
+    values = {}
+    for joint, given in sorted(fixed.items()):
         if not 1 <= joint <= robot.dof:
             raise UserError(f"cannot fix q{joint}: {robot.name} has joints 1 to {robot.dof}")
-    return {j: parse_exact(v).sympy() for j, v in sorted(fixed.items())}
+        value = parse_exact(given)
+        prismatic = robot.joint[joint - 1].prismatic
+        if abs(float(value)) > (LONGEST if prismatic else WIDEST):
+            unit, right = ("millimetres", "metres") if prismatic else ("degrees", "radians")
+            raise UserError(f"cannot fix q{joint} at {float(value):g}: looks like {unit}, give {right}")
+        values[joint] = value.sympy()
+    return values
 
 
 def preference(

@@ -21,8 +21,8 @@ from symstiff.robot.exact import Exact, parse_exact, shown
 
 MAX_JOINTS = 64
 _MAX_ROWS = 100  # markers, templates
-_LONGEST = 20.0  # m; anything beyond is a length in millimetres
-_WIDEST = 8 * math.pi  # rad; joint limits beyond four turns are degrees
+LONGEST = 20.0  # m; anything beyond is a length in millimetres
+WIDEST = 8 * math.pi  # rad; joint limits beyond four turns are degrees
 _HEAVIEST = 100_000.0  # kg
 _SOFTEST = 1000.0  # rad/(N·m) or m/N; anything beyond is a stiffness
 
@@ -39,7 +39,7 @@ def _format(value: Any) -> Any:
 
 def _length(value: Any) -> Exact:
     number = parse_exact(value)
-    if abs(float(number)) > _LONGEST:
+    if abs(float(number)) > LONGEST:
         raise UserError(
             f"{float(number):g} m is longer than any robot: lengths are in metres, not millimetres"
         )
@@ -174,9 +174,9 @@ class Joint(_Frozen):
         low, high = self.limits
         if not low < high:
             raise UserError(f"limits [{low:g}, {high:g}]: the lower one comes first")
-        if not self.prismatic and max(abs(low), abs(high)) > _WIDEST:
+        if not self.prismatic and max(abs(low), abs(high)) > WIDEST:
             raise UserError(f"limits [{low:g}, {high:g}] look like degrees: angles are in radians")
-        if self.prismatic and max(abs(low), abs(high)) > _LONGEST:
+        if self.prismatic and max(abs(low), abs(high)) > LONGEST:
             raise UserError(f"limits [{low:g}, {high:g}] look like millimetres: lengths are in metres")
         return self
 
