@@ -18,7 +18,8 @@ if TYPE_CHECKING:
     from symstiff.codegen.functions import Functions
     from symstiff.codegen.options import Options
 
-_BUFFER = 2048  # numbers in the largest block of outputs: 16 kB, beside as much of the caller's in a first-level cache
+_BUFFER = 4096  # numbers in the largest block of outputs: what a first-level cache holds beside the padding
+_PADDING = 8  # between the rows of a block, so that they do not compete for the same places of the cache
 _BLOCKS = (8, 64)
 _LOADS = {
     "double": 1e75,
@@ -139,7 +140,8 @@ def batch_function(
     arrays = [f"const {real} *NO_ALIAS {n}" for n in names if n not in fixed]
     inner = [parameter] * ("p" in names) + arrays + [f"{real} *NO_ALIAS {output}"]
     algebra = VectorAlgebra(single, iter(small_arguments(program, single)))
-    store = f"{{vector}}[({{index}} * {size}) + i]"
+    pitch = f"{program.name.upper()}_PITCH"
+    store = f"{{vector}}[({{index}} * {pitch}) + i]"
     sources = dict(inputs) | {n: _component(n, size) for n in names if n not in inputs}
     body = c_body(program, sources, single=single, indent=" " * 8, algebra=algebra, store=store)
     zero = f"] = {algebra.literal(0.0)};"
@@ -153,6 +155,8 @@ def batch_function(
         "summary": summary,
         "size": size,
         "block": block_size(program.size(output)),
+        "pitch": pitch,
+        "padding": _PADDING,
         "parameters": "p" in names,
         "arguments": ", ".join(inner),
         "block_arguments": ", ".join(inner).replace("NO_ALIAS ", ""),
@@ -176,7 +180,7 @@ def _component(name: str, size: str) -> Callable[[int], str]:
 
 def stack_bytes(functions: Sequence[Mapping[str, Any]], joints: int, single: bool) -> int:
     """Stack of the largest function's blocks."""
-    numbers: int = max((joints + 7 + f["outputs"]) * f["block"] for f in functions)
+    numbers: int = max((joints + 7) * f["block"] + f["outputs"] * (f["block"] + _PADDING) for f in functions)
     return numbers * (4 if single else 8)
 
 
