@@ -1,8 +1,9 @@
 """A gap that the joint crosses where its total load changes sign: Δθ_j = gap/2·sign(τ_weight + τ).
 
-The sign is smooth near zero. Deflection data show the difference to the unloaded state, gap/2·(sign(τ_weight + τ) − sign(τ_weight)).
-Where the robot file has no masses the unloaded state is unknown: then the gap is taken to be crossed by the
-load alone; where the weight keeps the gap closed nothing is seen. Masses in the robot file decide.
+The sign is smooth near zero. Deflection data show the difference to the unloaded state,
+gap/2·(sign(τ_weight + τ) − sign(τ_weight)). Where the robot file has no masses the unloaded state is unknown:
+then the gap is taken to be crossed by the load alone; where the weight keeps the gap closed nothing is seen.
+Masses in the robot file decide.
 """
 
 from __future__ import annotations

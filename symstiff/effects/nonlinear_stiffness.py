@@ -26,8 +26,8 @@ from symstiff.symbolic.terms import Term, actuated_joint
 
 NAME = "nonlinear_stiffness"
 POWERS = (2.0, 3.0, 0.5)
-KNEES = (0.12, 0.25, 0.45, 0.7)
-SATURATIONS = (0.12, 0.3, 0.6)
+KNEES = (0.1, 0.17, 0.25, 0.35, 0.45, 0.57, 0.72)
+SATURATIONS = (0.12, 0.2, 0.35, 0.6)
 
 
 def _realise(robot: Robot, where: Where, shape: Shape) -> Realisation:

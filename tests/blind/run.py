@@ -12,10 +12,12 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from threadpoolctl import threadpool_limits
 
 from symstiff.discrepancy.assemble import Assembly, assemble
 from symstiff.discrepancy.baselines import aic, bic, cross_validation, lasso
 from symstiff.discrepancy.prepare import prepare
+from symstiff.discrepancy.problem import Problem
 from symstiff.discrepancy.scan import column_space
 from symstiff.discrepancy.workflow import Finding, Task
 from symstiff.discrepancy.workflow import run as diagnose
@@ -47,6 +49,11 @@ def benchmark(
 
 def one(number: int, options: Options, others: bool = True) -> dict[str, Any]:
     """One case: generate, diagnose the table, score."""
+    with threadpool_limits(1):
+        return _one(number, options, others)
+
+
+def _one(number: int, options: Options, others: bool) -> dict[str, Any]:
     hidden = case(number, options)
     start = time.perf_counter()
     finding = blind(hidden)
@@ -95,26 +102,35 @@ def _confidences(finding: Finding, truth: Any, groups: Any) -> list[tuple[float,
     ]
 
 
-def _rms(r: np.ndarray) -> float:
-    return float(np.sqrt(np.mean(r**2)))
+def _left(problem: Problem, *further: np.ndarray) -> float:
+    """Residual standard deviation after the model and further columns, degrees of freedom counted."""
+    basis = column_space(np.column_stack([problem.A, *further]), 1e-8)
+    residual = problem.y - basis @ (basis.T @ problem.y)
+    return float(np.sqrt(residual @ residual / (problem.rows - basis.shape[1])))
 
 
 def _closure(hidden: Case, assembly: Assembly, finding: Finding) -> float | None:
-    """How much of the gap is closed, as a share of what knowing the hidden effect's true shape would close."""
+    """How much of the gap the named set closes, as a share of what knowing the true shape would close."""
     if not hidden.label.truth or max(hidden.label.noncentrality, default=0.0) < 20:
         return None
     problem, view = assembly.problem, assembly.situation.view
     signal = hidden.signal[view.state, view.component]
     if not np.any(signal):
         return None
-    basis = column_space(problem.A)
-    before = _rms(problem.y - basis @ (basis.T @ problem.y))
-    basis = column_space(np.column_stack([problem.A, signal]))
-    best = _rms(problem.y - basis @ (basis.T @ problem.y))
+    before, best = _left(problem), _left(problem, signal)
     if before - best < 0.02 * before:
         return None
-    ratio = finding.rms.after / max(finding.rms.before, 1e-300)
-    return (1.0 - ratio) / (1.0 - best / before)
+    columns = []
+    for effect in finding.named:
+        found = [
+            c for c in assembly.candidates
+            if not c.unavailable and same((c.effect, c.where), (effect.effect, effect.where), {})
+            and dict(effect.shape) in [dict(s) for s in c.shapes]
+        ]  # fmt: skip
+        if not found:
+            return None
+        columns.append(found[0].columns(effect.shape))
+    return (before - _left(problem, *columns)) / (before - best)
 
 
 def _others(assembly: Assembly, truth: Any, groups: Any) -> dict[str, Any]:
