@@ -4,7 +4,7 @@
  * Blocks of poses go through loops that compilers vectorise, sines and cosines included: compile with
  * -O3 -march=native, or with -DUR10_CLONES (gcc on x86-64 Linux: AVX-512, AVX2 and plain code in one library).
  * Poses with a joint variable beyond 1000.0, with a load beyond 1.0e+75 or without a finite result are left to the
- * scalar functions. The results differ from theirs by rounding only. Stack: about 12736 bytes.
+ * scalar functions. The results differ from theirs by rounding only. Stack: about 37376 bytes.
  */
 #include "ur10.h"
 
@@ -32,7 +32,9 @@
 #define N_PARAMETERS 31
 #define REAL_MAX DBL_MAX
 #define DEFLECTION_BLOCK 64 /* poses at once */
-#define OBSERVATION_BLOCK 8 /* poses at once */
+#define DEFLECTION_PITCH (DEFLECTION_BLOCK + 8) /* so that rows do not compete for the same places of the cache */
+#define OBSERVATION_BLOCK 16 /* poses at once */
+#define OBSERVATION_PITCH (OBSERVATION_BLOCK + 8) /* so that rows do not compete for the same places of the cache */
 
 /* The nearest whole number of a number below 2^51. */
 static inline double whole(double x)
@@ -240,24 +242,24 @@ static void deflection_block(const ur10_params_t *p, const double *NO_ALIAS q, c
         const double t113 = (c_2*t98) + (s_2*t91);
         const double t114 = (c_1*t104) + (s_1*t105);
         const double t115 = t114 + (t14*p->k[5]);
-        dt[(3 * DEFLECTION_BLOCK) + i] = t115;
+        dt[(3 * DEFLECTION_PITCH) + i] = t115;
         const double t116 = (s_1*t104) - (c_1*t105);
         const double t117 = (t16*p->k[6]) + (p->k[2]*w1);
         const double t118 = t116 + t117;
-        dt[(4 * DEFLECTION_BLOCK) + i] = t118;
+        dt[(4 * DEFLECTION_PITCH) + i] = t118;
         const double t119 = (c_2*t95) + (s_2*t93);
         const double t120 = t119 + (t18*p->k[4]);
-        dt[(5 * DEFLECTION_BLOCK) + i] = t120;
+        dt[(5 * DEFLECTION_PITCH) + i] = t120;
         const double t121 = t110 + t111;
-        dt[(0 * DEFLECTION_BLOCK) + i] = t121 + (t10*t118) - (t12*t120);
+        dt[(0 * DEFLECTION_PITCH) + i] = t121 + (t10*t118) - (t12*t120);
         const double t122 = t112 + (p->k[3]*w2);
-        dt[(1 * DEFLECTION_BLOCK) + i] = t122 + (t11*t120) - (t10*t115);
+        dt[(1 * DEFLECTION_PITCH) + i] = t122 + (t11*t120) - (t10*t115);
         const double t123 = t113 + (p->k[0]*w3);
-        dt[(2 * DEFLECTION_BLOCK) + i] = t123 + (t115*t12) - (t11*t118);
+        dt[(2 * DEFLECTION_PITCH) + i] = t123 + (t115*t12) - (t11*t118);
     }
 }
 
-/* observation matrix by columns, 8 poses at once: a loop without branches, which compilers vectorise. */
+/* observation matrix by columns, 16 poses at once: a loop without branches, which compilers vectorise. */
 CLONES
 static void observation_block(const double *NO_ALIAS q, const double *NO_ALIAS w, double *NO_ALIAS A)
 {
@@ -275,10 +277,10 @@ static void observation_block(const double *NO_ALIAS q, const double *NO_ALIAS w
         const double w4 = w[(3 * OBSERVATION_BLOCK) + i];
         const double w5 = w[(4 * OBSERVATION_BLOCK) + i];
         const double w6 = w[(5 * OBSERVATION_BLOCK) + i];
-        A[(1 * OBSERVATION_BLOCK) + i] = w1;
-        A[(34 * OBSERVATION_BLOCK) + i] = w2;
-        A[(62 * OBSERVATION_BLOCK) + i] = w3;
-        A[(126 * OBSERVATION_BLOCK) + i] = w1;
+        A[(1 * OBSERVATION_PITCH) + i] = w1;
+        A[(34 * OBSERVATION_PITCH) + i] = w2;
+        A[(62 * OBSERVATION_PITCH) + i] = w3;
+        A[(126 * OBSERVATION_PITCH) + i] = w1;
         const double c_1 = cosine(q1);
         const double s_1 = sine(q1);
         const double c_2 = cosine(q2);
@@ -343,7 +345,7 @@ static void observation_block(const double *NO_ALIAS q, const double *NO_ALIAS w
         const double t49 = t41 + (0.5723*t9);
         const double t50 = t42 - (0.5723*t4);
         const double t51 = (0.612*t0) - t45;
-        A[(64 * OBSERVATION_BLOCK) + i] = t51*w1;
+        A[(64 * OBSERVATION_PITCH) + i] = t51*w1;
         const double t52 = t46 + (0.612*t1);
         const double t53 = t47 + (0.612*s_2);
         const double t54 = s_1*t53;
@@ -353,191 +355,191 @@ static void observation_block(const double *NO_ALIAS q, const double *NO_ALIAS w
         const double t58 = t57*w1;
         const double t59 = (t52*w3) + (t57*w2);
         const double t60 = t59 - w4;
-        A[(36 * OBSERVATION_BLOCK) + i] = t57*t60;
-        A[(67 * OBSERVATION_BLOCK) + i] = t52*t60;
-        A[(98 * OBSERVATION_BLOCK) + i] = -t60;
+        A[(36 * OBSERVATION_PITCH) + i] = t57*t60;
+        A[(67 * OBSERVATION_PITCH) + i] = t52*t60;
+        A[(98 * OBSERVATION_PITCH) + i] = -t60;
         const double t61 = t58 + (t51*w3);
         const double t62 = t61 + w5;
-        A[(2 * OBSERVATION_BLOCK) + i] = t58 + t62;
-        A[(6 * OBSERVATION_BLOCK) + i] = t57*t62;
-        A[(68 * OBSERVATION_BLOCK) + i] = t51*t62;
-        A[(130 * OBSERVATION_BLOCK) + i] = t62;
+        A[(2 * OBSERVATION_PITCH) + i] = t58 + t62;
+        A[(6 * OBSERVATION_PITCH) + i] = t57*t62;
+        A[(68 * OBSERVATION_PITCH) + i] = t51*t62;
+        A[(130 * OBSERVATION_PITCH) + i] = t62;
         const double t63 = (t52*w1) - (t51*w2);
         const double t64 = t63 + w6;
-        A[(4 * OBSERVATION_BLOCK) + i] = t52*t64;
-        A[(35 * OBSERVATION_BLOCK) + i] = -t51*t64;
-        A[(159 * OBSERVATION_BLOCK) + i] = t64;
+        A[(4 * OBSERVATION_PITCH) + i] = t52*t64;
+        A[(35 * OBSERVATION_PITCH) + i] = -t51*t64;
+        A[(159 * OBSERVATION_PITCH) + i] = t64;
         const double t65 = (c_1*w1) + (s_1*w2);
         const double t66 = (c_1*w2) - (s_1*w1);
-        A[(70 * OBSERVATION_BLOCK) + i] = t56*t66;
+        A[(70 * OBSERVATION_PITCH) + i] = t56*t66;
         const double t67 = (s_1*t62) - (c_1*t60);
         const double t68 = t67 + (0.1273*t66);
-        A[(10 * OBSERVATION_BLOCK) + i] = -t54*t68;
-        A[(41 * OBSERVATION_BLOCK) + i] = t55*t68;
-        A[(72 * OBSERVATION_BLOCK) + i] = -t56*t68;
+        A[(10 * OBSERVATION_PITCH) + i] = -t54*t68;
+        A[(41 * OBSERVATION_PITCH) + i] = t55*t68;
+        A[(72 * OBSERVATION_PITCH) + i] = -t56*t68;
         const double t69 = (c_1*t62) + (s_1*t60);
         const double t70 = (0.1273*t65) - t69;
-        A[(102 * OBSERVATION_BLOCK) + i] = s_1*t70;
-        A[(133 * OBSERVATION_BLOCK) + i] = -c_1*t70;
+        A[(102 * OBSERVATION_PITCH) + i] = s_1*t70;
+        A[(133 * OBSERVATION_PITCH) + i] = -c_1*t70;
         const double t71 = (c_2*t65) + (s_2*w3);
-        A[(11 * OBSERVATION_BLOCK) + i] = t0*t71;
-        A[(42 * OBSERVATION_BLOCK) + i] = t1*t71;
-        A[(73 * OBSERVATION_BLOCK) + i] = s_2*t71;
+        A[(11 * OBSERVATION_PITCH) + i] = t0*t71;
+        A[(42 * OBSERVATION_PITCH) + i] = t1*t71;
+        A[(73 * OBSERVATION_PITCH) + i] = s_2*t71;
         const double t72 = (c_2*w3) - (s_2*t65);
         const double t73 = (c_2*t68) + (s_2*t64);
-        A[(105 * OBSERVATION_BLOCK) + i] = t0*t73;
-        A[(136 * OBSERVATION_BLOCK) + i] = t1*t73;
-        A[(167 * OBSERVATION_BLOCK) + i] = s_2*t73;
+        A[(105 * OBSERVATION_PITCH) + i] = t0*t73;
+        A[(136 * OBSERVATION_PITCH) + i] = t1*t73;
+        A[(167 * OBSERVATION_PITCH) + i] = s_2*t73;
         const double t74 = (c_2*t64) - (s_2*t68);
         const double t75 = t74 + (0.612*t66);
-        A[(106 * OBSERVATION_BLOCK) + i] = -t2*t75;
-        A[(137 * OBSERVATION_BLOCK) + i] = -t3*t75;
-        A[(168 * OBSERVATION_BLOCK) + i] = c_2*t75;
+        A[(106 * OBSERVATION_PITCH) + i] = -t2*t75;
+        A[(137 * OBSERVATION_PITCH) + i] = -t3*t75;
+        A[(168 * OBSERVATION_PITCH) + i] = c_2*t75;
         const double t76 = t70 + (0.612*t72);
-        A[(14 * OBSERVATION_BLOCK) + i] = t48*t76;
-        A[(45 * OBSERVATION_BLOCK) + i] = t49*t76;
-        A[(76 * OBSERVATION_BLOCK) + i] = t50*t76;
-        A[(107 * OBSERVATION_BLOCK) + i] = s_1*t76;
-        A[(138 * OBSERVATION_BLOCK) + i] = -c_1*t76;
+        A[(14 * OBSERVATION_PITCH) + i] = t48*t76;
+        A[(45 * OBSERVATION_PITCH) + i] = t49*t76;
+        A[(76 * OBSERVATION_PITCH) + i] = t50*t76;
+        A[(107 * OBSERVATION_PITCH) + i] = s_1*t76;
+        A[(138 * OBSERVATION_PITCH) + i] = -c_1*t76;
         const double t77 = (c_3*t71) + (s_3*t72);
-        A[(15 * OBSERVATION_BLOCK) + i] = t6*t77;
-        A[(46 * OBSERVATION_BLOCK) + i] = t7*t77;
-        A[(77 * OBSERVATION_BLOCK) + i] = t5*t77;
+        A[(15 * OBSERVATION_PITCH) + i] = t6*t77;
+        A[(46 * OBSERVATION_PITCH) + i] = t7*t77;
+        A[(77 * OBSERVATION_PITCH) + i] = t5*t77;
         const double t78 = (c_3*t72) - (s_3*t71);
         const double t79 = (c_3*t73) + (s_3*t75);
-        A[(109 * OBSERVATION_BLOCK) + i] = t6*t79;
-        A[(140 * OBSERVATION_BLOCK) + i] = t7*t79;
-        A[(171 * OBSERVATION_BLOCK) + i] = t5*t79;
+        A[(109 * OBSERVATION_PITCH) + i] = t6*t79;
+        A[(140 * OBSERVATION_PITCH) + i] = t7*t79;
+        A[(171 * OBSERVATION_PITCH) + i] = t5*t79;
         const double t80 = (c_3*t75) - (s_3*t73);
         const double t81 = t80 + (0.5723*t66);
-        A[(110 * OBSERVATION_BLOCK) + i] = -t8*t81;
-        A[(141 * OBSERVATION_BLOCK) + i] = -t81*t9;
-        A[(172 * OBSERVATION_BLOCK) + i] = t4*t81;
+        A[(110 * OBSERVATION_PITCH) + i] = -t8*t81;
+        A[(141 * OBSERVATION_PITCH) + i] = -t81*t9;
+        A[(172 * OBSERVATION_PITCH) + i] = t4*t81;
         const double t82 = t76 + (0.5723*t78);
-        A[(18 * OBSERVATION_BLOCK) + i] = t40*t82;
-        A[(49 * OBSERVATION_BLOCK) + i] = t41*t82;
-        A[(80 * OBSERVATION_BLOCK) + i] = t42*t82;
-        A[(111 * OBSERVATION_BLOCK) + i] = s_1*t82;
-        A[(142 * OBSERVATION_BLOCK) + i] = -c_1*t82;
+        A[(18 * OBSERVATION_PITCH) + i] = t40*t82;
+        A[(49 * OBSERVATION_PITCH) + i] = t41*t82;
+        A[(80 * OBSERVATION_PITCH) + i] = t42*t82;
+        A[(111 * OBSERVATION_PITCH) + i] = s_1*t82;
+        A[(142 * OBSERVATION_PITCH) + i] = -c_1*t82;
         const double t83 = (c_4*t77) + (s_4*t78);
         const double t84 = (s_4*t77) - (c_4*t78);
-        A[(19 * OBSERVATION_BLOCK) + i] = t14*t84;
-        A[(50 * OBSERVATION_BLOCK) + i] = t15*t84;
-        A[(81 * OBSERVATION_BLOCK) + i] = -t10*t84;
-        A[(113 * OBSERVATION_BLOCK) + i] = t12*t84;
-        A[(144 * OBSERVATION_BLOCK) + i] = t13*t84;
-        A[(175 * OBSERVATION_BLOCK) + i] = t11*t84;
+        A[(19 * OBSERVATION_PITCH) + i] = t14*t84;
+        A[(50 * OBSERVATION_PITCH) + i] = t15*t84;
+        A[(81 * OBSERVATION_PITCH) + i] = -t10*t84;
+        A[(113 * OBSERVATION_PITCH) + i] = t12*t84;
+        A[(144 * OBSERVATION_PITCH) + i] = t13*t84;
+        A[(175 * OBSERVATION_PITCH) + i] = t11*t84;
         const double t85 = (c_4*t79) + (s_4*t81);
         const double t86 = t85 - (0.163941*t84);
-        A[(20 * OBSERVATION_BLOCK) + i] = (t14*t86) + (t37*t84);
-        A[(22 * OBSERVATION_BLOCK) + i] = t37*t86;
-        A[(51 * OBSERVATION_BLOCK) + i] = (t15*t86) + (t38*t84);
-        A[(53 * OBSERVATION_BLOCK) + i] = t38*t86;
-        A[(82 * OBSERVATION_BLOCK) + i] = (t39*t84) - (t10*t86);
-        A[(84 * OBSERVATION_BLOCK) + i] = t39*t86;
-        A[(115 * OBSERVATION_BLOCK) + i] = t12*t86;
-        A[(146 * OBSERVATION_BLOCK) + i] = t13*t86;
-        A[(177 * OBSERVATION_BLOCK) + i] = t11*t86;
+        A[(20 * OBSERVATION_PITCH) + i] = (t14*t86) + (t37*t84);
+        A[(22 * OBSERVATION_PITCH) + i] = t37*t86;
+        A[(51 * OBSERVATION_PITCH) + i] = (t15*t86) + (t38*t84);
+        A[(53 * OBSERVATION_PITCH) + i] = t38*t86;
+        A[(82 * OBSERVATION_PITCH) + i] = (t39*t84) - (t10*t86);
+        A[(84 * OBSERVATION_PITCH) + i] = t39*t86;
+        A[(115 * OBSERVATION_PITCH) + i] = t12*t86;
+        A[(146 * OBSERVATION_PITCH) + i] = t13*t86;
+        A[(177 * OBSERVATION_PITCH) + i] = t11*t86;
         const double t87 = (c_4*t81) - (s_4*t79);
         const double t88 = t87 - (0.163941*t83);
-        A[(114 * OBSERVATION_BLOCK) + i] = -t14*t88;
-        A[(145 * OBSERVATION_BLOCK) + i] = -t15*t88;
-        A[(176 * OBSERVATION_BLOCK) + i] = t10*t88;
+        A[(114 * OBSERVATION_PITCH) + i] = -t14*t88;
+        A[(145 * OBSERVATION_PITCH) + i] = -t15*t88;
+        A[(176 * OBSERVATION_PITCH) + i] = t10*t88;
         const double t89 = (c_5*t83) - (s_5*t66);
         const double t90 = (c_5*t66) + (s_5*t83);
-        A[(23 * OBSERVATION_BLOCK) + i] = -t19*t90;
-        A[(54 * OBSERVATION_BLOCK) + i] = t20*t90;
-        A[(85 * OBSERVATION_BLOCK) + i] = t21*t90;
-        A[(117 * OBSERVATION_BLOCK) + i] = -t16*t90;
-        A[(148 * OBSERVATION_BLOCK) + i] = -t17*t90;
-        A[(179 * OBSERVATION_BLOCK) + i] = -t18*t90;
+        A[(23 * OBSERVATION_PITCH) + i] = -t19*t90;
+        A[(54 * OBSERVATION_PITCH) + i] = t20*t90;
+        A[(85 * OBSERVATION_PITCH) + i] = t21*t90;
+        A[(117 * OBSERVATION_PITCH) + i] = -t16*t90;
+        A[(148 * OBSERVATION_PITCH) + i] = -t17*t90;
+        A[(179 * OBSERVATION_PITCH) + i] = -t18*t90;
         const double t91 = (c_5*t86) + (s_5*t82);
         const double t92 = t91 - (0.1157*t90);
-        A[(24 * OBSERVATION_BLOCK) + i] = (t19*t92) - (t31*t90);
-        A[(26 * OBSERVATION_BLOCK) + i] = t31*t92;
-        A[(57 * OBSERVATION_BLOCK) + i] = t32*t92;
-        A[(86 * OBSERVATION_BLOCK) + i] = (t33*t90) - (t21*t92);
-        A[(88 * OBSERVATION_BLOCK) + i] = -t33*t92;
-        A[(119 * OBSERVATION_BLOCK) + i] = t16*t92;
-        A[(150 * OBSERVATION_BLOCK) + i] = t17*t92;
-        A[(181 * OBSERVATION_BLOCK) + i] = t18*t92;
+        A[(24 * OBSERVATION_PITCH) + i] = (t19*t92) - (t31*t90);
+        A[(26 * OBSERVATION_PITCH) + i] = t31*t92;
+        A[(57 * OBSERVATION_PITCH) + i] = t32*t92;
+        A[(86 * OBSERVATION_PITCH) + i] = (t33*t90) - (t21*t92);
+        A[(88 * OBSERVATION_PITCH) + i] = -t33*t92;
+        A[(119 * OBSERVATION_PITCH) + i] = t16*t92;
+        A[(150 * OBSERVATION_PITCH) + i] = t17*t92;
+        A[(181 * OBSERVATION_PITCH) + i] = t18*t92;
         const double t93 = (s_5*t86) - (c_5*t82);
         const double t94 = t93 + (0.1157*t89);
-        A[(118 * OBSERVATION_BLOCK) + i] = -t19*t94;
-        A[(149 * OBSERVATION_BLOCK) + i] = t20*t94;
-        A[(180 * OBSERVATION_BLOCK) + i] = t21*t94;
+        A[(118 * OBSERVATION_PITCH) + i] = -t19*t94;
+        A[(149 * OBSERVATION_PITCH) + i] = t20*t94;
+        A[(180 * OBSERVATION_PITCH) + i] = t21*t94;
         const double t95 = (c_6*t89) - (s_6*t84);
-        A[(27 * OBSERVATION_BLOCK) + i] = t22*t95;
-        A[(58 * OBSERVATION_BLOCK) + i] = t23*t95;
-        A[(89 * OBSERVATION_BLOCK) + i] = t24*t95;
-        A[(121 * OBSERVATION_BLOCK) + i] = t25*t95;
-        A[(152 * OBSERVATION_BLOCK) + i] = t26*t95;
-        A[(183 * OBSERVATION_BLOCK) + i] = t27*t95;
+        A[(27 * OBSERVATION_PITCH) + i] = t22*t95;
+        A[(58 * OBSERVATION_PITCH) + i] = t23*t95;
+        A[(89 * OBSERVATION_PITCH) + i] = t24*t95;
+        A[(121 * OBSERVATION_PITCH) + i] = t25*t95;
+        A[(152 * OBSERVATION_PITCH) + i] = t26*t95;
+        A[(183 * OBSERVATION_PITCH) + i] = t27*t95;
         const double t96 = (c_6*t84) + (s_6*t89);
         const double t97 = (c_6*t92) + (s_6*t88);
         const double t98 = t97 - (0.0922*t96);
-        A[(122 * OBSERVATION_BLOCK) + i] = t22*t98;
-        A[(153 * OBSERVATION_BLOCK) + i] = t23*t98;
-        A[(184 * OBSERVATION_BLOCK) + i] = t24*t98;
+        A[(122 * OBSERVATION_PITCH) + i] = t22*t98;
+        A[(153 * OBSERVATION_PITCH) + i] = t23*t98;
+        A[(184 * OBSERVATION_PITCH) + i] = t24*t98;
         const double t99 = (c_6*t88) - (s_6*t92);
         const double t100 = t99 - (0.0922*t95);
-        A[(28 * OBSERVATION_BLOCK) + i] = t100*t22;
-        A[(59 * OBSERVATION_BLOCK) + i] = t100*t23;
-        A[(90 * OBSERVATION_BLOCK) + i] = t100*t24;
-        A[(123 * OBSERVATION_BLOCK) + i] = t100*t25;
-        A[(154 * OBSERVATION_BLOCK) + i] = t100*t26;
-        A[(185 * OBSERVATION_BLOCK) + i] = t100*t27;
+        A[(28 * OBSERVATION_PITCH) + i] = t100*t22;
+        A[(59 * OBSERVATION_PITCH) + i] = t100*t23;
+        A[(90 * OBSERVATION_PITCH) + i] = t100*t24;
+        A[(123 * OBSERVATION_PITCH) + i] = t100*t25;
+        A[(154 * OBSERVATION_PITCH) + i] = t100*t26;
+        A[(185 * OBSERVATION_PITCH) + i] = t100*t27;
         const double t101 = -s_1*t66;
-        A[(7 * OBSERVATION_BLOCK) + i] = t101;
-        A[(132 * OBSERVATION_BLOCK) + i] = t101;
+        A[(7 * OBSERVATION_PITCH) + i] = t101;
+        A[(132 * OBSERVATION_PITCH) + i] = t101;
         const double t102 = s_1*t68;
-        A[(8 * OBSERVATION_BLOCK) + i] = t102 + (t54*t66);
-        A[(134 * OBSERVATION_BLOCK) + i] = t102;
+        A[(8 * OBSERVATION_PITCH) + i] = t102 + (t54*t66);
+        A[(134 * OBSERVATION_PITCH) + i] = t102;
         const double t103 = t48 + (0.612*t2);
-        A[(9 * OBSERVATION_BLOCK) + i] = t103*t70;
+        A[(9 * OBSERVATION_PITCH) + i] = t103*t70;
         const double t104 = (s_2*t46) - (t1*t47);
-        A[(12 * OBSERVATION_BLOCK) + i] = t104*t73;
+        A[(12 * OBSERVATION_PITCH) + i] = t104*t73;
         const double t105 = (c_2*t46) + (t3*t47);
-        A[(13 * OBSERVATION_BLOCK) + i] = t105*t75;
+        A[(13 * OBSERVATION_PITCH) + i] = t105*t75;
         const double t106 = (t44*t5) - (t36*t7);
-        A[(16 * OBSERVATION_BLOCK) + i] = t106*t79;
+        A[(16 * OBSERVATION_PITCH) + i] = t106*t79;
         const double t107 = (t36*t9) + (t4*t44);
-        A[(17 * OBSERVATION_BLOCK) + i] = t107*t81;
+        A[(17 * OBSERVATION_PITCH) + i] = t107*t81;
         const double t108 = (t10*t29) + (t15*t30);
-        A[(21 * OBSERVATION_BLOCK) + i] = t108*t88;
+        A[(21 * OBSERVATION_PITCH) + i] = t108*t88;
         const double t109 = c_1*t66;
-        A[(38 * OBSERVATION_BLOCK) + i] = t109;
-        A[(101 * OBSERVATION_BLOCK) + i] = -t109;
+        A[(38 * OBSERVATION_PITCH) + i] = t109;
+        A[(101 * OBSERVATION_PITCH) + i] = -t109;
         const double t110 = c_1*t68;
-        A[(103 * OBSERVATION_BLOCK) + i] = t110;
+        A[(103 * OBSERVATION_PITCH) + i] = t110;
         const double t111 = t110 + (t55*t66);
-        A[(39 * OBSERVATION_BLOCK) + i] = -t111;
+        A[(39 * OBSERVATION_PITCH) + i] = -t111;
         const double t112 = t49 + (0.612*t3);
-        A[(40 * OBSERVATION_BLOCK) + i] = t112*t70;
+        A[(40 * OBSERVATION_PITCH) + i] = t112*t70;
         const double t113 = (s_2*t45) + (t0*t47);
-        A[(43 * OBSERVATION_BLOCK) + i] = t113*t73;
+        A[(43 * OBSERVATION_PITCH) + i] = t113*t73;
         const double t114 = (c_2*t45) - (t2*t47);
-        A[(44 * OBSERVATION_BLOCK) + i] = t114*t75;
+        A[(44 * OBSERVATION_PITCH) + i] = t114*t75;
         const double t115 = (t36*t6) + (t43*t5);
-        A[(47 * OBSERVATION_BLOCK) + i] = t115*t79;
+        A[(47 * OBSERVATION_PITCH) + i] = t115*t79;
         const double t116 = (t4*t43) - (t36*t8);
-        A[(48 * OBSERVATION_BLOCK) + i] = t116*t81;
+        A[(48 * OBSERVATION_PITCH) + i] = t116*t81;
         const double t117 = (t10*t28) - (t14*t30);
-        A[(52 * OBSERVATION_BLOCK) + i] = t117*t88;
+        A[(52 * OBSERVATION_PITCH) + i] = t117*t88;
         const double t118 = (t20*t92) + (t32*t90);
-        A[(55 * OBSERVATION_BLOCK) + i] = -t118;
+        A[(55 * OBSERVATION_PITCH) + i] = -t118;
         const double t119 = t50 - (0.612*c_2);
-        A[(71 * OBSERVATION_BLOCK) + i] = t119*t70;
+        A[(71 * OBSERVATION_PITCH) + i] = t119*t70;
         const double t120 = (t0*t46) + (t1*t45);
-        A[(74 * OBSERVATION_BLOCK) + i] = -t120*t73;
+        A[(74 * OBSERVATION_PITCH) + i] = -t120*t73;
         const double t121 = (t2*t46) + (t3*t45);
-        A[(75 * OBSERVATION_BLOCK) + i] = t121*t75;
+        A[(75 * OBSERVATION_PITCH) + i] = t121*t75;
         const double t122 = (t43*t7) + (t44*t6);
-        A[(78 * OBSERVATION_BLOCK) + i] = -t122*t79;
+        A[(78 * OBSERVATION_PITCH) + i] = -t122*t79;
         const double t123 = (t43*t9) + (t44*t8);
-        A[(79 * OBSERVATION_BLOCK) + i] = t123*t81;
+        A[(79 * OBSERVATION_PITCH) + i] = t123*t81;
         const double t124 = (t14*t29) + (t15*t28);
-        A[(83 * OBSERVATION_BLOCK) + i] = t124*t88;
+        A[(83 * OBSERVATION_PITCH) + i] = t124*t88;
     }
 }
 
@@ -666,7 +668,7 @@ static int deflection_single(const ur10_params_t *p, const double *q, const doub
     }
     status = ur10_deflection(p, one_q, one_w, one);
     for (c = 0; c < 6; ++c) {
-        dt[(c * DEFLECTION_BLOCK) + (int)i] = one[c];
+        dt[(c * DEFLECTION_PITCH) + (int)i] = one[c];
     }
     return status;
 }
@@ -675,7 +677,7 @@ int ur10_deflection_strided(const ur10_params_t *p, size_t n, const double *q, c
 {
     double block_q[N_JOINTS * DEFLECTION_BLOCK];
     double block_w[6 * DEFLECTION_BLOCK];
-    double block[6 * DEFLECTION_BLOCK];
+    double block[6 * DEFLECTION_PITCH];
     double bad[DEFLECTION_BLOCK];
     int status = UR10_OK;
     size_t begin;
@@ -712,7 +714,7 @@ int ur10_deflection_strided(const ur10_params_t *p, size_t n, const double *q, c
             mark_beyond(bad, &block_w[c * DEFLECTION_BLOCK], DEFLECTION_BLOCK, 5.0000000000000004e-76);
         }
         for (c = 0; c < 6; ++c) {
-            mark_nonfinite(bad, &block[c * DEFLECTION_BLOCK], DEFLECTION_BLOCK);
+            mark_nonfinite(bad, &block[c * DEFLECTION_PITCH], DEFLECTION_BLOCK);
         }
         for (i = 0; i < count; ++i) {
             if (marked(bad[i]) != 0) {
@@ -720,7 +722,7 @@ int ur10_deflection_strided(const ur10_params_t *p, size_t n, const double *q, c
                 status = (result != UR10_OK) ? result : status;
             }
         }
-        scatter(&dt[begin * dt_stride[1]], dt_stride, block, 6, DEFLECTION_BLOCK, count);
+        scatter(&dt[begin * dt_stride[1]], dt_stride, block, 6, DEFLECTION_PITCH, count);
     }
     return status;
 }
@@ -749,7 +751,7 @@ static int observation_single(const double *q, const double *w, double *A, size_
     }
     status = ur10_observation(one_q, one_w, one);
     for (c = 0; c < 186; ++c) {
-        A[(c * OBSERVATION_BLOCK) + (int)i] = one[c];
+        A[(c * OBSERVATION_PITCH) + (int)i] = one[c];
     }
     return status;
 }
@@ -758,7 +760,7 @@ int ur10_observation_strided(size_t n, const double *q, const size_t q_stride[2]
 {
     double block_q[N_JOINTS * OBSERVATION_BLOCK];
     double block_w[6 * OBSERVATION_BLOCK];
-    double block[186 * OBSERVATION_BLOCK];
+    double block[186 * OBSERVATION_PITCH];
     double bad[OBSERVATION_BLOCK];
     int status = UR10_OK;
     size_t begin;
@@ -771,7 +773,7 @@ int ur10_observation_strided(size_t n, const double *q, const size_t q_stride[2]
         clear(A, 186, A_stride, n);
         return UR10_E_NULL;
     }
-    for (i = 0; i < ((size_t)186 * OBSERVATION_BLOCK); ++i) {
+    for (i = 0; i < ((size_t)186 * OBSERVATION_PITCH); ++i) {
         block[i] = 0.0;
     }
     for (begin = 0; begin < n; begin += OBSERVATION_BLOCK) {
@@ -794,7 +796,7 @@ int ur10_observation_strided(size_t n, const double *q, const size_t q_stride[2]
             mark_beyond(bad, &block_w[c * OBSERVATION_BLOCK], OBSERVATION_BLOCK, 5.0000000000000004e-76);
         }
         for (c = 0; c < 186; ++c) {
-            mark_nonfinite(bad, &block[c * OBSERVATION_BLOCK], OBSERVATION_BLOCK);
+            mark_nonfinite(bad, &block[c * OBSERVATION_PITCH], OBSERVATION_BLOCK);
         }
         for (i = 0; i < count; ++i) {
             if (marked(bad[i]) != 0) {
@@ -802,7 +804,7 @@ int ur10_observation_strided(size_t n, const double *q, const size_t q_stride[2]
                 status = (result != UR10_OK) ? result : status;
             }
         }
-        scatter(&A[begin * A_stride[1]], A_stride, block, 186, OBSERVATION_BLOCK, count);
+        scatter(&A[begin * A_stride[1]], A_stride, block, 186, OBSERVATION_PITCH, count);
     }
     return status;
 }
