@@ -132,8 +132,7 @@ def test_the_bound_of_the_approximate_design_holds_for_every_choice(which: int):
     criterion = criteria(4)[which]
     design = approximate_design(rows, criterion, 4, 0, 1e-9)
     best = max(
-        brute_score(information(rows, s), criterion.weight)
-        for s in itertools.combinations(range(14), 4)
+        brute_score(information(rows, s), criterion.weight) for s in itertools.combinations(range(14), 4)
     )
     assert best <= design.bound + 1e-6 * abs(design.bound)
     assert criterion.efficiency(best, design.bound, 4) > 0.8

@@ -80,7 +80,9 @@ def manifest_of(functions: Functions, options: Options, proof: Verification) -> 
         "parameters": list(names),
         "default_parameters": [values[n] for n in names],
         "units": [model.units[n] for n in names],
-        "effect_parameters": {e.name: {"value": values[e.name], "unit": e.unit} for e in model.effect_parameters},
+        "effect_parameters": {
+            e.name: {"value": values[e.name], "unit": e.unit} for e in model.effect_parameters
+        },
         "operations": operations(functions, options),
         "verified": proof.table(),
     }
