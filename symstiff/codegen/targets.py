@@ -41,7 +41,7 @@ class Target:
 
 TARGETS: dict[str, Target] = {
     "c": Target("symstiff.codegen.emit", "emit_c", "C99 sources, self-test, CMake and pkg-config files"),
-    "casadi": Target("symstiff.codegen.casadi", "emit_casadi", "CasADi functions"),
+    "casadi": Target("symstiff.codegen.casadi", "emit_casadi", "CasADi functions (always double precision)"),
     "params": Target(
         "symstiff.codegen.params",
         "emit_params",
