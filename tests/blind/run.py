@@ -73,6 +73,7 @@ def _one(number: int, options: Options, others: bool) -> dict[str, Any]:
         "noticed": finding.first.noise.misstated,
         "confidences": _confidences(finding, label.truth, groups),
         "closure": _closure(hidden, assembly, finding), "seconds": seconds,
+        "apart": _apart(hidden, assembly, groups),
     }  # fmt: skip
     if others:
         row["others"] = _others(assembly, label.truth, groups)
@@ -100,6 +101,26 @@ def _confidences(finding: Finding, truth: Any, groups: Any) -> list[tuple[float,
     return [
         (float(e.confidence), any(same((e.effect, e.where), t, groups) for t in truth)) for e in finding.named
     ]
+
+
+def _apart(hidden: Case, assembly: Assembly, groups: Any) -> float | None:
+    """D: what of a single hidden effect's λ the nearest candidate of another name leaves; small means inseparable."""
+    if len(hidden.label.truth) != 1:
+        return None
+    problem, view = assembly.problem, assembly.situation.view
+    basis = column_space(problem.A)
+    signal = hidden.signal[view.state, view.component]
+    signal = signal - basis @ (basis.T @ signal)
+    least = 1.0
+    for candidate in assembly.candidates:
+        if candidate.unavailable or same((candidate.effect, candidate.where), hidden.label.truth[0], groups):
+            continue
+        for shape in candidate.shapes:
+            block = candidate.columns(shape)
+            own = column_space(block - basis @ (basis.T @ block), 1e-6)
+            rest = signal - own @ (own.T @ signal)
+            least = min(least, float(rest @ rest / max(signal @ signal, 1e-300)))
+    return least * max(hidden.label.noncentrality, default=0.0)
 
 
 def _left(problem: Problem, *further: np.ndarray) -> float:

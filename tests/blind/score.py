@@ -12,6 +12,8 @@ SINGLE = {
     "base_compliance", "tool_compliance",
 }  # fmt: skip
 """Effects that have one place only."""
+SEPARABLE = 9.0
+"""D above which a candidate of another name is told from the hidden effect: three standard deviations."""
 
 
 def same(
@@ -88,6 +90,9 @@ def bars(rows: Sequence[Row]) -> dict[str, dict[str, Any]]:
     def one(lam: float) -> Select:
         return lambda r: r["kind"] == "one" and r["wanted"] == lam
 
+    def apart(lam: float) -> Select:
+        return lambda r: one(lam)(r) and (r["apart"] or 0.0) > SEPARABLE
+
     def of(kind: str) -> Select:
         return lambda r: r["kind"] == kind
 
@@ -100,6 +105,8 @@ def bars(rows: Sequence[Row]) -> dict[str, dict[str, Any]]:
         "right name at lambda 10": share(rows, one(10.0), points),
         "right name at lambda 25 >= 0.85": share(rows, one(25.0), points),
         "right name at lambda 60 >= 0.95": share(rows, one(60.0), points),
+        "right name at lambda 25, told apart by the data": share(rows, apart(25.0), points),
+        "right name at lambda 60, told apart by the data": share(rows, apart(60.0), points),
         "right name at lambda 150": share(rows, one(150.0), points),
         "right name at lambda 600": share(rows, one(600.0), points),
         "bad pose": share(rows, lambda r: r["kind"] == "bad_pose", points),
