@@ -11,6 +11,7 @@ from symstiff.calibration.measurements import Measurements
 from symstiff.discrepancy.placement import placed, placement_columns
 from symstiff.discrepancy.problem import Array, Shape
 from symstiff.discrepancy.situation import Laws, Situation, View, has_weights, look, under_weights
+from symstiff.discrepancy.whole import whole
 from symstiff.effects.base import Realisation, Where, find
 from symstiff.model import StiffnessModel
 from symstiff.reduction.physical import Parameter as Compliance
@@ -65,8 +66,9 @@ def _current(
     named = tuple(n for n in model.parameters if n not in nominal)
     free = (*named, *hidden)
     fit = dict(known)
+    laws = Laws(view, terms, {**fit, **nominal})
     for _ in range(2):  # terms of loads and of the device lean on the fitted compliances
-        situation = Situation(view, Laws(view, terms, {**fit, **nominal}))
+        situation = Situation(view, laws)
         A = situation.columns(terms, free)
         place = {n: k for k, n in enumerate(free)}
         target = np.array(y)
@@ -77,8 +79,11 @@ def _current(
                 else:
                     target -= nominal[name] * column
         extra = placement_columns(view)
-        solution = _fitted(np.hstack([A, extra]), target, view, [known.get(n, 0.0) for n in free])
+        solution, left = _fitted(np.hstack([A, extra]), target, view, [known.get(n, 0.0) for n in free])
         fit = dict(zip(free, solution, strict=True))
+        own = [k for k, n in enumerate(free) if n in {p.name for p in model.effect_parameters}]
+        laws = whole(model, view, np.hstack([A[:, own], extra]), {**fit, **nominal}, target, left)
+    situation = Situation(view, laws)
     keep = np.any(A != 0, axis=0)
     names = tuple(n for n, k in zip(named, keep, strict=False) if k)
     return Current(situation, names, np.hstack([A[:, keep], extra]), target, fit | nominal)
@@ -94,18 +99,25 @@ def _own_columns(
             yield parameter.name, block[:, k]
 
 
-def _fitted(A: Array, y: Array, view: View, start: Sequence[float]) -> list[float]:
-    """Least squares about the start values; directions that the data do not hold stay there."""
-    weight = 1.0 / spread_of(view)
+def _fitted(A: Array, y: Array, view: View, start: Sequence[float]) -> tuple[list[float], Array]:
+    """Least squares about the start values, and the noise (M,): as stated, else what is left.
+
+    Directions that the data do not hold stay at the start.
+    """
+    spread = spread_of(view)
     count = len(start)
     begin = np.concatenate([start, np.zeros(A.shape[1] - count)])
-    X, r = A * weight[:, None], (y - A @ begin) * weight
+    X, r = A / spread[:, None], (y - A @ begin) / spread
     length = np.linalg.norm(X, axis=0)
     length[length == 0] = 1.0
     U, s, Vt = np.linalg.svd(X / length, full_matrices=False)
     keep = s > 1e-5 * s[0] if len(s) else s > 0
-    step = Vt[keep].T @ ((U[:, keep].T @ r) / s[keep]) / length
-    return [float(x) for x in (begin + step)[:count]]
+    share = U[:, keep].T @ r
+    step = Vt[keep].T @ (share / s[keep]) / length
+    if sigma_of(view) is None:
+        left = r - U[:, keep] @ share
+        spread = spread * max(float(np.sqrt(np.mean(left**2))), 1e-6)
+    return [float(x) for x in (begin + step)[:count]], spread
 
 
 def spread_of(view: View) -> Array:

@@ -1,0 +1,93 @@
+"""All compliances of the robot, plausible where the data do not tell: how it answers to loads it never
+carried.
+
+An error of the force sensor acts in directions in which the experiment may have had no load, and the
+second-order
+term needs every spring's share. So the full set after M3 is estimated with a prior: a joint's compliance
+and the
+turn of the link before it count one, other turns a fifth, shifts a fifth times a link's length squared, in
+units
+that are fitted to the data; its spread is its size.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from symstiff.discrepancy.problem import Array
+from symstiff.discrepancy.situation import Laws, View, linear_columns
+from symstiff.model import StiffnessModel
+from symstiff.reduction.physical import Parameter, original, physical_stages, terms_of
+from symstiff.symbolic.program import Builder
+from symstiff.symbolic.terms import Term
+
+_OTHER_TURNS = 0.2
+
+
+def whole(
+    model: StiffnessModel, view: View, further: Array, values: dict[str, float], y: Array, spread: Array
+) -> Laws:
+    """Laws of the full set that fit the data; the model's effects keep their fitted ``values``.
+
+    ``further`` (M, k) are columns that are fitted along without a prior: effects, the device's placement.
+    """
+    parameters = everything(model)
+    names = [p.name for p in parameters]
+    terms = terms_of(parameters)
+    A = linear_columns(view, terms, names) / spread[:, None]
+    target = y / spread
+    size = _sizes(model, parameters)
+    guess = A @ np.where([p.is_coupling for p in parameters], 0.0, size)
+    scale = max(float(guess @ target) / max(float(guess @ guess), 1e-300), 0.0) or 1e-7
+    size = size * scale
+    mean = np.where([p.is_coupling for p in parameters], 0.0, size)
+    rows = np.hstack([A * size, further / spread[:, None]])
+    length = np.linalg.norm(rows[:, len(names) :], axis=0)
+    rows[:, len(names) :] /= np.where(length > 0, length, 1.0)
+    prior = np.eye(rows.shape[1])[: len(names)]
+    step = np.linalg.lstsq(
+        np.vstack([rows, prior]), np.concatenate([target - A @ mean, np.zeros(len(names))]), rcond=1e-12
+    )[0]
+    found = dict(zip(names, (mean + size * step[: len(names)]).tolist(), strict=True))
+    own: tuple[Term, ...] = tuple(t for r in model.realisations for t in r.terms if t.parameter not in found)
+    return Laws(view, (*terms, *own), {**values, **found})
+
+
+def everything(model: StiffnessModel) -> tuple[Parameter, ...]:
+    """The compliances of every part that the model takes for elastic, before any was eliminated."""
+    elastic = {p.body for p in model.compliances if not p.is_joint}
+    full = {
+        p.name: p for p in physical_stages(model.robot)[-1].parameters if p.body in elastic and not p.is_joint
+    }
+    joints = {
+        p.name: p
+        for p in original(model.robot).parameters
+        if p.is_joint and (p.body - 1 not in elastic or p in model.compliances)
+    }
+    replaced = {n for r in model.realisations for n in r.replaces}
+    own = {p.name: p for p in model.compliances}
+    return tuple(p for n, p in (full | joints | own).items() if n not in replaced)
+
+
+def _sizes(model: StiffnessModel, parameters: Sequence[Parameter]) -> Array:
+    """Relative sizes (P,) of compliances: a joint counts one."""
+    length = model.robot.reach / max(model.robot.dof, 1)
+
+    def size(p: Parameter) -> float:
+        if p.is_joint:
+            return length**2 if p.prismatic else 1.0
+        joint_like = not p.is_coupling and p.row > 3 and _turns_joint(model, p)
+        return (1.0 if joint_like else _OTHER_TURNS) * length**p.length_degree
+
+    return np.array([size(p) for p in parameters])
+
+
+def _turns_joint(model: StiffnessModel, p: Parameter) -> bool:
+    """Whether the link's rotation is about the next joint's axis, so that the joint's compliance is part of
+    it."""
+    if p.body >= model.chain.dof or model.chain.rows[p.body].prismatic:
+        return False
+    axis = model.chain.elastic_axes(Builder("axes", ()), p.body)[p.row - 4]
+    return bool(axis[0] == 0 and axis[1] == 0)
