@@ -96,11 +96,16 @@ def verify(
 def _objects(
     folder: Path, scratch: Path, name: str, compiler: Compiler, flags: Sequence[str] = ("-O2",)
 ) -> list[str]:
-    sources = [str(path) for path in library_sources(folder, name)]
-    done = compiler.run([*STRICT, *flags, "-fPIC", "-c", f"-I{folder}", *sources], cwd=scratch)
-    if done.returncode != 0:
-        raise RuntimeError(f"the generated C does not compile:\n{done.stderr[:2000]}")
-    return [str(scratch / f"{Path(source).stem}.o") for source in sources]
+    objects = []
+    for source in library_sources(
+        folder, name
+    ):  # one at a time: zig's compiler writes no more than one object
+        target = str(scratch / f"{source.stem}.o")
+        done = compiler.run([*STRICT, *flags, "-fPIC", f"-I{folder}", "-c", str(source), "-o", target])
+        if done.returncode != 0:
+            raise RuntimeError(f"the generated C does not compile:\n{done.stderr[:2000]}")
+        objects.append(target)
+    return objects
 
 
 def _run_selftest(
