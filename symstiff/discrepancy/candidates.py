@@ -14,6 +14,7 @@ from symstiff.discrepancy.scan import column_space
 from symstiff.discrepancy.situation import Situation, View, load_factor
 from symstiff.effects.base import Effect, Realisation, Scales, Where
 from symstiff.model import StiffnessModel
+from symstiff.robot.schema import Robot
 
 _LEFT = 1e-9
 """Share of a column's squared length below which nothing of it is outside the model."""
@@ -42,34 +43,38 @@ def candidates(
                 reason = reason or "the table does not hold what it depends on"
                 yield _unavailable(effect, where, reason)
                 continue
-            for parameters, members in _by_parameters(model, effect, where, shapes, taken):
-                columns = _Columns(situation, effect, where, tuple(p.name for p in parameters), members)
-                if not parameters:
-                    yield _unavailable(effect, where, "the model has all of its parameters")
-                elif _inside(columns, basis, situation.view):
-                    yield _unavailable(
-                        effect, where, "its columns are combinations of the model's", parameters
-                    )
-                else:
-                    kept = tuple(shape for shape, _ in members)
-                    yield Candidate(effect.identifier, where, parameters, columns, kept)
+            members = [_member(effect, model.robot, where, shape, taken) for shape in shapes]
+            columns = _Columns(situation, effect, where, tuple(members))
+            first = members[0].parameters
+            if not first:
+                yield _unavailable(effect, where, "the model has all of its parameters")
+            elif _inside(columns, basis, situation.view):
+                yield _unavailable(effect, where, "its columns are combinations of the model's", first)
+            else:
+                alike = all(m.parameters == first for m in members)
+                yield Candidate(
+                    effect.identifier,
+                    where,
+                    first,
+                    columns,
+                    tuple(shapes),
+                    parameters_of=None if alike else columns.parameters,
+                )
 
 
-Member = tuple[Shape, Realisation]
+@dataclass(frozen=True, eq=False)
+class _Member:
+    """One shape of an effect at a place, with the parameters that the model does not have yet."""
+
+    shape: Shape
+    realised: Realisation
+    parameters: tuple[Parameter, ...]
 
 
-def _by_parameters(
-    model: StiffnessModel, effect: Effect, where: Where, shapes: Sequence[Shape], taken: set[str]
-) -> list[tuple[tuple[Parameter, ...], list[Member]]]:
-    """Shapes that share their parameters make one candidate; parameters that the model has are left out."""
-    found: dict[tuple[Parameter, ...], list[Member]] = {}
-    for shape in shapes:
-        realised = effect.realise(model.robot, where, shape)
-        own = tuple(
-            Parameter(p.name, p.unit, p.low, p.high) for p in realised.parameters if p.name not in taken
-        )
-        found.setdefault(own, []).append((shape, realised))
-    return list(found.items())
+def _member(effect: Effect, robot: Robot, where: Where, shape: Shape, taken: set[str]) -> _Member:
+    realised = effect.realise(robot, where, shape)
+    own = tuple(Parameter(p.name, p.unit, p.low, p.high) for p in realised.parameters if p.name not in taken)
+    return _Member(shape, realised, own)
 
 
 def _unavailable(
@@ -85,32 +90,36 @@ class _Columns:
     situation: Situation
     effect: Effect
     where: Where
-    names: tuple[str, ...]
-    members: Sequence[Member]
-    _seen: dict[tuple[tuple[str, float], ...], Array] = field(default_factory=dict)
+    members: tuple[_Member, ...]
+    _seen: dict[int, Array] = field(default_factory=dict)
 
     def __call__(self, shape: Shape) -> Array:
-        key = tuple(sorted(shape.items()))
-        if key not in self._seen:
-            realised = next((r for s, r in self.members if s == shape), None)
-            if realised is None:
-                realised = self.effect.realise(self.situation.view.robot, self.where, shape)
-            self._seen[key] = self._computed(shape, realised)
-        return self._seen[key]
+        number = self._number(shape)
+        if number not in self._seen:
+            self._seen[number] = self._computed(self.members[number])
+        return self._seen[number]
 
-    def _computed(self, shape: Shape, realised: Realisation) -> Array:
+    def parameters(self, shape: Shape) -> tuple[Parameter, ...]:
+        """The parameters of a shape's columns."""
+        return self.members[self._number(shape)].parameters
+
+    def _number(self, shape: Shape) -> int:
+        return next(k for k, m in enumerate(self.members) if m.shape == shape)
+
+    def _computed(self, member: _Member) -> Array:
+        names = tuple(p.name for p in member.parameters)
         if self.effect.columns is None:
-            return self.situation.columns(realised.terms, self.names)
-        block = self.effect.columns(self.situation, self.where, shape)
-        chosen = [k for k, p in enumerate(realised.parameters) if p.name in self.names]
+            return self.situation.columns(member.realised.terms, names)
+        block = self.effect.columns(self.situation, self.where, member.shape)
+        chosen = [k for k, p in enumerate(member.realised.parameters) if p.name in names]
         return np.asarray(block[:, chosen], dtype=float)
 
 
 def _inside(columns: _Columns, basis: Array, view: View) -> bool:
     """Whether the current model's columns contain all of the candidate's."""
     weight = 1.0 / spread_of(view)
-    for shape, _ in columns.members:
-        block = columns(shape) * weight[:, None]
+    for member in columns.members:
+        block = columns(member.shape) * weight[:, None]
         left = block - basis @ (basis.T @ block)
         if np.any(np.einsum("mk,mk->k", left, left) > _LEFT * np.einsum("mk,mk->k", block, block)):
             return False

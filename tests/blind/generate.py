@@ -85,6 +85,8 @@ class _Scene:
     model: StiffnessModel
     spread: np.ndarray
     basis: np.ndarray
+    excess: np.ndarray
+    """(rows, 6) what the noise-free values hold beyond the rigid robot in the device's placement."""
 
 
 def cases(count: int, options: Options, start: int = 0) -> list[Case]:
@@ -104,7 +106,7 @@ def case(number: int, options: Options) -> Case:
         stories = _stories(kind, rng)
         try:
             return _case(number, kind, stories, wanted, rng, options)
-        except (_Unfit, UserError):  # no equilibrium at that size, or nothing to be seen
+        except (_Unfit, UserError, ZeroDivisionError):  # no equilibrium at that size, or nothing to be seen
             continue
     raise RuntimeError(f"no story of kind {kind} fits case {number}")
 
@@ -150,7 +152,7 @@ def _case(
     hidden = [e for story, e, _ in made if story.context != "heavy"]
     effects, found = _scaled(scene, base, hidden, wanted, kind)
     clean = _values(scene, base, ())
-    geometry = _noncentrality(scene, clean)
+    geometry = _noncentrality(scene, scene.excess)
     if any(story.context == "heavy" for story, _, _ in made):
         found = (*found, geometry)
     stated = float(rng.choice([1.0, 1.0, 1.0, 0.8, 1.2]))
@@ -209,7 +211,9 @@ def _scene(stories: Sequence[Story], rng: np.random.Generator, options: Options)
     loads = "wrench" if table.w[:, [0, 1, 3, 4, 5]].any() else "gravity"
     if data == "absolute":
         loads = "wrench"
-    bare = _Scene(robot, values, table, noise, loads, _complete(robot, loads), np.ones(1), np.ones((1, 1)))
+    bare = _Scene(
+        robot, values, table, noise, loads, _complete(robot, loads), np.ones(1), np.ones((1, 1)), np.ones(1)
+    )
     spread = simulate(Truth(robot, values, (), noise), table, 1).sigma
     return _with_model(replace(bare, spread=spread), bare.model, values)
 
@@ -292,8 +296,10 @@ def _with_model(scene: _Scene, model: StiffnessModel, values: dict[str, float]) 
     columns = np.zeros((len(scene.table), 3, current.problem.A.shape[1]))
     view = current.situation.view
     columns[view.state, view.component] = current.problem.A
+    excess = np.zeros((len(scene.table), 6))
+    excess[view.state, view.component] = current.problem.y
     white = _whitened(scene, columns)
-    return replace(scene, basis=column_space(white.reshape(-1, columns.shape[2])))
+    return replace(scene, basis=column_space(white.reshape(-1, columns.shape[2])), excess=excess)
 
 
 def _values(scene: _Scene, values: dict[str, float], effects: Sequence[Effect]) -> np.ndarray:
@@ -336,7 +342,7 @@ def _limited(scene: _Scene, rng: np.random.Generator, heavy: float) -> _Scene:
     """Scale the loads so that second-order geometry stays below the noise, or has the wanted λ."""
     limit = heavy or GEOMETRY * float(rng.uniform(0.1, 1.0))
     for _ in range(4 if scene.table.kind == "deflection" else 2):
-        found = _noncentrality(scene, _values(scene, scene.values, ()))
+        found = _noncentrality(scene, scene.excess)
         factor = (limit / max(found, 1e-12)) ** 0.25
         if not heavy:
             factor = min(factor, 1.0)
@@ -347,7 +353,7 @@ def _limited(scene: _Scene, rng: np.random.Generator, heavy: float) -> _Scene:
         scene = _with_model(replace(scene, table=table), scene.model, scene.values)
         if abs(factor - 1.0) < 0.02:
             break
-    found = _noncentrality(scene, _values(scene, scene.values, ()))
+    found = _noncentrality(scene, scene.excess)
     if not heavy and found > 3 * GEOMETRY:
         raise _Unfit
     freedom = 3 * len(scene.table) - scene.basis.shape[1]
