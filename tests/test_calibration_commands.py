@@ -104,7 +104,7 @@ def test_a_trajectory_is_corrected(folder: Path) -> None:
         (("identify", "kuka_kr270", "poses.csv", "-o", "x.toml"), "measured"),
         (("identify", "ur10", "data.csv", "--start", "model.toml", "-o", "x.toml"), "kuka_kr270"),
         (("identify", "scara", "data.csv", "-o", "x.toml"), "joint"),
-        (("compensate", "data.csv", "poses.csv", "-o", "x.csv"), "model"),
+        (("compensate", "data.csv", "poses.csv", "-o", "x.csv"), "TOML"),
     ],
 )
 def test_bad_input_is_one_line_and_exit_code_2(folder: Path, arguments: tuple[str, ...], says: str) -> None:
