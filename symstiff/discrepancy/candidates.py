@@ -8,7 +8,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from symstiff.calibration.measurements import Measurements
-from symstiff.discrepancy.current import Current, spread_of
+from symstiff.discrepancy.current import Current, sigma_of, spread_of
 from symstiff.discrepancy.problem import Array, Candidate, Parameter, Problem, Shape
 from symstiff.discrepancy.scan import column_space
 from symstiff.discrepancy.situation import Situation, View, load_factor
@@ -18,6 +18,8 @@ from symstiff.robot.schema import Robot
 
 _LEFT = 1e-9
 """Share of a column's squared length below which nothing of it is outside the model."""
+_VISIBLE = 6.0
+"""Noncentrality below which an effect of known size is not looked for."""
 _SAME = 1e-6
 _MOST_SHAPES = 4
 _SAME_ANGLE = 2e-3
@@ -50,6 +52,8 @@ def candidates(
                 yield _unavailable(effect, where, "the model has all of its parameters")
             elif _inside(columns, basis, situation.view):
                 yield _unavailable(effect, where, "its columns are combinations of the model's", first)
+            elif _below_noise(columns, basis, situation.view):
+                yield _unavailable(effect, where, "its known size is below the noise", first)
             else:
                 alike = all(m.parameters == first for m in members)
                 yield Candidate(
@@ -122,6 +126,21 @@ def _inside(columns: _Columns, basis: Array, view: View) -> bool:
         block = columns(member.shape) * weight[:, None]
         left = block - basis @ (basis.T @ block)
         if np.any(np.einsum("mk,mk->k", left, left) > _LEFT * np.einsum("mk,mk->k", block, block)):
+            return False
+    return True
+
+
+def _below_noise(columns: _Columns, basis: Array, view: View) -> bool:
+    """Whether an effect of known size has too little of it outside the model to be seen."""
+    known = [m for m in columns.members if m.realised.nominal]
+    if len(known) < len(columns.members) or sigma_of(view) is None:
+        return False
+    weight = 1.0 / spread_of(view)
+    for member in known:
+        size = np.array([member.realised.nominal.get(p.name, 0.0) for p in member.parameters])
+        signal = (columns(member.shape) @ size) * weight
+        left = signal - basis @ (basis.T @ signal)
+        if left @ left > _VISIBLE:
             return False
     return True
 
