@@ -299,7 +299,8 @@ def _with_model(scene: _Scene, model: StiffnessModel, values: dict[str, float]) 
     excess = np.zeros((len(scene.table), 6))
     excess[view.state, view.component] = current.problem.y
     white = _whitened(scene, columns)
-    return replace(scene, basis=column_space(white.reshape(-1, columns.shape[2])), excess=excess)
+    basis = column_space(white.reshape(3 * len(white), columns.shape[2]))
+    return replace(scene, basis=basis, excess=excess)
 
 
 def _values(scene: _Scene, values: dict[str, float], effects: Sequence[Effect]) -> np.ndarray:
