@@ -17,7 +17,7 @@ typedef struct {
     double J[6 * N_JOINTS];
     double T[16];
     double K[36];
-    double condition; /* of the compliance matrix; 0 where it has no inverse */
+    double condition; /* of the compliance matrix; 0 where it has no inverse, negative where rounding decides that */
     double q_cmd[N_JOINTS];
 } case_t;
 
@@ -154,7 +154,7 @@ static double stiffness_error(const case_t *c)
     if (c->condition < 1.0) {
         expected = UR10_E_SINGULAR;
     }
-    return greater(error, unexpected(status, expected));
+    return (c->condition < 0.0) ? 0.0 : greater(error, unexpected(status, expected));
 }
 
 /* [rad] */

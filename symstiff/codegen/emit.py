@@ -249,7 +249,7 @@ def _selftest(functions: Functions, options: Options) -> dict[str, Any]:
         return f"{{{inside}}}"
 
     def members(c: Case) -> list[str]:
-        condition = algebra.literal(round(c.condition) + 1.0 if c.K is not None else 0.0)
+        condition = algebra.literal(round(c.condition) + 1.0 if c.K is not None else c.condition)
         arrays = [literals(x) for x in (c.q, c.w, c.dt, c.A, c.J, c.T, c.K or [0.0] * 36)]
         return [*arrays, condition, literals(c.q_cmd)]
 

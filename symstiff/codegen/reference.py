@@ -23,7 +23,10 @@ Input = tuple[tuple[float, ...], tuple[float, ...]]
 
 @dataclass(frozen=True)
 class Case:
-    """One configuration with its 50-digit values; K is None where the compliance has no inverse."""
+    """One configuration with its 50-digit values.
+
+    K is None where the compliance has no inverse; condition is 0 there, and −1 where rounding decides whether it has.
+    """
 
     q: tuple[float, ...]
     w: tuple[float, ...]
@@ -156,7 +159,7 @@ def _inverse(C: Sequence[Any], unit: float) -> tuple[list[Any] | None, float]:
             matrix[i, j] = C[6 * i + j] * scale[i] * scale[j]
     s = np.linalg.svd(np.array(matrix.tolist(), dtype=float), compute_uv=False)
     if s[5] < s[0] * 1e-8:
-        return None, 1.0
+        return None, 0.0 if s[5] < s[0] * 1e-13 else -1.0
     inverse = matrix**-1
     K = [inverse[i, j] * scale[i] * scale[j] for i in range(6) for j in range(6)]
     return K, float(s[0] / s[5])
