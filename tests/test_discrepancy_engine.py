@@ -10,12 +10,13 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from symstiff.discrepancy import baselines
-from symstiff.discrepancy.design import confusability, deciding_poses, share_left
+from symstiff.discrepancy.design import confusability, share_left
 from symstiff.discrepancy.diagnose import diagnose
 from symstiff.discrepancy.noise import Noise
 from symstiff.discrepancy.prepare import prepare
 from symstiff.discrepancy.problem import Array, Candidate, Options, Parameter, Problem
 from symstiff.discrepancy.scan import detectable_noncentrality, evidence, explained, open_scan, tail
+from symstiff.discrepancy.separation import Hypotheses, deciding_poses
 from symstiff.discrepancy.strata import strata
 from symstiff.errors import UserError
 
@@ -317,7 +318,8 @@ def test_deciding_poses_are_those_where_the_rivals_differ() -> None:
     first = rng.normal(size=(24, 1))
     second = np.array(first)
     second[pose == 4] = rng.normal(size=(4, 1))
-    chosen = deciding_poses(model, [first, second], [np.array([1.0]), np.array([1.0])], pose, 0.1, 3)
+    rivals = Hypotheses(model, np.hstack([first, second]), ((first,), (second,)))
+    chosen = deciding_poses(rivals, pose, 0.1, 3)
     assert 4 in chosen.poses
     assert chosen.separation[-1] > 0
     assert all(b >= a - 1e-9 for a, b in zip(chosen.separation, chosen.separation[1:], strict=False))

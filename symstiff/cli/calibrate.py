@@ -97,11 +97,16 @@ def _separate(request: PlanRequest) -> None:
     out = console(request.json)
     wish = Wish(
         request.poses, request.loads, request.measure, request.force, request.markers, request.sigma * 1e-3,
-        request.seed,
+        request.seed, _region(request),
     )  # fmt: skip
     with stages(out) as progress:
-        progress("separating the explanations")
-        table, found, names = separate(robot, request.separate, wish)
+        progress("deciding poses")
+        table, found, names = separate(robot, request.separate, wish, progress)
+    if not found.poses:
+        raise UserError(
+            "no pose tells these explanations apart under such loads: other loads (--loads), or a reading of "
+            "the whole pose (--measure pose)"
+        )
     write_table(table, request.output, "deg")
     out.print(f"{len(found.poses)} poses that decide between: " + " | ".join(names))
     out.print(

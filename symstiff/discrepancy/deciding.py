@@ -2,23 +2,33 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
 
 import numpy as np
 
-from symstiff.calibration.measurements import Measurements, measurements
-from symstiff.discrepancy.design import Decider, deciding_poses
+from symstiff.calibration.measurements import Measurements, concatenate, measurements
+from symstiff.discrepancy.candidates import scales_of
 from symstiff.discrepancy.growth import columns_of
 from symstiff.discrepancy.problem import Array
+from symstiff.discrepancy.scan import column_space
+from symstiff.discrepancy.separation import Decider, Hypotheses, deciding_poses
 from symstiff.discrepancy.situation import Laws, Situation, has_weights, load_factor, look, under_weights
-from symstiff.effects.base import EffectInstance
+from symstiff.effects.base import EffectInstance, Scales, find
 from symstiff.model import StiffnessModel
+
+if TYPE_CHECKING:
+    from symstiff.calibration.planning.region import Region
 
 OFFERED = 300
 """Configurations over the joint limits from which the deciding ones are chosen."""
 _WEAK = 0.5
 """Second load level, where the effects are to be told apart by several."""
+_LEVELS = 3
+"""Load levels of a pose from which no more are added."""
+_SHAPES = 10
+"""Shapes of an effect's law, besides its own, that a rival may fit with."""
 
 
 @dataclass(frozen=True)
@@ -41,12 +51,30 @@ class Experiment:
     joint_units: tuple[str, ...] = ()
 
 
+@dataclass(frozen=True)
+class Choice:
+    """How many poses: at most ``most``; from ``least`` on until D_ij reaches ``enough``; where; drawn with ``seed``."""
+
+    most: int
+    least: int = 1
+    enough: float = float("inf")
+    seed: int = 0
+    offered: int = OFFERED
+    region: Region | None = None
+
+
 def experiment_like(table: Measurements) -> Experiment:
-    """The experiment that a table came from: its markers, components, and the loads of its richest pose."""
+    """The experiment that a table came from: its markers, components, and the loads of its richest pose.
+
+    Where a pose has fewer than three levels of load, half of the largest load is added.
+    """
     share = np.abs(load_factor(table))
     poses = np.unique(table.pose)
     rich = max(poses, key=lambda p: (len(np.unique(np.round(share[table.pose == p], 6))), -p))
-    loads = np.unique(np.round(table.w[table.pose == rich], 9), axis=0)
+    rows = table.pose == rich
+    loads = np.unique(np.round(table.w[rows], 9), axis=0)
+    if table.w[rows].any() and len(np.unique(np.round(share[rows], 6))) < _LEVELS:
+        loads = np.vstack([loads, _WEAK * loads[np.argmax(np.linalg.norm(loads, axis=1))]])
     both = (table.branch > 0).any() and (table.branch < 0).any()
     return Experiment(
         table.kind, table.points, tuple(int(k) for k in np.flatnonzero(table.measured.any(axis=0))), loads,
@@ -55,28 +83,45 @@ def experiment_like(table: Measurements) -> Experiment:
 
 
 def decide_poses(
-    model: StiffnessModel, rivals: Sequence[Rival], experiment: Experiment, sigma: float, count: int,
-    seed: int = 0, have: tuple[Array, Sequence[Array]] | None = None, offered: int = OFFERED,
+    model: StiffnessModel, rivals: Sequence[Rival], experiment: Experiment, sigma: Array, choice: Choice,
+    taken: Measurements | None = None, tell: Callable[[str], None] = lambda stage: None,
 ) -> tuple[Measurements, Decider]:  # fmt: skip
-    """A table of ``count`` poses with their loads that tells the rivals apart, and how far it does.
+    """A table of poses with their loads that tells the rivals apart, and how far it does, with the data taken.
 
-    ``model`` has its fitted values; ``sigma`` the noise of a coordinate [m]; ``have`` the model's columns
-    and the rivals' (as ``rival_columns`` gives them) on data already taken.
+    ``model`` has its fitted values; ``sigma`` (6,) is the noise of a component [m, rad]. Every rival may fit with
+    other shapes of its laws than the one that was named.
     """
-    table = _on_offer(model, experiment, offered, seed)
-    A, blocks = rival_columns(model, rivals, table)
-    theta = [np.array([r.values.get(n, 0.0) for n in names_of(model, r)]) for r in rivals]
+    offered = _on_offer(model, experiment, choice)
+    table = offered if taken is None else concatenate([taken, offered])
+    new = np.zeros(len(table), dtype=bool)
+    new[len(table) - len(offered) :] = True
+    tell("deciding poses: predictions")
+    found = _hypotheses(model, rivals, table, sigma)
     state, _ = np.nonzero(table.measured)
-    found = deciding_poses(A, blocks, theta, table.pose[state], sigma, count, have)
-    rows = np.concatenate([np.flatnonzero(table.pose == p) for p in found.poses])
+    have = None if taken is None else _rows(found, ~new[state])
+    found = _closest(found, have)
+    have = None if taken is None else _rows(found, ~new[state])
+    best = deciding_poses(
+        _rows(found, new[state]), table.pose[state][new[state]], 1.0, choice.most, have, choice.least,
+        choice.enough, tell,
+    )  # fmt: skip
+    return _chosen(table, best, () if taken is None else taken.labels), best
+
+
+def _chosen(table: Measurements, best: Decider, used: Sequence[str]) -> Measurements:
+    """The chosen poses with labels that the data do not have yet, without readings."""
+    first = 1 + max(
+        [int(x[6:]) for x in used if x.startswith("decide") and x[6:].isdigit()], default=0
+    )  # fmt: skip
+    rows = np.concatenate([np.flatnonzero(table.pose == p) for p in best.poses] or [np.zeros(0, np.intp)])
     chosen = table.select(rows)
-    number = {p: k for k, p in enumerate(found.poses)}
-    chosen = replace(
+    number = {p: k for k, p in enumerate(best.poses)}
+    return replace(
         chosen, kind="none", values=np.full((len(rows), 6), np.nan),
-        labels=tuple(f"decide{k + 1}" for k in range(len(found.poses))),
+        sigma=np.full((len(rows), 6), np.nan),
+        labels=tuple(f"decide{k + first}" for k in range(len(best.poses))),
         pose=np.array([number[int(p)] for p in chosen.pose], dtype=np.intp),
     )  # fmt: skip
-    return chosen, found
 
 
 def names_of(model: StiffnessModel, rival: Rival) -> list[str]:
@@ -86,9 +131,9 @@ def names_of(model: StiffnessModel, rival: Rival) -> list[str]:
     return [n for n in names if n not in model.parameters]
 
 
-def rival_columns(
-    model: StiffnessModel, rivals: Sequence[Rival], table: Measurements
-) -> tuple[Array, list[Array]]:
+def _hypotheses(
+    model: StiffnessModel, rivals: Sequence[Rival], table: Measurements, sigma: Array
+) -> Hypotheses:
     """The model's columns on a table's measured rows, the device's placement included, and each rival's."""
     view = look(model.robot, table)
     if table.kind == "absolute" and has_weights(model.robot):
@@ -97,15 +142,72 @@ def rival_columns(
     A = situation.columns(model.terms, list(model.parameters))
     if table.kind == "absolute":
         A = np.hstack([A, _placement(situation)])
-    blocks = []
+    weight = (1.0 / sigma[view.component])[:, None]
+    scales, known = scales_of(view), dict[str, Array]()
+    signals, blocks = [], []
     for rival in rivals:
-        parts, seen = [], set(model.parameters)
-        for effect in rival.effects:
-            own = [p.name for p in effect.realise(model.robot).parameters if p.name not in seen]
-            seen |= set(own)
-            parts.append(columns_of(situation, effect, own))
-        blocks.append(np.hstack(parts))
-    return A, blocks
+        own = _block(situation, model, rival.effects, known)
+        value = np.array([rival.values.get(n, 0.0) for n in names_of(model, rival)])
+        signals.append(own @ value)
+        others = [_block(situation, model, e, known) for e in _other_shapes(model, rival, scales)]
+        blocks.append(tuple(weight * b for b in (own, *others)))
+    return Hypotheses(weight * A, weight * np.stack(signals, axis=1), tuple(blocks))
+
+
+def _other_shapes(
+    model: StiffnessModel, rival: Rival, scales: Scales
+) -> list[tuple[EffectInstance, ...]]:  # fmt: skip
+    """The rival with one of its effects in another shape, for every effect and shape of the catalogue."""
+    out = []
+    for k, effect in enumerate(rival.effects):
+        for shape in find(effect.effect).shapes(model.robot, effect.where, scales):
+            if dict(shape) != dict(effect.shape):
+                other = replace(effect, shape=dict(shape))
+                out.append((*rival.effects[:k], other, *rival.effects[k + 1 :]))
+    return out
+
+
+def _block(
+    situation: Situation, model: StiffnessModel, effects: Sequence[EffectInstance], known: dict[str, Array]
+) -> Array:
+    """(M, k) columns of an explanation's own parameters; ``known`` holds those already computed."""
+    parts, seen = [], set(model.parameters)
+    for effect in effects:
+        own = [p.name for p in effect.realise(model.robot).parameters if p.name not in seen]
+        seen |= set(own)
+        key = f"{effect.effect} {effect.where} {sorted(effect.shape.items())} {own}"
+        if key not in known:
+            try:
+                known[key] = columns_of(situation, effect, own)
+            except ValueError:  # the effect is of a pose that is not in the table
+                known[key] = np.zeros((len(situation.view.state), len(own)))
+        parts.append(known[key])
+    return np.hstack(parts)
+
+
+def _rows(columns: Hypotheses, rows: Array | np.ndarray) -> Hypotheses:
+    blocks = tuple(tuple(b[rows] for b in rival) for rival in columns.blocks)
+    return Hypotheses(columns.model[rows], columns.signals[rows], blocks)
+
+
+def _closest(columns: Hypotheses, have: Hypotheses | None) -> Hypotheses:
+    """Each rival in its own shape and in those that say most nearly the same, on the data where there are any."""
+    judge = columns if have is None else have
+    basis = column_space(judge.model)
+    left = judge.signals - basis @ (basis.T @ judge.signals)
+    kept = []
+    for k, rival in enumerate(columns.blocks):
+        missed = [_missed(basis, left[:, k], block) for block in judge.blocks[k][1:]]
+        order = sorted(range(len(missed)), key=lambda i: (missed[i], i))[:_SHAPES]
+        kept.append((rival[0], *(rival[1 + i] for i in order)))
+    return Hypotheses(columns.model, columns.signals, tuple(kept))
+
+
+def _missed(basis: Array, signal: Array, block: Array) -> float:
+    """Squared length of a signal outside the model and a block."""
+    outside = block - basis @ (basis.T @ block)
+    fitted = outside @ np.linalg.lstsq(outside, signal, rcond=1e-9)[0]
+    return float(np.sum((signal - fitted) ** 2))
 
 
 def _placement(situation: Situation) -> Array:
@@ -120,12 +222,14 @@ def _placement(situation: Situation) -> Array:
     return np.asarray(twist[view.state, view.component])
 
 
-def _on_offer(model: StiffnessModel, experiment: Experiment, offered: int, seed: int) -> Measurements:
+def _on_offer(model: StiffnessModel, experiment: Experiment, choice: Choice) -> Measurements:
     """Configurations over the joint limits, each under every load case, branch and marker."""
     from symstiff.calibration.planning import Load, Space, geometry
     from symstiff.calibration.planning.candidates import draw
+    from symstiff.calibration.planning.region import Region
 
-    q = draw(Space(geometry(model.robot), Load()), offered, seed).q
+    space = Space(geometry(model.robot), Load(), choice.region or Region())
+    q = draw(space, choice.offered, choice.seed).q
     cases = [
         (w, b, p)
         for w in experiment.loads
@@ -137,7 +241,7 @@ def _on_offer(model: StiffnessModel, experiment: Experiment, offered: int, seed:
     return measurements(
         np.repeat(q, len(cases), axis=0),
         np.tile(np.array([w for w, _, _ in cases]), (len(q), 1)),
-        labels=[f"p{k}" for k in range(len(q))],
+        labels=[f"offered {k + 1}" for k in range(len(q))],
         pose=np.repeat(np.arange(len(q)), len(cases)),
         points=experiment.points,
         point=np.tile([p for _, _, p in cases], len(q)),

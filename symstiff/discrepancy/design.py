@@ -1,13 +1,12 @@
-"""What the data can and cannot tell: noncentrality, confusability, smallest detectable size, deciding poses."""
+"""What the data can and cannot tell: noncentrality, confusability, smallest detectable size."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 
 import numpy as np
 
-from symstiff.discrepancy.problem import Array, Index
+from symstiff.discrepancy.problem import Array
 from symstiff.discrepancy.scan import Scan, detectable_noncentrality
 
 
@@ -48,62 +47,3 @@ def confusability(scan: Scan, entries: Sequence[int]) -> Array:
             inside = q.T @ s if i != j else np.zeros(1)
             D[i, j] = max(float(s @ s - inside @ inside), 0.0) / scale2
     return D
-
-
-@dataclass(frozen=True)
-class Decider:
-    """Poses that would tell the members of an ambiguous set apart."""
-
-    poses: tuple[int, ...]
-    """Chosen, in order."""
-    separation: tuple[float, ...]
-    """Smallest D_ij over all ordered pairs after each choice."""
-
-
-def deciding_poses(
-    model: Array, rivals: Sequence[Array], theta: Sequence[Array], pose: Index, sigma: float,
-    count: int, have: tuple[Array, Sequence[Array]] | None = None,
-) -> Decider:  # fmt: skip
-    """Greedy T-optimal choice: the poses that maximise the smallest D_ij between rivals.
-
-    ``model`` (M', P) and ``rivals`` (M', k_i) are columns at the poses on offer, ``pose`` (M',) their numbers,
-    ``theta`` the fitted coefficients, ``have`` the same columns on the data already taken.
-    """
-    pairs = [(i, j) for i in range(len(rivals)) for j in range(len(rivals)) if i != j]
-    length = np.linalg.norm(np.vstack([model] if have is None else [model, have[0]]), axis=0)
-    length[length == 0] = 1.0
-    offered = np.unique(pose)
-
-    def stack(A: Array, C: Sequence[Array], i: int, j: int) -> Array:
-        width = np.linalg.norm(rivals[j], axis=0)
-        return np.column_stack([A / length, C[j] / np.where(width > 0, width, 1.0), C[i] @ theta[i]])
-
-    gram, base = [], []
-    for i, j in pairs:
-        X = stack(model, rivals, i, j)
-        gram.append(np.stack([X[pose == p].T @ X[pose == p] for p in offered]))
-        base.append(np.zeros(gram[-1].shape[1:]) if have is None else _gram(stack(have[0], have[1], i, j)))
-    chosen: list[int] = []
-    separation: list[float] = []
-    for _ in range(min(count, len(offered))):
-        value = np.min([_left(b + g) for b, g in zip(base, gram, strict=True)], axis=0)
-        value[chosen] = -np.inf
-        best = int(np.argmax(value))
-        chosen.append(best)
-        separation.append(float(value[best]) / sigma**2)
-        base = [b + g[best] for b, g in zip(base, gram, strict=True)]
-    return Decider(tuple(int(offered[c]) for c in chosen), tuple(separation))
-
-
-def _gram(X: Array) -> Array:
-    return np.asarray(X.T @ X)
-
-
-def _left(gram: Array) -> Array:
-    """Squared length of the last column outside the others, from Gram matrices (n, m, m)."""
-    G, c, s = gram[:, :-1, :-1], gram[:, :-1, -1], gram[:, -1, -1]
-    value, vector = np.linalg.eigh(G)
-    keep = value > 1e-10 * value[:, -1:]
-    part = np.einsum("nab,na->nb", vector, c)
-    inside = np.sum(np.where(keep, part**2 / np.where(keep, value, 1.0), 0.0), axis=1)
-    return np.asarray(np.maximum(s - inside, 0.0))

@@ -5,11 +5,11 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 
-from symstiff.discrepancy.design import Decider
 from symstiff.discrepancy.localise import FittedLaw, Localisation
 from symstiff.discrepancy.noise import NoiseReport
 from symstiff.discrepancy.problem import Array, Shape
 from symstiff.discrepancy.proof import HeldOut
+from symstiff.discrepancy.separation import Decider
 from symstiff.discrepancy.strata import Stratum
 
 

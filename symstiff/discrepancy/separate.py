@@ -3,32 +3,39 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Mapping
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from symstiff.calibration.identify import ExperimentClass, start_model
 from symstiff.calibration.measurements import Measurements
-from symstiff.discrepancy.deciding import Experiment, Rival, decide_poses, several_levels
-from symstiff.discrepancy.design import Decider
+from symstiff.discrepancy.deciding import OFFERED, Choice, Experiment, Rival, decide_poses, several_levels
 from symstiff.discrepancy.problem import Array
+from symstiff.discrepancy.separation import Decider
 from symstiff.discrepancy.speech import named
 from symstiff.effects.base import EffectInstance, Scales, find
 from symstiff.errors import UserError
 from symstiff.model import StiffnessModel
-from symstiff.reduction import reduce
 from symstiff.reduction.physical import physical_stages
 from symstiff.robot.schema import Robot
 
+if TYPE_CHECKING:
+    from symstiff.calibration.planning.region import Region
+
 _LEVER = 0.5
 """Moment of a wrench for each newton of its force [m]."""
+_TURN = 0.3
+"""Distance over which the rotation of a measured body is read from its points [m]."""
+TAKEN = "taken.csv"
+"""File beside an ambiguous verdict.json: poses and loads of the data that it is about, without readings."""
 
 
 @dataclass(frozen=True)
 class Wish:
-    """What the plan may use: poses, class of loads and measurement, force [N], markers, noise [m], seed."""
+    """What the plan may use: poses, class of loads and measurement, force [N], markers, noise [m], region, seed."""
 
     poses: int
     loads: str = "wrench"
@@ -37,12 +44,16 @@ class Wish:
     markers: tuple[str, ...] = ()
     sigma: float = 30e-6
     seed: int = 0
+    region: Region | None = None
 
 
-def separate(robot: Robot, verdict: Path, wish: Wish) -> tuple[Measurements, Decider, list[str]]:
+def separate(
+    robot: Robot, verdict: Path, wish: Wish, tell: Callable[[str], None] = lambda stage: None
+) -> tuple[Measurements, Decider, list[str]]:
     """The deciding poses with their loads, how far they separate, and the explanations in words.
 
-    Raises UserError for a file that is no verdict of this robot, or that holds fewer than two explanations.
+    Data that the verdict is about count, where ``taken.csv`` stands beside it. Raises UserError for a file that is
+    no verdict of this robot, or that holds fewer than two explanations.
     """
     table = _read(verdict)
     if table.get("robot", robot.name) != robot.name:
@@ -50,17 +61,32 @@ def separate(robot: Robot, verdict: Path, wish: Wish) -> tuple[Measurements, Dec
     rivals = _rivals(robot, table, str(verdict))
     if wish.poses < 1:
         raise UserError(f"--poses {wish.poses}: 1 or more")
-    model = _model(robot, table, wish)
+    tell("deciding poses: model")
     chosen, found = decide_poses(
-        model,
+        _model(robot, table, wish),
         rivals,
         _experiment(rivals, wish),
-        wish.sigma,
-        wish.poses,
-        wish.seed,
-        offered=max(300, 4 * wish.poses),
+        wish.sigma * np.array([1.0, 1.0, 1.0, 1 / _TURN, 1 / _TURN, 1 / _TURN]),
+        Choice(wish.poses, seed=wish.seed, offered=max(OFFERED, 4 * wish.poses), region=wish.region),
+        _taken(robot, table, verdict),
+        tell,
     )
     return chosen, found, [" with ".join(named(e.effect, e.where) for e in r.effects) for r in rivals]
+
+
+def _taken(robot: Robot, table: Mapping[str, Any], verdict: Path) -> Measurements | None:
+    """Poses and loads of the data behind the verdict, marked as measured in the components that were."""
+    from symstiff.calibration.table import check_robot, read_poses
+
+    decide = table.get("decide", {})
+    file = verdict.parent / TAKEN
+    if "components" not in decide or not file.is_file():
+        return None
+    poses = read_poses(file)
+    check_robot(poses, robot)
+    values = np.full((len(poses), 6), np.nan)
+    values[:, [int(c) for c in decide["components"]]] = 0.0
+    return replace(poses, kind=decide.get("kind", "deflection"), values=values)
 
 
 def _read(path: Path) -> Mapping[str, Any]:
@@ -104,12 +130,15 @@ def _rival(robot: Robot, entries: list[Mapping[str, Any]]) -> Rival:
 
 
 def _model(robot: Robot, table: Mapping[str, Any], wish: Wish) -> StiffnessModel:
-    """The model that the verdict started from, else the complete one for the class of experiment."""
+    """The model that the verdict started from, else the complete one, as the planned experiment needs it."""
     known = {p.name: p for stage in physical_stages(robot) for p in stage.parameters}
     values = {n: float(v or 0.0) for n, v in table.get("model", {}).get("values", {}).items() if n in known}
-    if values:
-        return StiffnessModel(robot, tuple(known[n] for n in values), wish.loads, wish.measure, (), values)
-    return StiffnessModel.of(reduce(robot, wish.loads, wish.measure))
+    start = table.get("start", "complete")
+    if start in ("complete", "joints") or not values:
+        experiment = ExperimentClass(wish.loads, wish.measure, {})
+        model = start_model(robot, "joints" if start == "joints" else "complete", experiment)[0]
+        return model.with_values({n: values.get(n, 0.0) for n in model.parameters})
+    return StiffnessModel(robot, tuple(known[n] for n in values), wish.loads, wish.measure, (), values)
 
 
 def _experiment(rivals: list[Rival], wish: Wish) -> Experiment:

@@ -4,21 +4,28 @@ from __future__ import annotations
 
 import json
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
-from symstiff.discrepancy.deciding import Rival, decide_poses, experiment_like, rival_columns
+import numpy as np
+
+from symstiff.calibration.identify import ExperimentClass, experiment_of, start_model
+from symstiff.calibration.measurements import COMPONENTS, Measurements
+from symstiff.discrepancy.deciding import Choice, Rival, decide_poses, experiment_like
 from symstiff.discrepancy.growth import of_robot
+from symstiff.discrepancy.problem import Array
+from symstiff.discrepancy.separate import TAKEN
 from symstiff.discrepancy.workflow import Finding
 from symstiff.errors import UserError
 from symstiff.files import new_folder
+from symstiff.model import StiffnessModel
 from symstiff.report.code import Line, core, difference
 from symstiff.report.html import render
 from symstiff.report.verdict import verdict_table
 
-DECIDING = 6
-"""Poses in decide.csv."""
+FEWEST, MOST, AMPLE = 6, 15, 100.0
+"""Poses in decide.csv: as many as make the explanations differ amply, within these bounds."""
 
 
 @dataclass(frozen=True)
@@ -95,22 +102,64 @@ def write_deciding_poses(
     rivals = rivals_of(finding)
     if len(rivals) < 2:
         return None
-    tell("deciding poses")
-    model, experiment = finding.start.model, experiment_like(finding.table)
-    taken = rival_columns(model, rivals, finding.table)
+    experiment = experiment_like(finding.table)
     table, found = decide_poses(
-        model, rivals, experiment, finding.last.noise.sigma, DECIDING, finding.task.seed, taken
-    )
-    write_table(table, folder / "decide.csv", "deg")
+        _free_model(finding), rivals, experiment, _noise(finding),
+        Choice(MOST, FEWEST, AMPLE, finding.task.seed), finding.table, tell,
+    )  # fmt: skip
     record = {
-        "poses": [
-            {"pose": label, "separation": float(s)}
-            for label, s in zip(table.labels, found.separation, strict=True)
-        ],
         "file": "decide.csv",
+        "taken": TAKEN,
+        "kind": experiment.kind,
+        "components": list(experiment.components),
+        "points": list(experiment.points),
+        "loads": [dict(zip(_LOADS, map(float, w), strict=True)) for w in experiment.loads],
+        "branches": [b for b in ("up", "down") if len(experiment.branches) > 1],
+        "poses": [
+            {"pose": label, "q": _joints(table, k), "separation": float(s)}
+            for k, (label, s) in enumerate(zip(table.labels, found.separation, strict=True))
+        ],
     }
+    if found.poses:
+        write_table(table, folder / "decide.csv", "deg")
+        write_table(_without_readings(finding.table), folder / TAKEN)
     verdict["decide"] = record
     return record
+
+
+_LOADS = ("fx[N]", "fy[N]", "fz[N]", "mx[N*m]", "my[N*m]", "mz[N*m]")
+
+
+def _joints(table: Measurements, pose: int) -> dict[str, float]:
+    """Joint variables of a pose in the units of decide.csv."""
+    q = table.q[np.flatnonzero(table.pose == pose)[0]]
+    turning = [unit == "rad" for unit in table.joint_units]
+    return {
+        f"q{k + 1}[{'deg' if t else 'm'}]": float(np.degrees(x)) if t else float(x)
+        for k, (x, t) in enumerate(zip(q, turning, strict=True))
+    }
+
+
+def _without_readings(table: Measurements) -> Measurements:
+    nothing = np.full((len(table), len(COMPONENTS)), np.nan)
+    return replace(table, kind="none", values=nothing, sigma=nothing)
+
+
+def _noise(finding: Finding) -> Array:
+    """(6,) standard deviation of a component, a pose's shared error included [m, rad]."""
+    noise = finding.last.noise
+    sigma = np.array([noise.by_axis.get(k) or noise.sigma for k in range(6)])
+    sigma[:3] = np.hypot(sigma[:3], noise.approach)
+    return np.asarray(np.maximum(sigma, 1e-9))
+
+
+def _free_model(finding: Finding) -> StiffnessModel:
+    """The start model as it is where no joint stands still: the deciding poses turn them all."""
+    task, start = finding.task, finding.start.model
+    if task.start not in ("complete", "joints") or not experiment_of(finding.table, task.robot).fixed:
+        return start
+    free = start_model(task.robot, task.start, ExperimentClass(start.loads, start.measure, {}))[0]
+    return free.with_values({n: start.values.get(n, 0.0) for n in free.parameters})
 
 
 def rivals_of(finding: Finding) -> list[Rival]:
