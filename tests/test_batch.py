@@ -10,9 +10,10 @@ import mpmath
 import numpy as np
 import pytest
 
-from symstiff.codegen.batch import small_arguments
+from symstiff.codegen.batch import always_finite, small_arguments
 from symstiff.codegen.functions import Functions
 from symstiff.codegen.sincos import DOUBLE, FLOAT
+from symstiff.codegen.text import stored_outputs
 from tests.generated_c import STRICT, compiler, model, poses, shared_library, written
 
 CASES = [("kuka_kr270", "double"), ("kuka_kr270", "float"), ("scara", "double")]
@@ -137,6 +138,71 @@ def test_the_observation_batch_of_one_array_a_component_is_the_strided_one(built
     found = A.reshape(6, m, 30).transpose(2, 0, 1) @ model("scara").vector()
     dt, _ = batch(library, "scara", real, q, w)
     np.testing.assert_allclose(found, dt, rtol=0, atol=1e-14 * np.abs(dt).max())
+
+
+def tiles(library, robot, real, q, w, A):
+    """Fill tiles from arrays that hold one component after the other; the status."""
+    a, b, n = q.T.astype(real, order="C"), w.T.astype(real, order="C"), len(q)
+    stride = (ctypes.c_size_t * 2)(n, 1)
+    call = getattr(library, f"{robot}_observation_tiles")
+    return call(ctypes.c_size_t(n), pointer(a), stride, pointer(b), stride, pointer(A))
+
+
+def strided(library, robot, real, q, w):
+    """Observation matrices pose after pose, and the status."""
+    m = len(model(robot).parameters)
+    a, b, A = (np.ascontiguousarray(x, real) for x in (q, w, np.full((len(q), 6 * m), np.nan)))
+    stride = [(ctypes.c_size_t * 2)(1, x.shape[1]) for x in (a, b, A)]
+    call = getattr(library, f"{robot}_observation_strided")
+    status = call(
+        ctypes.c_size_t(len(q)), pointer(a), stride[0], pointer(b), stride[1], pointer(A), stride[2]
+    )
+    return A, status
+
+
+@pytest.mark.parametrize(("robot", "precision"), CASES)
+@pytest.mark.parametrize("n", [1, 8, 37, 6000])
+def test_tiles_hold_the_same_observation_matrices_and_leave_zeros_alone(built, robot, precision, n):
+    library, real = built[robot, precision]
+    size, tile = 6 * len(model(robot).parameters), 8 if precision == "double" else 16
+    q, w = poses(robot, n)
+    wanted, _ = strided(library, robot, real, q, w)
+    A = np.full((-(-n // tile) + 1, size, tile), 7, real)
+    assert tiles(library, robot, real, q, w, A) == 0
+    assert (A[-1] == 7).all()
+    stored = stored_outputs(Functions(model(robot)).observation)
+    zero = np.setdiff1d(np.arange(size), stored)
+    assert (A[:, zero] == 7).all()
+    A[:, zero] = 0
+    np.testing.assert_array_equal(A[:-1].transpose(0, 2, 1).reshape(-1, size)[:n], wanted)
+
+
+def test_poses_in_error_are_zeros_in_their_tile(built):
+    library, real = built["kuka_kr270", "double"]
+    q, w = poses("kuka_kr270", 24)
+    q[3, 2], w[11, 5], w[20] = np.nan, np.inf, 1e100
+    A = np.zeros((3, 156, 8))
+    assert tiles(library, "kuka_kr270", real, q, w, A) == -2
+    found = A.transpose(0, 2, 1).reshape(-1, 156)
+    wanted, status = strided(library, "kuka_kr270", real, q, w)
+    assert status == -2
+    np.testing.assert_array_equal(found, wanted)
+    assert not found[[3, 11, 20]].any()
+    assert found[[2, 4, 10, 12, 19, 21]].any(axis=1).all()
+    assert library.kuka_kr270_observation_tiles(ctypes.c_size_t(1), None, None, None, None, pointer(A)) == -1
+
+
+@pytest.mark.parametrize(("robot", "precision"), CASES)
+def test_matrices_that_need_no_check_are_finite_at_the_bounds_of_the_inputs(built, robot, precision):
+    library, real = built[robot, precision]
+    functions = Functions(model(robot))
+    assert always_finite(functions.observation, precision == "float")
+    assert not always_finite(functions.deflection, precision == "float")
+    reach, load = (999, 0.99e75) if precision == "double" else (99, 0.99e9)
+    q, w = poses(robot, 64)
+    A, status = strided(library, robot, real, reach * np.sign(q), load * np.sign(w))
+    assert status == 0
+    assert np.isfinite(A).all()
 
 
 @pytest.mark.parametrize("cc", ["gcc", "clang"])

@@ -218,6 +218,20 @@ def test_arithmetic_that_a_compiler_broke_is_found_out(monkeypatch):
         m.compile()
 
 
+@pytest.mark.parametrize("backend", ["c", "numpy"])
+def test_results_are_written_to_the_array_that_is_given(backend):
+    m = model("scara")
+    evaluator = m.compile() if backend == "c" else Evaluator(m, None)
+    q, w = poses("scara", 30)
+    dt, A = np.full((30, 6), np.nan), np.full((30, 6, len(m.parameters)), np.nan)
+    assert np.shares_memory(evaluator.deflection(q, w, out=dt), dt)
+    assert np.shares_memory(evaluator.observation(q, w, out=A), A)
+    close(dt, m.deflection(q, w))
+    close(A, m.observation(q, w))
+    with pytest.raises(UserError, match=r"out: expected a contiguous array of doubles of shape \(30, 6\)"):
+        evaluator.deflection(q, w, out=np.empty((6, 30)).T)
+
+
 def test_arrays_of_a_wrong_shape_are_named():
     evaluator = Evaluator(model("scara"), None)
     with pytest.raises(UserError, match=r"w: expected an array of shape \(N, 6\)"):

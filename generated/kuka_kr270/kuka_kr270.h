@@ -108,6 +108,13 @@ int kuka_kr270_observation_batch(size_t n, const double *q, const double *w, dou
 int kuka_kr270_deflection_strided(const kuka_kr270_params_t *p, size_t n, const double *q, const size_t q_stride[2], const double *w, const size_t w_stride[2], double *dt, const size_t dt_stride[2]);
 int kuka_kr270_observation_strided(size_t n, const double *q, const size_t q_stride[2], const double *w, const size_t w_stride[2], double *A, const size_t A_stride[2]);
 
+/* The quickest: tiles of KUKA_KR270_TILE poses, written one after the other. Component c of pose i stands at
+ * A[((156 * (i / TILE)) + c) * TILE + (i % TILE)]; inputs as for the strided functions. A has room for whole tiles and begins
+ * at a multiple of 64 bytes where time matters. Components that are zero at every pose are never written: clear A before
+ * its first use. */
+#define KUKA_KR270_TILE 8
+int kuka_kr270_observation_tiles(size_t n, const double *q, const size_t q_stride[2], const double *w, const size_t w_stride[2], double *A);
+
 /* Evaluates stored cases against 50-digit reference values; writes the greatest relative error (may be NULL). */
 int kuka_kr270_selftest(double *max_relative_error);
 

@@ -4,7 +4,7 @@
  * Blocks of poses go through loops that compilers vectorise, sines and cosines included: compile with
  * -O3 -march=native, or with -DKUKA_KR270_CLONES (gcc on x86-64 Linux: AVX-512, AVX2 and plain code in one library).
  * Poses with a joint variable beyond 1000.0, with a load beyond 1.0e+75 or without a finite result are left to the
- * scalar functions. The results differ from theirs by rounding only. Stack: about 31616 bytes.
+ * scalar functions. The results differ from theirs by rounding only. Stack: about 10816 bytes.
  */
 #include "kuka_kr270.h"
 
@@ -30,13 +30,12 @@
 /* NOLINTBEGIN(bugprone-easily-swappable-parameters): functions of this file, joints before wrench as in the header */
 #define N_JOINTS 6
 #define N_PARAMETERS 26
+#define SCATTERED_BYTES 4194304U /* outputs of this size do not stay in a cache: their places are asked for early */
 #define REAL_MAX DBL_MAX
-#define DEFLECTION_BLOCK 64 /* poses at once */
-#define DEFLECTION_PITCH (DEFLECTION_BLOCK + 8) /* so that rows do not compete for the same places of the cache */
-#define OBSERVATION_BLOCK 16 /* poses at once */
-#define OBSERVATION_PITCH (OBSERVATION_BLOCK + 8) /* so that rows do not compete for the same places of the cache */
+#define DEFLECTION_BLOCK 16 /* poses at once */
+#define OBSERVATION_BLOCK 8 /* poses at once */
 
-/* The nearest whole number of a number below 2^51. */
+/* The nearest whole number of a number below 2^51; a half goes to the even one. */
 static inline double whole(double x)
 {
     return (x + 6755399441055744.0) - 6755399441055744.0;
@@ -49,7 +48,7 @@ extern double library_cosine(double x) __asm__("cos") __attribute__((simd("notin
 #define sine library_sine
 #define cosine library_cosine
 #else
-/* Sine and cosine without branches or tables: at most 1.5 units in the last place for |x| <= 1000.0;
+/* Sine and cosine without branches or tables: at most 1.6 units in the last place for |x| <= 1000.0;
  * the multiples of pi/2 are taken off exactly (in 3 parts) for |x| <= 1600000.0. */
 static inline double reduced(double x, double turns)
 {
@@ -65,38 +64,32 @@ static inline double sine_polynomial(double r)
 static inline double cosine_polynomial(double r)
 {
     const double z = r * r;
-    const double half = 0.5 * z;
-    const double head = 1.0 - half;
-    return head + (((1.0 - head) - half) + ((z * z) * (0.041666666666666595 + (z * (-0.001388888888887304 + (z * (2.4801587288841417e-05 + (z * (-2.755731417624421e-07 + (z * (2.087570041660522e-09 + (z * -1.1358513977707462e-11))))))))))));
+    return (1.0 - (0.5 * z)) + ((z * z) * (0.041666666666666595 + (z * (-0.001388888888887304 + (z * (2.4801587288841417e-05 + (z * (-2.755731417624421e-07 + (z * (2.087570041660522e-09 + (z * -1.1358513977707462e-11)))))))))));
 }
 
-/* 1 for an odd whole number, 0 for an even one. */
-static inline double odd(double x)
+/* The sine of a whole number of quarter turns, exactly: 0, 1 or -1, since halves are rounded to the even number. Factors
+ * select, where a comparison would keep some compilers from vectorising. */
+static inline double quarters(double turns)
 {
-    return x - (2.0 * whole((0.5 * x) - 0.25));
+    return turns - (2.0 * whole(0.5 * turns));
 }
 
-/* Selection by factors 0, 1 and -1, which are exact: a comparison would keep some compilers from vectorising. */
 static inline double sine(double x)
 {
     const double turns = whole(x * 0.6366197723675814);
     const double r = reduced(x, turns);
-    const double swap = odd(turns);
-    const double sign = 1.0 - (2.0 * odd(0.5 * (turns - swap)));
-    return sign * ((swap * cosine_polynomial(r)) + ((1.0 - swap) * sine_polynomial(r)));
+    return (quarters(turns) * cosine_polynomial(r)) + (quarters(turns + 1.0) * sine_polynomial(r));
 }
 
 static inline double cosine(double x)
 {
     const double turns = whole(x * 0.6366197723675814);
     const double r = reduced(x, turns);
-    const double swap = odd(turns);
-    const double sign = 1.0 - (2.0 * odd(0.5 * (turns - swap)));
-    return (sign * (1.0 - (2.0 * swap))) * ((swap * sine_polynomial(r)) + ((1.0 - swap) * cosine_polynomial(r)));
+    return (quarters(turns + 1.0) * cosine_polynomial(r)) - (quarters(turns) * sine_polynomial(r));
 }
 #endif
 
-/* deflection of the tool centre point by recursion over the links, 64 poses at once: a loop without branches, which compilers vectorise. */
+/* deflection of the tool centre point by recursion over the links, 16 poses at once: a loop without branches, which compilers vectorise. */
 CLONES
 static void deflection_block(const kuka_kr270_params_t *p, const double *NO_ALIAS q, const double *NO_ALIAS w, double *NO_ALIAS dt)
 {
@@ -229,7 +222,7 @@ static void deflection_block(const kuka_kr270_params_t *p, const double *NO_ALIA
         const double t100 = t90 + (0.055*t87);
         const double t101 = (c_2*t92) - (s_2*t99);
         const double t102 = (c_2*t96) + (s_2*t94);
-        dt[(5 * DEFLECTION_PITCH) + i] = -t102;
+        dt[(5 * DEFLECTION_BLOCK) + i] = -t102;
         const double t103 = (c_2*t94) - (s_2*t96);
         const double t104 = t103 + (t23*p->k[4]);
         const double t105 = t97 + (t25*p->k[5]);
@@ -240,22 +233,22 @@ static void deflection_block(const kuka_kr270_params_t *p, const double *NO_ALIA
         const double t110 = (p->k[0]*w3) - (t19*p->k[1]);
         const double t111 = (c_1*t104) + (s_1*t105);
         const double t112 = t111 + (t17*p->k[2]);
-        dt[(3 * DEFLECTION_PITCH) + i] = t112;
+        dt[(3 * DEFLECTION_BLOCK) + i] = t112;
         const double t113 = (s_1*t104) - (c_1*t105);
         const double t114 = (p->k[1]*w3) - (t19*p->k[3]);
         const double t115 = t113 + t114;
-        dt[(4 * DEFLECTION_PITCH) + i] = t115;
+        dt[(4 * DEFLECTION_BLOCK) + i] = t115;
         const double t116 = (c_1*t101) + (s_1*t107);
-        dt[(0 * DEFLECTION_PITCH) + i] = t116 + (t102*t15) - (t11*t115);
+        dt[(0 * DEFLECTION_BLOCK) + i] = t116 + (t102*t15) - (t11*t115);
         const double t117 = (s_1*t101) - (c_1*t107);
-        dt[(1 * DEFLECTION_PITCH) + i] = t117 + (t11*t112) - (t102*t14);
+        dt[(1 * DEFLECTION_BLOCK) + i] = t117 + (t11*t112) - (t102*t14);
         const double t118 = t109 - t110;
         const double t119 = (t112*t15) - t118 - (t115*t14);
-        dt[(2 * DEFLECTION_PITCH) + i] = t119;
+        dt[(2 * DEFLECTION_BLOCK) + i] = t119;
     }
 }
 
-/* observation matrix by columns, 16 poses at once: a loop without branches, which compilers vectorise. */
+/* observation matrix by columns, 8 poses at once: a loop without branches, which compilers vectorise. */
 CLONES
 static void observation_block(const double *NO_ALIAS q, const double *NO_ALIAS w, double *NO_ALIAS A)
 {
@@ -273,8 +266,8 @@ static void observation_block(const double *NO_ALIAS q, const double *NO_ALIAS w
         const double w4 = w[(3 * OBSERVATION_BLOCK) + i];
         const double w5 = w[(4 * OBSERVATION_BLOCK) + i];
         const double w6 = w[(5 * OBSERVATION_BLOCK) + i];
-        A[(52 * OBSERVATION_PITCH) + i] = w3;
-        A[(105 * OBSERVATION_PITCH) + i] = w3;
+        A[(52 * OBSERVATION_BLOCK) + i] = w3;
+        A[(105 * OBSERVATION_BLOCK) + i] = w3;
         const double c_1 = cosine(q1);
         const double s_1 = sine(q1);
         const double c_2 = cosine(q2);
@@ -345,278 +338,300 @@ static void observation_block(const double *NO_ALIAS q, const double *NO_ALIAS w
         const double t55 = t49 - (1.25*t0);
         const double t56 = t50 - (1.25*t1);
         const double t57 = t51 - (1.25*s_2);
-        A[(1 * OBSERVATION_PITCH) + i] = t57*w3;
+        A[(1 * OBSERVATION_BLOCK) + i] = t57*w3;
         const double t58 = t55 - (0.35*c_1);
         const double t59 = t56 - (0.35*s_1);
         const double t60 = t58*w3;
         const double t61 = (t57*w2) + (t59*w3);
         const double t62 = t61 - w4;
-        A[(28 * OBSERVATION_PITCH) + i] = t57*t62;
-        A[(54 * OBSERVATION_PITCH) + i] = t59*t62;
-        A[(80 * OBSERVATION_PITCH) + i] = -t62;
+        A[(28 * OBSERVATION_BLOCK) + i] = t57*t62;
+        A[(54 * OBSERVATION_BLOCK) + i] = t59*t62;
+        A[(80 * OBSERVATION_BLOCK) + i] = -t62;
         const double t63 = t60 + (t57*w1);
         const double t64 = t63 + w5;
-        A[(3 * OBSERVATION_PITCH) + i] = t57*t64;
-        A[(53 * OBSERVATION_PITCH) + i] = t60 + t64;
-        A[(55 * OBSERVATION_PITCH) + i] = t58*t64;
-        A[(107 * OBSERVATION_PITCH) + i] = t64;
+        A[(3 * OBSERVATION_BLOCK) + i] = t57*t64;
+        A[(53 * OBSERVATION_BLOCK) + i] = t60 + t64;
+        A[(55 * OBSERVATION_BLOCK) + i] = t58*t64;
+        A[(107 * OBSERVATION_BLOCK) + i] = t64;
         const double t65 = (t59*w1) - (t58*w2);
         const double t66 = (c_1*w1) + (s_1*w2);
         const double t67 = (c_1*w2) - (s_1*w1);
         const double t68 = (s_1*t64) - (c_1*t62);
-        A[(82 * OBSERVATION_PITCH) + i] = c_1*t68;
-        A[(108 * OBSERVATION_PITCH) + i] = s_1*t68;
+        A[(82 * OBSERVATION_BLOCK) + i] = c_1*t68;
+        A[(108 * OBSERVATION_BLOCK) + i] = s_1*t68;
         const double t69 = (c_1*t64) + (s_1*t62);
         const double t70 = t69 + (0.35*w3);
-        A[(83 * OBSERVATION_PITCH) + i] = -s_1*t70;
-        A[(109 * OBSERVATION_PITCH) + i] = c_1*t70;
+        A[(83 * OBSERVATION_BLOCK) + i] = -s_1*t70;
+        A[(109 * OBSERVATION_BLOCK) + i] = c_1*t70;
         const double t71 = t65 + w6;
         const double t72 = t71 - (0.35*t67);
         const double t73 = (c_2*t66) - (s_2*w3);
-        A[(6 * OBSERVATION_PITCH) + i] = t0*t73;
-        A[(32 * OBSERVATION_PITCH) + i] = t1*t73;
-        A[(58 * OBSERVATION_PITCH) + i] = -s_2*t73;
+        A[(6 * OBSERVATION_BLOCK) + i] = t0*t73;
+        A[(32 * OBSERVATION_BLOCK) + i] = t1*t73;
+        A[(58 * OBSERVATION_BLOCK) + i] = -s_2*t73;
         const double t74 = (c_2*w3) + (s_2*t66);
         const double t75 = (c_2*t68) - (s_2*t72);
-        A[(85 * OBSERVATION_PITCH) + i] = t0*t75;
-        A[(111 * OBSERVATION_PITCH) + i] = t1*t75;
-        A[(137 * OBSERVATION_PITCH) + i] = -s_2*t75;
+        A[(85 * OBSERVATION_BLOCK) + i] = t0*t75;
+        A[(111 * OBSERVATION_BLOCK) + i] = t1*t75;
+        A[(137 * OBSERVATION_BLOCK) + i] = -s_2*t75;
         const double t76 = (c_2*t72) + (s_2*t68);
         const double t77 = t76 - (1.25*t67);
-        A[(86 * OBSERVATION_PITCH) + i] = t2*t77;
-        A[(112 * OBSERVATION_PITCH) + i] = t3*t77;
-        A[(138 * OBSERVATION_PITCH) + i] = c_2*t77;
+        A[(86 * OBSERVATION_BLOCK) + i] = t2*t77;
+        A[(112 * OBSERVATION_BLOCK) + i] = t3*t77;
+        A[(138 * OBSERVATION_BLOCK) + i] = c_2*t77;
         const double t78 = t70 + (1.25*t74);
-        A[(9 * OBSERVATION_PITCH) + i] = t52*t78;
-        A[(35 * OBSERVATION_PITCH) + i] = t53*t78;
-        A[(61 * OBSERVATION_PITCH) + i] = t54*t78;
-        A[(87 * OBSERVATION_PITCH) + i] = -s_1*t78;
-        A[(113 * OBSERVATION_PITCH) + i] = c_1*t78;
+        A[(9 * OBSERVATION_BLOCK) + i] = t52*t78;
+        A[(35 * OBSERVATION_BLOCK) + i] = t53*t78;
+        A[(61 * OBSERVATION_BLOCK) + i] = t54*t78;
+        A[(87 * OBSERVATION_BLOCK) + i] = -s_1*t78;
+        A[(113 * OBSERVATION_BLOCK) + i] = c_1*t78;
         const double t79 = (c_3*t73) - (s_3*t74);
-        A[(89 * OBSERVATION_PITCH) + i] = s_1*t79;
-        A[(115 * OBSERVATION_PITCH) + i] = -c_1*t79;
+        A[(89 * OBSERVATION_BLOCK) + i] = s_1*t79;
+        A[(115 * OBSERVATION_BLOCK) + i] = -c_1*t79;
         const double t80 = (c_3*t74) + (s_3*t73);
-        A[(10 * OBSERVATION_PITCH) + i] = t8*t80;
-        A[(36 * OBSERVATION_PITCH) + i] = t80*t9;
-        A[(62 * OBSERVATION_PITCH) + i] = t4*t80;
+        A[(10 * OBSERVATION_BLOCK) + i] = t8*t80;
+        A[(36 * OBSERVATION_BLOCK) + i] = t80*t9;
+        A[(62 * OBSERVATION_BLOCK) + i] = t4*t80;
         const double t81 = (c_3*t75) - (s_3*t77);
-        A[(91 * OBSERVATION_PITCH) + i] = t6*t81;
-        A[(117 * OBSERVATION_PITCH) + i] = t7*t81;
-        A[(143 * OBSERVATION_PITCH) + i] = -t5*t81;
+        A[(91 * OBSERVATION_BLOCK) + i] = t6*t81;
+        A[(117 * OBSERVATION_BLOCK) + i] = t7*t81;
+        A[(143 * OBSERVATION_BLOCK) + i] = -t5*t81;
         const double t82 = (c_3*t77) + (s_3*t75);
         const double t83 = t82 + (0.055*t67);
-        A[(90 * OBSERVATION_PITCH) + i] = t8*t83;
-        A[(116 * OBSERVATION_PITCH) + i] = t83*t9;
-        A[(142 * OBSERVATION_PITCH) + i] = t4*t83;
+        A[(90 * OBSERVATION_BLOCK) + i] = t8*t83;
+        A[(116 * OBSERVATION_BLOCK) + i] = t83*t9;
+        A[(142 * OBSERVATION_BLOCK) + i] = t4*t83;
         const double t84 = t78 - (0.055*t80);
-        A[(14 * OBSERVATION_PITCH) + i] = t46*t84;
-        A[(40 * OBSERVATION_PITCH) + i] = t47*t84;
-        A[(63 * OBSERVATION_PITCH) + i] = (t5*t84) - (t48*t79);
-        A[(66 * OBSERVATION_PITCH) + i] = t48*t84;
-        A[(92 * OBSERVATION_PITCH) + i] = -s_1*t84;
-        A[(118 * OBSERVATION_PITCH) + i] = c_1*t84;
+        A[(14 * OBSERVATION_BLOCK) + i] = t46*t84;
+        A[(40 * OBSERVATION_BLOCK) + i] = t47*t84;
+        A[(63 * OBSERVATION_BLOCK) + i] = (t5*t84) - (t48*t79);
+        A[(66 * OBSERVATION_BLOCK) + i] = t48*t84;
+        A[(92 * OBSERVATION_BLOCK) + i] = -s_1*t84;
+        A[(118 * OBSERVATION_BLOCK) + i] = c_1*t84;
         const double t85 = (c_4*t79) - (s_4*t67);
         const double t86 = (c_4*t67) + (s_4*t79);
-        A[(15 * OBSERVATION_PITCH) + i] = -t13*t86;
-        A[(41 * OBSERVATION_PITCH) + i] = t14*t86;
-        A[(67 * OBSERVATION_PITCH) + i] = -t15*t86;
-        A[(94 * OBSERVATION_PITCH) + i] = t10*t86;
-        A[(120 * OBSERVATION_PITCH) + i] = t11*t86;
-        A[(146 * OBSERVATION_PITCH) + i] = -t12*t86;
+        A[(15 * OBSERVATION_BLOCK) + i] = -t13*t86;
+        A[(41 * OBSERVATION_BLOCK) + i] = t14*t86;
+        A[(67 * OBSERVATION_BLOCK) + i] = -t15*t86;
+        A[(94 * OBSERVATION_BLOCK) + i] = t10*t86;
+        A[(120 * OBSERVATION_BLOCK) + i] = t11*t86;
+        A[(146 * OBSERVATION_BLOCK) + i] = -t12*t86;
         const double t87 = (c_4*t81) - (s_4*t84);
         const double t88 = t87 - (1.1*t86);
-        A[(16 * OBSERVATION_PITCH) + i] = (t40*t86) - (t13*t88);
-        A[(18 * OBSERVATION_PITCH) + i] = t40*t88;
-        A[(42 * OBSERVATION_PITCH) + i] = (t14*t88) + (t41*t86);
-        A[(44 * OBSERVATION_PITCH) + i] = t41*t88;
-        A[(68 * OBSERVATION_PITCH) + i] = (t42*t86) - (t15*t88);
-        A[(70 * OBSERVATION_PITCH) + i] = t42*t88;
-        A[(96 * OBSERVATION_PITCH) + i] = t10*t88;
-        A[(122 * OBSERVATION_PITCH) + i] = t11*t88;
-        A[(148 * OBSERVATION_PITCH) + i] = -t12*t88;
+        A[(16 * OBSERVATION_BLOCK) + i] = (t40*t86) - (t13*t88);
+        A[(18 * OBSERVATION_BLOCK) + i] = t40*t88;
+        A[(42 * OBSERVATION_BLOCK) + i] = (t14*t88) + (t41*t86);
+        A[(44 * OBSERVATION_BLOCK) + i] = t41*t88;
+        A[(68 * OBSERVATION_BLOCK) + i] = (t42*t86) - (t15*t88);
+        A[(70 * OBSERVATION_BLOCK) + i] = t42*t88;
+        A[(96 * OBSERVATION_BLOCK) + i] = t10*t88;
+        A[(122 * OBSERVATION_BLOCK) + i] = t11*t88;
+        A[(148 * OBSERVATION_BLOCK) + i] = -t12*t88;
         const double t89 = (c_4*t84) + (s_4*t81);
         const double t90 = t89 + (1.1*t85);
-        A[(17 * OBSERVATION_PITCH) + i] = -t37*t90;
-        A[(43 * OBSERVATION_PITCH) + i] = t38*t90;
-        A[(69 * OBSERVATION_PITCH) + i] = t39*t90;
-        A[(95 * OBSERVATION_PITCH) + i] = -t13*t90;
-        A[(121 * OBSERVATION_PITCH) + i] = t14*t90;
-        A[(147 * OBSERVATION_PITCH) + i] = -t15*t90;
+        A[(17 * OBSERVATION_BLOCK) + i] = -t37*t90;
+        A[(43 * OBSERVATION_BLOCK) + i] = t38*t90;
+        A[(69 * OBSERVATION_BLOCK) + i] = t39*t90;
+        A[(95 * OBSERVATION_BLOCK) + i] = -t13*t90;
+        A[(121 * OBSERVATION_BLOCK) + i] = t14*t90;
+        A[(147 * OBSERVATION_BLOCK) + i] = -t15*t90;
         const double t91 = (c_5*t85) - (s_5*t80);
-        A[(20 * OBSERVATION_PITCH) + i] = (t37*t91) - (t16*t90);
-        A[(72 * OBSERVATION_PITCH) + i] = (t18*t90) - (t39*t91);
-        A[(98 * OBSERVATION_PITCH) + i] = t13*t91;
-        A[(124 * OBSERVATION_PITCH) + i] = -t14*t91;
-        A[(150 * OBSERVATION_PITCH) + i] = t15*t91;
+        A[(20 * OBSERVATION_BLOCK) + i] = (t37*t91) - (t16*t90);
+        A[(72 * OBSERVATION_BLOCK) + i] = (t18*t90) - (t39*t91);
+        A[(98 * OBSERVATION_BLOCK) + i] = t13*t91;
+        A[(124 * OBSERVATION_BLOCK) + i] = -t14*t91;
+        A[(150 * OBSERVATION_BLOCK) + i] = t15*t91;
         const double t92 = (c_5*t80) + (s_5*t85);
-        A[(19 * OBSERVATION_PITCH) + i] = t19*t92;
-        A[(45 * OBSERVATION_PITCH) + i] = t20*t92;
-        A[(71 * OBSERVATION_PITCH) + i] = t21*t92;
+        A[(19 * OBSERVATION_BLOCK) + i] = t19*t92;
+        A[(45 * OBSERVATION_BLOCK) + i] = t20*t92;
+        A[(71 * OBSERVATION_BLOCK) + i] = t21*t92;
         const double t93 = (c_5*t88) - (s_5*t83);
         const double t94 = (c_5*t83) + (s_5*t88);
-        A[(99 * OBSERVATION_PITCH) + i] = t19*t94;
-        A[(125 * OBSERVATION_PITCH) + i] = t20*t94;
-        A[(151 * OBSERVATION_PITCH) + i] = t21*t94;
+        A[(99 * OBSERVATION_BLOCK) + i] = t19*t94;
+        A[(125 * OBSERVATION_BLOCK) + i] = t20*t94;
+        A[(151 * OBSERVATION_BLOCK) + i] = t21*t94;
         const double t95 = (c_6*t91) - (s_6*t86);
-        A[(22 * OBSERVATION_PITCH) + i] = t22*t95;
-        A[(48 * OBSERVATION_PITCH) + i] = t23*t95;
-        A[(74 * OBSERVATION_PITCH) + i] = t24*t95;
-        A[(101 * OBSERVATION_PITCH) + i] = t25*t95;
-        A[(127 * OBSERVATION_PITCH) + i] = -t26*t95;
-        A[(153 * OBSERVATION_PITCH) + i] = t27*t95;
+        A[(22 * OBSERVATION_BLOCK) + i] = t22*t95;
+        A[(48 * OBSERVATION_BLOCK) + i] = t23*t95;
+        A[(74 * OBSERVATION_BLOCK) + i] = t24*t95;
+        A[(101 * OBSERVATION_BLOCK) + i] = t25*t95;
+        A[(127 * OBSERVATION_BLOCK) + i] = -t26*t95;
+        A[(153 * OBSERVATION_BLOCK) + i] = t27*t95;
         const double t96 = (c_6*t86) + (s_6*t91);
         const double t97 = (c_6*t93) - (s_6*t90);
         const double t98 = t97 - (0.23*t96);
-        A[(102 * OBSERVATION_PITCH) + i] = t22*t98;
-        A[(128 * OBSERVATION_PITCH) + i] = t23*t98;
-        A[(154 * OBSERVATION_PITCH) + i] = t24*t98;
+        A[(102 * OBSERVATION_BLOCK) + i] = t22*t98;
+        A[(128 * OBSERVATION_BLOCK) + i] = t23*t98;
+        A[(154 * OBSERVATION_BLOCK) + i] = t24*t98;
         const double t99 = (c_6*t90) + (s_6*t93);
         const double t100 = -t99 - (0.23*t95);
-        A[(23 * OBSERVATION_PITCH) + i] = (t100*t22) + (t31*t95);
-        A[(25 * OBSERVATION_PITCH) + i] = t100*t31;
-        A[(49 * OBSERVATION_PITCH) + i] = (t100*t23) + (t32*t95);
-        A[(51 * OBSERVATION_PITCH) + i] = t100*t32;
-        A[(75 * OBSERVATION_PITCH) + i] = (t100*t24) + (t33*t95);
-        A[(77 * OBSERVATION_PITCH) + i] = t100*t33;
-        A[(103 * OBSERVATION_PITCH) + i] = t100*t25;
-        A[(129 * OBSERVATION_PITCH) + i] = -t100*t26;
-        A[(155 * OBSERVATION_PITCH) + i] = t100*t27;
+        A[(23 * OBSERVATION_BLOCK) + i] = (t100*t22) + (t31*t95);
+        A[(25 * OBSERVATION_BLOCK) + i] = t100*t31;
+        A[(49 * OBSERVATION_BLOCK) + i] = (t100*t23) + (t32*t95);
+        A[(51 * OBSERVATION_BLOCK) + i] = t100*t32;
+        A[(75 * OBSERVATION_BLOCK) + i] = (t100*t24) + (t33*t95);
+        A[(77 * OBSERVATION_BLOCK) + i] = t100*t33;
+        A[(103 * OBSERVATION_BLOCK) + i] = t100*t25;
+        A[(129 * OBSERVATION_BLOCK) + i] = -t100*t26;
+        A[(155 * OBSERVATION_BLOCK) + i] = t100*t27;
         const double t101 = s_1*t57;
-        A[(4 * OBSERVATION_PITCH) + i] = t101*t68;
+        A[(4 * OBSERVATION_BLOCK) + i] = t101*t68;
         const double t102 = t52 - (1.25*t2);
-        A[(5 * OBSERVATION_PITCH) + i] = t102*t70;
+        A[(5 * OBSERVATION_BLOCK) + i] = t102*t70;
         const double t103 = (t1*t51) - (s_2*t50);
-        A[(7 * OBSERVATION_PITCH) + i] = t103*t75;
+        A[(7 * OBSERVATION_BLOCK) + i] = t103*t75;
         const double t104 = (c_2*t50) + (t3*t51);
-        A[(8 * OBSERVATION_PITCH) + i] = t104*t77;
+        A[(8 * OBSERVATION_BLOCK) + i] = t104*t77;
         const double t105 = (t46*t79) + (t6*t84);
-        A[(11 * OBSERVATION_PITCH) + i] = -t105;
+        A[(11 * OBSERVATION_BLOCK) + i] = -t105;
         const double t106 = (t35*t4) + (t36*t9);
-        A[(12 * OBSERVATION_PITCH) + i] = t106*t83;
+        A[(12 * OBSERVATION_BLOCK) + i] = t106*t83;
         const double t107 = (t45*t7) - (t44*t5);
-        A[(13 * OBSERVATION_PITCH) + i] = t107*t81;
+        A[(13 * OBSERVATION_BLOCK) + i] = t107*t81;
         const double t108 = (t20*t30) + (t21*t29);
-        A[(21 * OBSERVATION_PITCH) + i] = t108*t94;
+        A[(21 * OBSERVATION_BLOCK) + i] = t108*t94;
         const double t109 = (t23*t30) + (t24*t29);
-        A[(24 * OBSERVATION_PITCH) + i] = t109*t98;
+        A[(24 * OBSERVATION_BLOCK) + i] = t109*t98;
         const double t110 = c_1*t57;
-        A[(30 * OBSERVATION_PITCH) + i] = -t110*t68;
+        A[(30 * OBSERVATION_BLOCK) + i] = -t110*t68;
         const double t111 = t53 - (1.25*t3);
-        A[(31 * OBSERVATION_PITCH) + i] = t111*t70;
+        A[(31 * OBSERVATION_BLOCK) + i] = t111*t70;
         const double t112 = (s_2*t49) - (t0*t51);
-        A[(33 * OBSERVATION_PITCH) + i] = t112*t75;
+        A[(33 * OBSERVATION_BLOCK) + i] = t112*t75;
         const double t113 = (c_2*t49) + (t2*t51);
-        A[(34 * OBSERVATION_PITCH) + i] = -t113*t77;
+        A[(34 * OBSERVATION_BLOCK) + i] = -t113*t77;
         const double t114 = (t47*t79) + (t7*t84);
-        A[(37 * OBSERVATION_PITCH) + i] = -t114;
+        A[(37 * OBSERVATION_BLOCK) + i] = -t114;
         const double t115 = (t34*t4) + (t36*t8);
-        A[(38 * OBSERVATION_PITCH) + i] = -t115*t83;
+        A[(38 * OBSERVATION_BLOCK) + i] = -t115*t83;
         const double t116 = (t43*t5) - (t45*t6);
-        A[(39 * OBSERVATION_PITCH) + i] = t116*t81;
+        A[(39 * OBSERVATION_BLOCK) + i] = t116*t81;
         const double t117 = (t17*t90) + (t38*t91);
-        A[(46 * OBSERVATION_PITCH) + i] = -t117;
+        A[(46 * OBSERVATION_BLOCK) + i] = -t117;
         const double t118 = (t21*t28) - (t19*t30);
-        A[(47 * OBSERVATION_PITCH) + i] = t118*t94;
+        A[(47 * OBSERVATION_BLOCK) + i] = t118*t94;
         const double t119 = (t24*t28) - (t22*t30);
-        A[(50 * OBSERVATION_PITCH) + i] = t119*t98;
+        A[(50 * OBSERVATION_BLOCK) + i] = t119*t98;
         const double t120 = (s_1*t55) - (c_1*t56);
-        A[(56 * OBSERVATION_PITCH) + i] = t120*t68;
+        A[(56 * OBSERVATION_BLOCK) + i] = t120*t68;
         const double t121 = t54 - (1.25*c_2);
-        A[(57 * OBSERVATION_PITCH) + i] = t121*t70;
+        A[(57 * OBSERVATION_BLOCK) + i] = t121*t70;
         const double t122 = (t1*t49) - (t0*t50);
-        A[(59 * OBSERVATION_PITCH) + i] = t122*t75;
+        A[(59 * OBSERVATION_BLOCK) + i] = t122*t75;
         const double t123 = (t3*t49) - (t2*t50);
-        A[(60 * OBSERVATION_PITCH) + i] = t123*t77;
+        A[(60 * OBSERVATION_BLOCK) + i] = t123*t77;
         const double t124 = (t34*t9) - (t35*t8);
-        A[(64 * OBSERVATION_PITCH) + i] = t124*t83;
+        A[(64 * OBSERVATION_BLOCK) + i] = t124*t83;
         const double t125 = (t43*t7) - (t44*t6);
-        A[(65 * OBSERVATION_PITCH) + i] = t125*t81;
+        A[(65 * OBSERVATION_BLOCK) + i] = t125*t81;
         const double t126 = (t19*t29) + (t20*t28);
-        A[(73 * OBSERVATION_PITCH) + i] = -t126*t94;
+        A[(73 * OBSERVATION_BLOCK) + i] = -t126*t94;
         const double t127 = (t22*t29) + (t23*t28);
-        A[(76 * OBSERVATION_PITCH) + i] = -t127*t98;
+        A[(76 * OBSERVATION_BLOCK) + i] = -t127*t98;
     }
 }
 
-/* Poses of one component into a block; the last pose fills what is left of it. */
-static void gather(double *to, size_t block, const double *from, size_t stride, size_t count)
-{
-    size_t i;
-    if ((stride == 1U) && (count == block)) {
-        for (i = 0; i < block; ++i) {
-            to[i] = from[i];
-        }
-    } else {
-        for (i = 0; i < block; ++i) {
-            to[i] = from[((i < count) ? i : (count - 1U)) * stride];
-        }
-    }
-}
-
-/* One pose out of a block: components that follow each other in memory, or not. */
-static void scatter_pose(double *NO_ALIAS to, size_t stride, const double *NO_ALIAS from, size_t components, size_t block)
+/* Poses of some components into a block; the last pose fills what is left of it. */
+static inline void gather(double *to, size_t components, size_t block, const double *from, const size_t stride[2], size_t count)
 {
     size_t c;
-    if (stride == 1U) {
+    size_t i;
+    if ((stride[1] == 1U) && (count == block)) {
         for (c = 0; c < components; ++c) {
-            to[c] = from[c * block];
+            for (i = 0; i < block; ++i) {
+                to[(c * block) + i] = from[(c * stride[0]) + i];
+            }
         }
     } else {
         for (c = 0; c < components; ++c) {
-            to[c * stride] = from[c * block];
+            for (i = 0; i < block; ++i) {
+                to[(c * block) + i] = from[(c * stride[0]) + (((i < count) ? i : (count - 1U)) * stride[1])];
+            }
         }
     }
 }
 
-static void scatter_component(double *NO_ALIAS to, size_t stride, const double *NO_ALIAS from, size_t count)
+/* One pose out of a block. */
+static inline void scatter_pose(double *NO_ALIAS to, size_t stride, const double *NO_ALIAS from, size_t components, size_t block)
+{
+    size_t c;
+    for (c = 0; c < components; ++c) {
+        to[c * stride] = from[c * block];
+    }
+}
+
+/* One component of a whole block. */
+static inline void scatter_component(double *NO_ALIAS to, const double *NO_ALIAS from, size_t block)
 {
     size_t i;
-    if (stride == 1U) {
-        for (i = 0; i < count; ++i) {
-            to[i] = from[i];
-        }
-    } else {
-        for (i = 0; i < count; ++i) {
-            to[i * stride] = from[i];
-        }
+    for (i = 0; i < block; ++i) {
+        to[i] = from[i];
     }
 }
 
 /* A block's poses to where they belong, in the order of the memory. */
-static void scatter(double *to, const size_t stride[2], const double *from, size_t components, size_t block, size_t count)
+static inline void scatter(double *to, const size_t stride[2], const double *from, size_t components, size_t block, size_t count)
 {
-    size_t k;
+    size_t c;
+    size_t i;
     if (stride[0] < stride[1]) {
-        for (k = 0; k < count; ++k) {
-            scatter_pose(&to[k * stride[1]], stride[0], &from[k], components, block);
+        for (i = 0; i < count; ++i) {
+            scatter_pose(&to[i * stride[1]], stride[0], &from[i], components, block);
+        }
+    } else if ((stride[1] == 1U) && (count == block)) {
+        for (c = 0; c < components; ++c) {
+            scatter_component(&to[c * stride[0]], &from[c * block], block);
         }
     } else {
-        for (k = 0; k < components; ++k) {
-            scatter_component(&to[k * stride[0]], stride[1], &from[k * block], count);
+        for (c = 0; c < components; ++c) {
+            for (i = 0; i < count; ++i) {
+                to[(c * stride[0]) + (i * stride[1])] = from[(c * block) + i];
+            }
         }
     }
 }
 
-/* Adds to ``bad`` what is not zero (NaN included) where a value is not finite. */
-static void mark_nonfinite(double *bad, const double *x, size_t block)
+/* Asks for places of the memory that will be written next, while the block is computed. */
+static inline void expect(const double *at, size_t step, size_t places)
 {
+#if defined(__GNUC__)
+    size_t k;
+    for (k = 0; k < places; ++k) {
+        __builtin_prefetch(&at[k * step], 1);
+    }
+#else
+    (void)at;
+    (void)step;
+    (void)places;
+#endif
+}
+
+/* Adds to ``bad`` what is not zero (NaN included) where a value is not finite. */
+static inline void mark_nonfinite(double *bad, const double *x, size_t components, size_t block)
+{
+    size_t c;
     size_t i;
-    for (i = 0; i < block; ++i) {
-        bad[i] += x[i] - x[i];
+    for (c = 0; c < components; ++c) {
+        for (i = 0; i < block; ++i) {
+            bad[i] += x[(c * block) + i] - x[(c * block) + i];
+        }
     }
 }
 
 /* The same where a value is greater than a limit, given as a half of its inverse. */
-static void mark_beyond(double *bad, const double *x, size_t block, double half_inverse)
+static inline void mark_beyond(double *bad, const double *x, size_t components, size_t block, double half_inverse)
 {
+    size_t c;
     size_t i;
-    for (i = 0; i < block; ++i) {
-        const double beyond = whole(x[i] * half_inverse);
-        bad[i] += beyond * beyond;
+    for (c = 0; c < components; ++c) {
+        for (i = 0; i < block; ++i) {
+            const double beyond = whole(x[(c * block) + i] * half_inverse);
+            bad[i] += beyond * beyond;
+        }
     }
 }
 
-static int marked(double bad)
+static inline int marked(double bad)
 {
     return ((bad >= 0.0) && (bad <= 0.0)) ? 0 : 1;
 }
@@ -647,6 +662,13 @@ static void clear(double *to, size_t components, const size_t stride[2], size_t 
     }
 }
 
+static void add_status(int *status, int result)
+{
+    if (result != KUKA_KR270_OK) {
+        *status = result;
+    }
+}
+
 /* One pose of a block by the scalar function, which names its error. */
 static int deflection_single(const kuka_kr270_params_t *p, const double *q, const double *w, double *dt, size_t i)
 {
@@ -654,16 +676,37 @@ static int deflection_single(const kuka_kr270_params_t *p, const double *q, cons
     double one_w[6];
     double one[6];
     int status;
-    int c;
-    for (c = 0; c < N_JOINTS; ++c) {
-        one_q[c] = q[(c * DEFLECTION_BLOCK) + (int)i];
+    size_t c;
+    for (c = 0; c < (size_t)N_JOINTS; ++c) {
+        one_q[c] = q[(c * DEFLECTION_BLOCK) + i];
     }
-    for (c = 0; c < 6; ++c) {
-        one_w[c] = w[(c * DEFLECTION_BLOCK) + (int)i];
+    for (c = 0; c < 6U; ++c) {
+        one_w[c] = w[(c * DEFLECTION_BLOCK) + i];
     }
     status = kuka_kr270_deflection(p, one_q, one_w, one);
-    for (c = 0; c < 6; ++c) {
-        dt[(c * DEFLECTION_PITCH) + (int)i] = one[c];
+    for (c = 0; c < 6U; ++c) {
+        dt[(c * DEFLECTION_BLOCK) + i] = one[c];
+    }
+    return status;
+}
+
+/* A block of poses from gathered inputs; the first ``count`` of them count. */
+static int deflection_poses(const kuka_kr270_params_t *p, const double *q, const double *w, double *dt, size_t count)
+{
+    double bad[DEFLECTION_BLOCK];
+    int status = KUKA_KR270_OK;
+    size_t i;
+    deflection_block(p, q, w, dt);
+    for (i = 0; i < DEFLECTION_BLOCK; ++i) {
+        bad[i] = 0.0;
+    }
+    mark_beyond(bad, q, N_JOINTS, DEFLECTION_BLOCK, 0.0005);
+    mark_beyond(bad, w, 6, DEFLECTION_BLOCK, 5.0000000000000004e-76);
+    mark_nonfinite(bad, dt, 6, DEFLECTION_BLOCK);
+    for (i = 0; i < count; ++i) {
+        if (marked(bad[i]) != 0) {
+            add_status(&status, deflection_single(p, q, w, dt, i));
+        }
     }
     return status;
 }
@@ -672,12 +715,9 @@ int kuka_kr270_deflection_strided(const kuka_kr270_params_t *p, size_t n, const 
 {
     double block_q[N_JOINTS * DEFLECTION_BLOCK];
     double block_w[6 * DEFLECTION_BLOCK];
-    double block[6 * DEFLECTION_PITCH];
-    double bad[DEFLECTION_BLOCK];
+    double block[6 * DEFLECTION_BLOCK];
     int status = KUKA_KR270_OK;
     size_t begin;
-    size_t i;
-    size_t c;
     if ((dt == NULL) || (dt_stride == NULL)) {
         return KUKA_KR270_E_NULL;
     }
@@ -692,32 +732,10 @@ int kuka_kr270_deflection_strided(const kuka_kr270_params_t *p, size_t n, const 
     for (begin = 0; begin < n; begin += DEFLECTION_BLOCK) {
         const size_t left = n - begin;
         const size_t count = (left < (size_t)DEFLECTION_BLOCK) ? left : (size_t)DEFLECTION_BLOCK;
-        for (c = 0; c < N_JOINTS; ++c) {
-            gather(&block_q[c * DEFLECTION_BLOCK], DEFLECTION_BLOCK, &q[(c * q_stride[0]) + (begin * q_stride[1])], q_stride[1], count);
-        }
-        for (c = 0; c < 6; ++c) {
-            gather(&block_w[c * DEFLECTION_BLOCK], DEFLECTION_BLOCK, &w[(c * w_stride[0]) + (begin * w_stride[1])], w_stride[1], count);
-        }
-        deflection_block(p, block_q, block_w, block);
-        for (i = 0; i < DEFLECTION_BLOCK; ++i) {
-            bad[i] = 0.0;
-        }
-        for (c = 0; c < N_JOINTS; ++c) {
-            mark_beyond(bad, &block_q[c * DEFLECTION_BLOCK], DEFLECTION_BLOCK, 0.0005);
-        }
-        for (c = 0; c < 6; ++c) {
-            mark_beyond(bad, &block_w[c * DEFLECTION_BLOCK], DEFLECTION_BLOCK, 5.0000000000000004e-76);
-        }
-        for (c = 0; c < 6; ++c) {
-            mark_nonfinite(bad, &block[c * DEFLECTION_PITCH], DEFLECTION_BLOCK);
-        }
-        for (i = 0; i < count; ++i) {
-            if (marked(bad[i]) != 0) {
-                const int result = deflection_single(p, block_q, block_w, block, i);
-                status = (result != KUKA_KR270_OK) ? result : status;
-            }
-        }
-        scatter(&dt[begin * dt_stride[1]], dt_stride, block, 6, DEFLECTION_PITCH, count);
+        gather(block_q, N_JOINTS, DEFLECTION_BLOCK, &q[begin * q_stride[1]], q_stride, count);
+        gather(block_w, 6, DEFLECTION_BLOCK, &w[begin * w_stride[1]], w_stride, count);
+        add_status(&status, deflection_poses(p, block_q, block_w, block, count));
+        scatter(&dt[begin * dt_stride[1]], dt_stride, block, 6, DEFLECTION_BLOCK, count);
     }
     return status;
 }
@@ -737,16 +755,36 @@ static int observation_single(const double *q, const double *w, double *A, size_
     double one_w[6];
     double one[156];
     int status;
-    int c;
-    for (c = 0; c < N_JOINTS; ++c) {
-        one_q[c] = q[(c * OBSERVATION_BLOCK) + (int)i];
+    size_t c;
+    for (c = 0; c < (size_t)N_JOINTS; ++c) {
+        one_q[c] = q[(c * OBSERVATION_BLOCK) + i];
     }
-    for (c = 0; c < 6; ++c) {
-        one_w[c] = w[(c * OBSERVATION_BLOCK) + (int)i];
+    for (c = 0; c < 6U; ++c) {
+        one_w[c] = w[(c * OBSERVATION_BLOCK) + i];
     }
     status = kuka_kr270_observation(one_q, one_w, one);
-    for (c = 0; c < 156; ++c) {
-        A[(c * OBSERVATION_PITCH) + (int)i] = one[c];
+    for (c = 0; c < 156U; ++c) {
+        A[(c * OBSERVATION_BLOCK) + i] = one[c];
+    }
+    return status;
+}
+
+/* A block of poses from gathered inputs; the first ``count`` of them count. */
+static int observation_poses(const double *q, const double *w, double *A, size_t count)
+{
+    double bad[OBSERVATION_BLOCK];
+    int status = KUKA_KR270_OK;
+    size_t i;
+    observation_block(q, w, A);
+    for (i = 0; i < OBSERVATION_BLOCK; ++i) {
+        bad[i] = 0.0;
+    }
+    mark_beyond(bad, q, N_JOINTS, OBSERVATION_BLOCK, 0.0005);
+    mark_beyond(bad, w, 6, OBSERVATION_BLOCK, 5.0000000000000004e-76);
+    for (i = 0; i < count; ++i) {
+        if (marked(bad[i]) != 0) {
+            add_status(&status, observation_single(q, w, A, i));
+        }
     }
     return status;
 }
@@ -755,12 +793,10 @@ int kuka_kr270_observation_strided(size_t n, const double *q, const size_t q_str
 {
     double block_q[N_JOINTS * OBSERVATION_BLOCK];
     double block_w[6 * OBSERVATION_BLOCK];
-    double block[156 * OBSERVATION_PITCH];
-    double bad[OBSERVATION_BLOCK];
+    double block[156 * OBSERVATION_BLOCK];
     int status = KUKA_KR270_OK;
     size_t begin;
     size_t i;
-    size_t c;
     if ((A == NULL) || (A_stride == NULL)) {
         return KUKA_KR270_E_NULL;
     }
@@ -768,38 +804,21 @@ int kuka_kr270_observation_strided(size_t n, const double *q, const size_t q_str
         clear(A, 156, A_stride, n);
         return KUKA_KR270_E_NULL;
     }
-    for (i = 0; i < ((size_t)156 * OBSERVATION_PITCH); ++i) {
+    for (i = 0; i < ((size_t)156 * OBSERVATION_BLOCK); ++i) {
         block[i] = 0.0;
     }
     for (begin = 0; begin < n; begin += OBSERVATION_BLOCK) {
         const size_t left = n - begin;
         const size_t count = (left < (size_t)OBSERVATION_BLOCK) ? left : (size_t)OBSERVATION_BLOCK;
-        for (c = 0; c < N_JOINTS; ++c) {
-            gather(&block_q[c * OBSERVATION_BLOCK], OBSERVATION_BLOCK, &q[(c * q_stride[0]) + (begin * q_stride[1])], q_stride[1], count);
+        if ((n > ((size_t)SCATTERED_BYTES / (156U * sizeof(double)))) && (count == (size_t)OBSERVATION_BLOCK)) {
+            /* one line a component, or a row of lines a block */
+            const size_t step = (A_stride[0] == 1U) ? (size_t)OBSERVATION_BLOCK : A_stride[0];
+            expect(&A[begin * A_stride[1]], step, 156);
         }
-        for (c = 0; c < 6; ++c) {
-            gather(&block_w[c * OBSERVATION_BLOCK], OBSERVATION_BLOCK, &w[(c * w_stride[0]) + (begin * w_stride[1])], w_stride[1], count);
-        }
-        observation_block(block_q, block_w, block);
-        for (i = 0; i < OBSERVATION_BLOCK; ++i) {
-            bad[i] = 0.0;
-        }
-        for (c = 0; c < N_JOINTS; ++c) {
-            mark_beyond(bad, &block_q[c * OBSERVATION_BLOCK], OBSERVATION_BLOCK, 0.0005);
-        }
-        for (c = 0; c < 6; ++c) {
-            mark_beyond(bad, &block_w[c * OBSERVATION_BLOCK], OBSERVATION_BLOCK, 5.0000000000000004e-76);
-        }
-        for (c = 0; c < 156; ++c) {
-            mark_nonfinite(bad, &block[c * OBSERVATION_PITCH], OBSERVATION_BLOCK);
-        }
-        for (i = 0; i < count; ++i) {
-            if (marked(bad[i]) != 0) {
-                const int result = observation_single(block_q, block_w, block, i);
-                status = (result != KUKA_KR270_OK) ? result : status;
-            }
-        }
-        scatter(&A[begin * A_stride[1]], A_stride, block, 156, OBSERVATION_PITCH, count);
+        gather(block_q, N_JOINTS, OBSERVATION_BLOCK, &q[begin * q_stride[1]], q_stride, count);
+        gather(block_w, 6, OBSERVATION_BLOCK, &w[begin * w_stride[1]], w_stride, count);
+        add_status(&status, observation_poses(block_q, block_w, block, count));
+        scatter(&A[begin * A_stride[1]], A_stride, block, 156, OBSERVATION_BLOCK, count);
     }
     return status;
 }
@@ -810,5 +829,28 @@ int kuka_kr270_observation_batch(size_t n, const double *q, const double *w, dou
     stride[0] = n;
     stride[1] = 1;
     return kuka_kr270_observation_strided(n, q, stride, w, stride, A, stride);
+}
+
+int kuka_kr270_observation_tiles(size_t n, const double *q, const size_t q_stride[2], const double *w, const size_t w_stride[2], double *A)
+{
+    double block_q[N_JOINTS * OBSERVATION_BLOCK];
+    double block_w[6 * OBSERVATION_BLOCK];
+    int status = KUKA_KR270_OK;
+    size_t begin;
+    if ((q == NULL) || (w == NULL) || (q_stride == NULL) || (w_stride == NULL) || (A == NULL)) {
+        return KUKA_KR270_E_NULL;
+    }
+    for (begin = 0; begin < n; begin += OBSERVATION_BLOCK) {
+        const size_t left = n - begin;
+        const size_t count = (left < (size_t)OBSERVATION_BLOCK) ? left : (size_t)OBSERVATION_BLOCK;
+        double *tile = &A[begin * 156U];
+        if (n > ((size_t)SCATTERED_BYTES / (156U * sizeof(double)))) {
+            expect(tile, OBSERVATION_BLOCK, 156);
+        }
+        gather(block_q, N_JOINTS, OBSERVATION_BLOCK, &q[begin * q_stride[1]], q_stride, count);
+        gather(block_w, 6, OBSERVATION_BLOCK, &w[begin * w_stride[1]], w_stride, count);
+        add_status(&status, observation_poses(block_q, block_w, tile, count));
+    }
+    return status;
 }
 /* NOLINTEND(bugprone-easily-swappable-parameters) */

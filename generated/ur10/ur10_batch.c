@@ -4,7 +4,7 @@
  * Blocks of poses go through loops that compilers vectorise, sines and cosines included: compile with
  * -O3 -march=native, or with -DUR10_CLONES (gcc on x86-64 Linux: AVX-512, AVX2 and plain code in one library).
  * Poses with a joint variable beyond 1000.0, with a load beyond 1.0e+75 or without a finite result are left to the
- * scalar functions. The results differ from theirs by rounding only. Stack: about 37376 bytes.
+ * scalar functions. The results differ from theirs by rounding only. Stack: about 12736 bytes.
  */
 #include "ur10.h"
 
@@ -30,13 +30,12 @@
 /* NOLINTBEGIN(bugprone-easily-swappable-parameters): functions of this file, joints before wrench as in the header */
 #define N_JOINTS 6
 #define N_PARAMETERS 31
+#define SCATTERED_BYTES 4194304U /* outputs of this size do not stay in a cache: their places are asked for early */
 #define REAL_MAX DBL_MAX
-#define DEFLECTION_BLOCK 64 /* poses at once */
-#define DEFLECTION_PITCH (DEFLECTION_BLOCK + 8) /* so that rows do not compete for the same places of the cache */
-#define OBSERVATION_BLOCK 16 /* poses at once */
-#define OBSERVATION_PITCH (OBSERVATION_BLOCK + 8) /* so that rows do not compete for the same places of the cache */
+#define DEFLECTION_BLOCK 16 /* poses at once */
+#define OBSERVATION_BLOCK 8 /* poses at once */
 
-/* The nearest whole number of a number below 2^51. */
+/* The nearest whole number of a number below 2^51; a half goes to the even one. */
 static inline double whole(double x)
 {
     return (x + 6755399441055744.0) - 6755399441055744.0;
@@ -49,7 +48,7 @@ extern double library_cosine(double x) __asm__("cos") __attribute__((simd("notin
 #define sine library_sine
 #define cosine library_cosine
 #else
-/* Sine and cosine without branches or tables: at most 1.5 units in the last place for |x| <= 1000.0;
+/* Sine and cosine without branches or tables: at most 1.6 units in the last place for |x| <= 1000.0;
  * the multiples of pi/2 are taken off exactly (in 3 parts) for |x| <= 1600000.0. */
 static inline double reduced(double x, double turns)
 {
@@ -65,38 +64,32 @@ static inline double sine_polynomial(double r)
 static inline double cosine_polynomial(double r)
 {
     const double z = r * r;
-    const double half = 0.5 * z;
-    const double head = 1.0 - half;
-    return head + (((1.0 - head) - half) + ((z * z) * (0.041666666666666595 + (z * (-0.001388888888887304 + (z * (2.4801587288841417e-05 + (z * (-2.755731417624421e-07 + (z * (2.087570041660522e-09 + (z * -1.1358513977707462e-11))))))))))));
+    return (1.0 - (0.5 * z)) + ((z * z) * (0.041666666666666595 + (z * (-0.001388888888887304 + (z * (2.4801587288841417e-05 + (z * (-2.755731417624421e-07 + (z * (2.087570041660522e-09 + (z * -1.1358513977707462e-11)))))))))));
 }
 
-/* 1 for an odd whole number, 0 for an even one. */
-static inline double odd(double x)
+/* The sine of a whole number of quarter turns, exactly: 0, 1 or -1, since halves are rounded to the even number. Factors
+ * select, where a comparison would keep some compilers from vectorising. */
+static inline double quarters(double turns)
 {
-    return x - (2.0 * whole((0.5 * x) - 0.25));
+    return turns - (2.0 * whole(0.5 * turns));
 }
 
-/* Selection by factors 0, 1 and -1, which are exact: a comparison would keep some compilers from vectorising. */
 static inline double sine(double x)
 {
     const double turns = whole(x * 0.6366197723675814);
     const double r = reduced(x, turns);
-    const double swap = odd(turns);
-    const double sign = 1.0 - (2.0 * odd(0.5 * (turns - swap)));
-    return sign * ((swap * cosine_polynomial(r)) + ((1.0 - swap) * sine_polynomial(r)));
+    return (quarters(turns) * cosine_polynomial(r)) + (quarters(turns + 1.0) * sine_polynomial(r));
 }
 
 static inline double cosine(double x)
 {
     const double turns = whole(x * 0.6366197723675814);
     const double r = reduced(x, turns);
-    const double swap = odd(turns);
-    const double sign = 1.0 - (2.0 * odd(0.5 * (turns - swap)));
-    return (sign * (1.0 - (2.0 * swap))) * ((swap * sine_polynomial(r)) + ((1.0 - swap) * cosine_polynomial(r)));
+    return (quarters(turns + 1.0) * cosine_polynomial(r)) - (quarters(turns) * sine_polynomial(r));
 }
 #endif
 
-/* deflection of the tool centre point by recursion over the links, 64 poses at once: a loop without branches, which compilers vectorise. */
+/* deflection of the tool centre point by recursion over the links, 16 poses at once: a loop without branches, which compilers vectorise. */
 CLONES
 static void deflection_block(const ur10_params_t *p, const double *NO_ALIAS q, const double *NO_ALIAS w, double *NO_ALIAS dt)
 {
@@ -242,24 +235,24 @@ static void deflection_block(const ur10_params_t *p, const double *NO_ALIAS q, c
         const double t113 = (c_2*t98) + (s_2*t91);
         const double t114 = (c_1*t104) + (s_1*t105);
         const double t115 = t114 + (t14*p->k[5]);
-        dt[(3 * DEFLECTION_PITCH) + i] = t115;
+        dt[(3 * DEFLECTION_BLOCK) + i] = t115;
         const double t116 = (s_1*t104) - (c_1*t105);
         const double t117 = (t16*p->k[6]) + (p->k[2]*w1);
         const double t118 = t116 + t117;
-        dt[(4 * DEFLECTION_PITCH) + i] = t118;
+        dt[(4 * DEFLECTION_BLOCK) + i] = t118;
         const double t119 = (c_2*t95) + (s_2*t93);
         const double t120 = t119 + (t18*p->k[4]);
-        dt[(5 * DEFLECTION_PITCH) + i] = t120;
+        dt[(5 * DEFLECTION_BLOCK) + i] = t120;
         const double t121 = t110 + t111;
-        dt[(0 * DEFLECTION_PITCH) + i] = t121 + (t10*t118) - (t12*t120);
+        dt[(0 * DEFLECTION_BLOCK) + i] = t121 + (t10*t118) - (t12*t120);
         const double t122 = t112 + (p->k[3]*w2);
-        dt[(1 * DEFLECTION_PITCH) + i] = t122 + (t11*t120) - (t10*t115);
+        dt[(1 * DEFLECTION_BLOCK) + i] = t122 + (t11*t120) - (t10*t115);
         const double t123 = t113 + (p->k[0]*w3);
-        dt[(2 * DEFLECTION_PITCH) + i] = t123 + (t115*t12) - (t11*t118);
+        dt[(2 * DEFLECTION_BLOCK) + i] = t123 + (t115*t12) - (t11*t118);
     }
 }
 
-/* observation matrix by columns, 16 poses at once: a loop without branches, which compilers vectorise. */
+/* observation matrix by columns, 8 poses at once: a loop without branches, which compilers vectorise. */
 CLONES
 static void observation_block(const double *NO_ALIAS q, const double *NO_ALIAS w, double *NO_ALIAS A)
 {
@@ -277,10 +270,10 @@ static void observation_block(const double *NO_ALIAS q, const double *NO_ALIAS w
         const double w4 = w[(3 * OBSERVATION_BLOCK) + i];
         const double w5 = w[(4 * OBSERVATION_BLOCK) + i];
         const double w6 = w[(5 * OBSERVATION_BLOCK) + i];
-        A[(1 * OBSERVATION_PITCH) + i] = w1;
-        A[(34 * OBSERVATION_PITCH) + i] = w2;
-        A[(62 * OBSERVATION_PITCH) + i] = w3;
-        A[(126 * OBSERVATION_PITCH) + i] = w1;
+        A[(1 * OBSERVATION_BLOCK) + i] = w1;
+        A[(34 * OBSERVATION_BLOCK) + i] = w2;
+        A[(62 * OBSERVATION_BLOCK) + i] = w3;
+        A[(126 * OBSERVATION_BLOCK) + i] = w1;
         const double c_1 = cosine(q1);
         const double s_1 = sine(q1);
         const double c_2 = cosine(q2);
@@ -345,7 +338,7 @@ static void observation_block(const double *NO_ALIAS q, const double *NO_ALIAS w
         const double t49 = t41 + (0.5723*t9);
         const double t50 = t42 - (0.5723*t4);
         const double t51 = (0.612*t0) - t45;
-        A[(64 * OBSERVATION_PITCH) + i] = t51*w1;
+        A[(64 * OBSERVATION_BLOCK) + i] = t51*w1;
         const double t52 = t46 + (0.612*t1);
         const double t53 = t47 + (0.612*s_2);
         const double t54 = s_1*t53;
@@ -355,273 +348,295 @@ static void observation_block(const double *NO_ALIAS q, const double *NO_ALIAS w
         const double t58 = t57*w1;
         const double t59 = (t52*w3) + (t57*w2);
         const double t60 = t59 - w4;
-        A[(36 * OBSERVATION_PITCH) + i] = t57*t60;
-        A[(67 * OBSERVATION_PITCH) + i] = t52*t60;
-        A[(98 * OBSERVATION_PITCH) + i] = -t60;
+        A[(36 * OBSERVATION_BLOCK) + i] = t57*t60;
+        A[(67 * OBSERVATION_BLOCK) + i] = t52*t60;
+        A[(98 * OBSERVATION_BLOCK) + i] = -t60;
         const double t61 = t58 + (t51*w3);
         const double t62 = t61 + w5;
-        A[(2 * OBSERVATION_PITCH) + i] = t58 + t62;
-        A[(6 * OBSERVATION_PITCH) + i] = t57*t62;
-        A[(68 * OBSERVATION_PITCH) + i] = t51*t62;
-        A[(130 * OBSERVATION_PITCH) + i] = t62;
+        A[(2 * OBSERVATION_BLOCK) + i] = t58 + t62;
+        A[(6 * OBSERVATION_BLOCK) + i] = t57*t62;
+        A[(68 * OBSERVATION_BLOCK) + i] = t51*t62;
+        A[(130 * OBSERVATION_BLOCK) + i] = t62;
         const double t63 = (t52*w1) - (t51*w2);
         const double t64 = t63 + w6;
-        A[(4 * OBSERVATION_PITCH) + i] = t52*t64;
-        A[(35 * OBSERVATION_PITCH) + i] = -t51*t64;
-        A[(159 * OBSERVATION_PITCH) + i] = t64;
+        A[(4 * OBSERVATION_BLOCK) + i] = t52*t64;
+        A[(35 * OBSERVATION_BLOCK) + i] = -t51*t64;
+        A[(159 * OBSERVATION_BLOCK) + i] = t64;
         const double t65 = (c_1*w1) + (s_1*w2);
         const double t66 = (c_1*w2) - (s_1*w1);
-        A[(70 * OBSERVATION_PITCH) + i] = t56*t66;
+        A[(70 * OBSERVATION_BLOCK) + i] = t56*t66;
         const double t67 = (s_1*t62) - (c_1*t60);
         const double t68 = t67 + (0.1273*t66);
-        A[(10 * OBSERVATION_PITCH) + i] = -t54*t68;
-        A[(41 * OBSERVATION_PITCH) + i] = t55*t68;
-        A[(72 * OBSERVATION_PITCH) + i] = -t56*t68;
+        A[(10 * OBSERVATION_BLOCK) + i] = -t54*t68;
+        A[(41 * OBSERVATION_BLOCK) + i] = t55*t68;
+        A[(72 * OBSERVATION_BLOCK) + i] = -t56*t68;
         const double t69 = (c_1*t62) + (s_1*t60);
         const double t70 = (0.1273*t65) - t69;
-        A[(102 * OBSERVATION_PITCH) + i] = s_1*t70;
-        A[(133 * OBSERVATION_PITCH) + i] = -c_1*t70;
+        A[(102 * OBSERVATION_BLOCK) + i] = s_1*t70;
+        A[(133 * OBSERVATION_BLOCK) + i] = -c_1*t70;
         const double t71 = (c_2*t65) + (s_2*w3);
-        A[(11 * OBSERVATION_PITCH) + i] = t0*t71;
-        A[(42 * OBSERVATION_PITCH) + i] = t1*t71;
-        A[(73 * OBSERVATION_PITCH) + i] = s_2*t71;
+        A[(11 * OBSERVATION_BLOCK) + i] = t0*t71;
+        A[(42 * OBSERVATION_BLOCK) + i] = t1*t71;
+        A[(73 * OBSERVATION_BLOCK) + i] = s_2*t71;
         const double t72 = (c_2*w3) - (s_2*t65);
         const double t73 = (c_2*t68) + (s_2*t64);
-        A[(105 * OBSERVATION_PITCH) + i] = t0*t73;
-        A[(136 * OBSERVATION_PITCH) + i] = t1*t73;
-        A[(167 * OBSERVATION_PITCH) + i] = s_2*t73;
+        A[(105 * OBSERVATION_BLOCK) + i] = t0*t73;
+        A[(136 * OBSERVATION_BLOCK) + i] = t1*t73;
+        A[(167 * OBSERVATION_BLOCK) + i] = s_2*t73;
         const double t74 = (c_2*t64) - (s_2*t68);
         const double t75 = t74 + (0.612*t66);
-        A[(106 * OBSERVATION_PITCH) + i] = -t2*t75;
-        A[(137 * OBSERVATION_PITCH) + i] = -t3*t75;
-        A[(168 * OBSERVATION_PITCH) + i] = c_2*t75;
+        A[(106 * OBSERVATION_BLOCK) + i] = -t2*t75;
+        A[(137 * OBSERVATION_BLOCK) + i] = -t3*t75;
+        A[(168 * OBSERVATION_BLOCK) + i] = c_2*t75;
         const double t76 = t70 + (0.612*t72);
-        A[(14 * OBSERVATION_PITCH) + i] = t48*t76;
-        A[(45 * OBSERVATION_PITCH) + i] = t49*t76;
-        A[(76 * OBSERVATION_PITCH) + i] = t50*t76;
-        A[(107 * OBSERVATION_PITCH) + i] = s_1*t76;
-        A[(138 * OBSERVATION_PITCH) + i] = -c_1*t76;
+        A[(14 * OBSERVATION_BLOCK) + i] = t48*t76;
+        A[(45 * OBSERVATION_BLOCK) + i] = t49*t76;
+        A[(76 * OBSERVATION_BLOCK) + i] = t50*t76;
+        A[(107 * OBSERVATION_BLOCK) + i] = s_1*t76;
+        A[(138 * OBSERVATION_BLOCK) + i] = -c_1*t76;
         const double t77 = (c_3*t71) + (s_3*t72);
-        A[(15 * OBSERVATION_PITCH) + i] = t6*t77;
-        A[(46 * OBSERVATION_PITCH) + i] = t7*t77;
-        A[(77 * OBSERVATION_PITCH) + i] = t5*t77;
+        A[(15 * OBSERVATION_BLOCK) + i] = t6*t77;
+        A[(46 * OBSERVATION_BLOCK) + i] = t7*t77;
+        A[(77 * OBSERVATION_BLOCK) + i] = t5*t77;
         const double t78 = (c_3*t72) - (s_3*t71);
         const double t79 = (c_3*t73) + (s_3*t75);
-        A[(109 * OBSERVATION_PITCH) + i] = t6*t79;
-        A[(140 * OBSERVATION_PITCH) + i] = t7*t79;
-        A[(171 * OBSERVATION_PITCH) + i] = t5*t79;
+        A[(109 * OBSERVATION_BLOCK) + i] = t6*t79;
+        A[(140 * OBSERVATION_BLOCK) + i] = t7*t79;
+        A[(171 * OBSERVATION_BLOCK) + i] = t5*t79;
         const double t80 = (c_3*t75) - (s_3*t73);
         const double t81 = t80 + (0.5723*t66);
-        A[(110 * OBSERVATION_PITCH) + i] = -t8*t81;
-        A[(141 * OBSERVATION_PITCH) + i] = -t81*t9;
-        A[(172 * OBSERVATION_PITCH) + i] = t4*t81;
+        A[(110 * OBSERVATION_BLOCK) + i] = -t8*t81;
+        A[(141 * OBSERVATION_BLOCK) + i] = -t81*t9;
+        A[(172 * OBSERVATION_BLOCK) + i] = t4*t81;
         const double t82 = t76 + (0.5723*t78);
-        A[(18 * OBSERVATION_PITCH) + i] = t40*t82;
-        A[(49 * OBSERVATION_PITCH) + i] = t41*t82;
-        A[(80 * OBSERVATION_PITCH) + i] = t42*t82;
-        A[(111 * OBSERVATION_PITCH) + i] = s_1*t82;
-        A[(142 * OBSERVATION_PITCH) + i] = -c_1*t82;
+        A[(18 * OBSERVATION_BLOCK) + i] = t40*t82;
+        A[(49 * OBSERVATION_BLOCK) + i] = t41*t82;
+        A[(80 * OBSERVATION_BLOCK) + i] = t42*t82;
+        A[(111 * OBSERVATION_BLOCK) + i] = s_1*t82;
+        A[(142 * OBSERVATION_BLOCK) + i] = -c_1*t82;
         const double t83 = (c_4*t77) + (s_4*t78);
         const double t84 = (s_4*t77) - (c_4*t78);
-        A[(19 * OBSERVATION_PITCH) + i] = t14*t84;
-        A[(50 * OBSERVATION_PITCH) + i] = t15*t84;
-        A[(81 * OBSERVATION_PITCH) + i] = -t10*t84;
-        A[(113 * OBSERVATION_PITCH) + i] = t12*t84;
-        A[(144 * OBSERVATION_PITCH) + i] = t13*t84;
-        A[(175 * OBSERVATION_PITCH) + i] = t11*t84;
+        A[(19 * OBSERVATION_BLOCK) + i] = t14*t84;
+        A[(50 * OBSERVATION_BLOCK) + i] = t15*t84;
+        A[(81 * OBSERVATION_BLOCK) + i] = -t10*t84;
+        A[(113 * OBSERVATION_BLOCK) + i] = t12*t84;
+        A[(144 * OBSERVATION_BLOCK) + i] = t13*t84;
+        A[(175 * OBSERVATION_BLOCK) + i] = t11*t84;
         const double t85 = (c_4*t79) + (s_4*t81);
         const double t86 = t85 - (0.163941*t84);
-        A[(20 * OBSERVATION_PITCH) + i] = (t14*t86) + (t37*t84);
-        A[(22 * OBSERVATION_PITCH) + i] = t37*t86;
-        A[(51 * OBSERVATION_PITCH) + i] = (t15*t86) + (t38*t84);
-        A[(53 * OBSERVATION_PITCH) + i] = t38*t86;
-        A[(82 * OBSERVATION_PITCH) + i] = (t39*t84) - (t10*t86);
-        A[(84 * OBSERVATION_PITCH) + i] = t39*t86;
-        A[(115 * OBSERVATION_PITCH) + i] = t12*t86;
-        A[(146 * OBSERVATION_PITCH) + i] = t13*t86;
-        A[(177 * OBSERVATION_PITCH) + i] = t11*t86;
+        A[(20 * OBSERVATION_BLOCK) + i] = (t14*t86) + (t37*t84);
+        A[(22 * OBSERVATION_BLOCK) + i] = t37*t86;
+        A[(51 * OBSERVATION_BLOCK) + i] = (t15*t86) + (t38*t84);
+        A[(53 * OBSERVATION_BLOCK) + i] = t38*t86;
+        A[(82 * OBSERVATION_BLOCK) + i] = (t39*t84) - (t10*t86);
+        A[(84 * OBSERVATION_BLOCK) + i] = t39*t86;
+        A[(115 * OBSERVATION_BLOCK) + i] = t12*t86;
+        A[(146 * OBSERVATION_BLOCK) + i] = t13*t86;
+        A[(177 * OBSERVATION_BLOCK) + i] = t11*t86;
         const double t87 = (c_4*t81) - (s_4*t79);
         const double t88 = t87 - (0.163941*t83);
-        A[(114 * OBSERVATION_PITCH) + i] = -t14*t88;
-        A[(145 * OBSERVATION_PITCH) + i] = -t15*t88;
-        A[(176 * OBSERVATION_PITCH) + i] = t10*t88;
+        A[(114 * OBSERVATION_BLOCK) + i] = -t14*t88;
+        A[(145 * OBSERVATION_BLOCK) + i] = -t15*t88;
+        A[(176 * OBSERVATION_BLOCK) + i] = t10*t88;
         const double t89 = (c_5*t83) - (s_5*t66);
         const double t90 = (c_5*t66) + (s_5*t83);
-        A[(23 * OBSERVATION_PITCH) + i] = -t19*t90;
-        A[(54 * OBSERVATION_PITCH) + i] = t20*t90;
-        A[(85 * OBSERVATION_PITCH) + i] = t21*t90;
-        A[(117 * OBSERVATION_PITCH) + i] = -t16*t90;
-        A[(148 * OBSERVATION_PITCH) + i] = -t17*t90;
-        A[(179 * OBSERVATION_PITCH) + i] = -t18*t90;
+        A[(23 * OBSERVATION_BLOCK) + i] = -t19*t90;
+        A[(54 * OBSERVATION_BLOCK) + i] = t20*t90;
+        A[(85 * OBSERVATION_BLOCK) + i] = t21*t90;
+        A[(117 * OBSERVATION_BLOCK) + i] = -t16*t90;
+        A[(148 * OBSERVATION_BLOCK) + i] = -t17*t90;
+        A[(179 * OBSERVATION_BLOCK) + i] = -t18*t90;
         const double t91 = (c_5*t86) + (s_5*t82);
         const double t92 = t91 - (0.1157*t90);
-        A[(24 * OBSERVATION_PITCH) + i] = (t19*t92) - (t31*t90);
-        A[(26 * OBSERVATION_PITCH) + i] = t31*t92;
-        A[(57 * OBSERVATION_PITCH) + i] = t32*t92;
-        A[(86 * OBSERVATION_PITCH) + i] = (t33*t90) - (t21*t92);
-        A[(88 * OBSERVATION_PITCH) + i] = -t33*t92;
-        A[(119 * OBSERVATION_PITCH) + i] = t16*t92;
-        A[(150 * OBSERVATION_PITCH) + i] = t17*t92;
-        A[(181 * OBSERVATION_PITCH) + i] = t18*t92;
+        A[(24 * OBSERVATION_BLOCK) + i] = (t19*t92) - (t31*t90);
+        A[(26 * OBSERVATION_BLOCK) + i] = t31*t92;
+        A[(57 * OBSERVATION_BLOCK) + i] = t32*t92;
+        A[(86 * OBSERVATION_BLOCK) + i] = (t33*t90) - (t21*t92);
+        A[(88 * OBSERVATION_BLOCK) + i] = -t33*t92;
+        A[(119 * OBSERVATION_BLOCK) + i] = t16*t92;
+        A[(150 * OBSERVATION_BLOCK) + i] = t17*t92;
+        A[(181 * OBSERVATION_BLOCK) + i] = t18*t92;
         const double t93 = (s_5*t86) - (c_5*t82);
         const double t94 = t93 + (0.1157*t89);
-        A[(118 * OBSERVATION_PITCH) + i] = -t19*t94;
-        A[(149 * OBSERVATION_PITCH) + i] = t20*t94;
-        A[(180 * OBSERVATION_PITCH) + i] = t21*t94;
+        A[(118 * OBSERVATION_BLOCK) + i] = -t19*t94;
+        A[(149 * OBSERVATION_BLOCK) + i] = t20*t94;
+        A[(180 * OBSERVATION_BLOCK) + i] = t21*t94;
         const double t95 = (c_6*t89) - (s_6*t84);
-        A[(27 * OBSERVATION_PITCH) + i] = t22*t95;
-        A[(58 * OBSERVATION_PITCH) + i] = t23*t95;
-        A[(89 * OBSERVATION_PITCH) + i] = t24*t95;
-        A[(121 * OBSERVATION_PITCH) + i] = t25*t95;
-        A[(152 * OBSERVATION_PITCH) + i] = t26*t95;
-        A[(183 * OBSERVATION_PITCH) + i] = t27*t95;
+        A[(27 * OBSERVATION_BLOCK) + i] = t22*t95;
+        A[(58 * OBSERVATION_BLOCK) + i] = t23*t95;
+        A[(89 * OBSERVATION_BLOCK) + i] = t24*t95;
+        A[(121 * OBSERVATION_BLOCK) + i] = t25*t95;
+        A[(152 * OBSERVATION_BLOCK) + i] = t26*t95;
+        A[(183 * OBSERVATION_BLOCK) + i] = t27*t95;
         const double t96 = (c_6*t84) + (s_6*t89);
         const double t97 = (c_6*t92) + (s_6*t88);
         const double t98 = t97 - (0.0922*t96);
-        A[(122 * OBSERVATION_PITCH) + i] = t22*t98;
-        A[(153 * OBSERVATION_PITCH) + i] = t23*t98;
-        A[(184 * OBSERVATION_PITCH) + i] = t24*t98;
+        A[(122 * OBSERVATION_BLOCK) + i] = t22*t98;
+        A[(153 * OBSERVATION_BLOCK) + i] = t23*t98;
+        A[(184 * OBSERVATION_BLOCK) + i] = t24*t98;
         const double t99 = (c_6*t88) - (s_6*t92);
         const double t100 = t99 - (0.0922*t95);
-        A[(28 * OBSERVATION_PITCH) + i] = t100*t22;
-        A[(59 * OBSERVATION_PITCH) + i] = t100*t23;
-        A[(90 * OBSERVATION_PITCH) + i] = t100*t24;
-        A[(123 * OBSERVATION_PITCH) + i] = t100*t25;
-        A[(154 * OBSERVATION_PITCH) + i] = t100*t26;
-        A[(185 * OBSERVATION_PITCH) + i] = t100*t27;
+        A[(28 * OBSERVATION_BLOCK) + i] = t100*t22;
+        A[(59 * OBSERVATION_BLOCK) + i] = t100*t23;
+        A[(90 * OBSERVATION_BLOCK) + i] = t100*t24;
+        A[(123 * OBSERVATION_BLOCK) + i] = t100*t25;
+        A[(154 * OBSERVATION_BLOCK) + i] = t100*t26;
+        A[(185 * OBSERVATION_BLOCK) + i] = t100*t27;
         const double t101 = -s_1*t66;
-        A[(7 * OBSERVATION_PITCH) + i] = t101;
-        A[(132 * OBSERVATION_PITCH) + i] = t101;
+        A[(7 * OBSERVATION_BLOCK) + i] = t101;
+        A[(132 * OBSERVATION_BLOCK) + i] = t101;
         const double t102 = s_1*t68;
-        A[(8 * OBSERVATION_PITCH) + i] = t102 + (t54*t66);
-        A[(134 * OBSERVATION_PITCH) + i] = t102;
+        A[(8 * OBSERVATION_BLOCK) + i] = t102 + (t54*t66);
+        A[(134 * OBSERVATION_BLOCK) + i] = t102;
         const double t103 = t48 + (0.612*t2);
-        A[(9 * OBSERVATION_PITCH) + i] = t103*t70;
+        A[(9 * OBSERVATION_BLOCK) + i] = t103*t70;
         const double t104 = (s_2*t46) - (t1*t47);
-        A[(12 * OBSERVATION_PITCH) + i] = t104*t73;
+        A[(12 * OBSERVATION_BLOCK) + i] = t104*t73;
         const double t105 = (c_2*t46) + (t3*t47);
-        A[(13 * OBSERVATION_PITCH) + i] = t105*t75;
+        A[(13 * OBSERVATION_BLOCK) + i] = t105*t75;
         const double t106 = (t44*t5) - (t36*t7);
-        A[(16 * OBSERVATION_PITCH) + i] = t106*t79;
+        A[(16 * OBSERVATION_BLOCK) + i] = t106*t79;
         const double t107 = (t36*t9) + (t4*t44);
-        A[(17 * OBSERVATION_PITCH) + i] = t107*t81;
+        A[(17 * OBSERVATION_BLOCK) + i] = t107*t81;
         const double t108 = (t10*t29) + (t15*t30);
-        A[(21 * OBSERVATION_PITCH) + i] = t108*t88;
+        A[(21 * OBSERVATION_BLOCK) + i] = t108*t88;
         const double t109 = c_1*t66;
-        A[(38 * OBSERVATION_PITCH) + i] = t109;
-        A[(101 * OBSERVATION_PITCH) + i] = -t109;
+        A[(38 * OBSERVATION_BLOCK) + i] = t109;
+        A[(101 * OBSERVATION_BLOCK) + i] = -t109;
         const double t110 = c_1*t68;
-        A[(103 * OBSERVATION_PITCH) + i] = t110;
+        A[(103 * OBSERVATION_BLOCK) + i] = t110;
         const double t111 = t110 + (t55*t66);
-        A[(39 * OBSERVATION_PITCH) + i] = -t111;
+        A[(39 * OBSERVATION_BLOCK) + i] = -t111;
         const double t112 = t49 + (0.612*t3);
-        A[(40 * OBSERVATION_PITCH) + i] = t112*t70;
+        A[(40 * OBSERVATION_BLOCK) + i] = t112*t70;
         const double t113 = (s_2*t45) + (t0*t47);
-        A[(43 * OBSERVATION_PITCH) + i] = t113*t73;
+        A[(43 * OBSERVATION_BLOCK) + i] = t113*t73;
         const double t114 = (c_2*t45) - (t2*t47);
-        A[(44 * OBSERVATION_PITCH) + i] = t114*t75;
+        A[(44 * OBSERVATION_BLOCK) + i] = t114*t75;
         const double t115 = (t36*t6) + (t43*t5);
-        A[(47 * OBSERVATION_PITCH) + i] = t115*t79;
+        A[(47 * OBSERVATION_BLOCK) + i] = t115*t79;
         const double t116 = (t4*t43) - (t36*t8);
-        A[(48 * OBSERVATION_PITCH) + i] = t116*t81;
+        A[(48 * OBSERVATION_BLOCK) + i] = t116*t81;
         const double t117 = (t10*t28) - (t14*t30);
-        A[(52 * OBSERVATION_PITCH) + i] = t117*t88;
+        A[(52 * OBSERVATION_BLOCK) + i] = t117*t88;
         const double t118 = (t20*t92) + (t32*t90);
-        A[(55 * OBSERVATION_PITCH) + i] = -t118;
+        A[(55 * OBSERVATION_BLOCK) + i] = -t118;
         const double t119 = t50 - (0.612*c_2);
-        A[(71 * OBSERVATION_PITCH) + i] = t119*t70;
+        A[(71 * OBSERVATION_BLOCK) + i] = t119*t70;
         const double t120 = (t0*t46) + (t1*t45);
-        A[(74 * OBSERVATION_PITCH) + i] = -t120*t73;
+        A[(74 * OBSERVATION_BLOCK) + i] = -t120*t73;
         const double t121 = (t2*t46) + (t3*t45);
-        A[(75 * OBSERVATION_PITCH) + i] = t121*t75;
+        A[(75 * OBSERVATION_BLOCK) + i] = t121*t75;
         const double t122 = (t43*t7) + (t44*t6);
-        A[(78 * OBSERVATION_PITCH) + i] = -t122*t79;
+        A[(78 * OBSERVATION_BLOCK) + i] = -t122*t79;
         const double t123 = (t43*t9) + (t44*t8);
-        A[(79 * OBSERVATION_PITCH) + i] = t123*t81;
+        A[(79 * OBSERVATION_BLOCK) + i] = t123*t81;
         const double t124 = (t14*t29) + (t15*t28);
-        A[(83 * OBSERVATION_PITCH) + i] = t124*t88;
+        A[(83 * OBSERVATION_BLOCK) + i] = t124*t88;
     }
 }
 
-/* Poses of one component into a block; the last pose fills what is left of it. */
-static void gather(double *to, size_t block, const double *from, size_t stride, size_t count)
-{
-    size_t i;
-    if ((stride == 1U) && (count == block)) {
-        for (i = 0; i < block; ++i) {
-            to[i] = from[i];
-        }
-    } else {
-        for (i = 0; i < block; ++i) {
-            to[i] = from[((i < count) ? i : (count - 1U)) * stride];
-        }
-    }
-}
-
-/* One pose out of a block: components that follow each other in memory, or not. */
-static void scatter_pose(double *NO_ALIAS to, size_t stride, const double *NO_ALIAS from, size_t components, size_t block)
+/* Poses of some components into a block; the last pose fills what is left of it. */
+static inline void gather(double *to, size_t components, size_t block, const double *from, const size_t stride[2], size_t count)
 {
     size_t c;
-    if (stride == 1U) {
+    size_t i;
+    if ((stride[1] == 1U) && (count == block)) {
         for (c = 0; c < components; ++c) {
-            to[c] = from[c * block];
+            for (i = 0; i < block; ++i) {
+                to[(c * block) + i] = from[(c * stride[0]) + i];
+            }
         }
     } else {
         for (c = 0; c < components; ++c) {
-            to[c * stride] = from[c * block];
+            for (i = 0; i < block; ++i) {
+                to[(c * block) + i] = from[(c * stride[0]) + (((i < count) ? i : (count - 1U)) * stride[1])];
+            }
         }
     }
 }
 
-static void scatter_component(double *NO_ALIAS to, size_t stride, const double *NO_ALIAS from, size_t count)
+/* One pose out of a block. */
+static inline void scatter_pose(double *NO_ALIAS to, size_t stride, const double *NO_ALIAS from, size_t components, size_t block)
+{
+    size_t c;
+    for (c = 0; c < components; ++c) {
+        to[c * stride] = from[c * block];
+    }
+}
+
+/* One component of a whole block. */
+static inline void scatter_component(double *NO_ALIAS to, const double *NO_ALIAS from, size_t block)
 {
     size_t i;
-    if (stride == 1U) {
-        for (i = 0; i < count; ++i) {
-            to[i] = from[i];
-        }
-    } else {
-        for (i = 0; i < count; ++i) {
-            to[i * stride] = from[i];
-        }
+    for (i = 0; i < block; ++i) {
+        to[i] = from[i];
     }
 }
 
 /* A block's poses to where they belong, in the order of the memory. */
-static void scatter(double *to, const size_t stride[2], const double *from, size_t components, size_t block, size_t count)
+static inline void scatter(double *to, const size_t stride[2], const double *from, size_t components, size_t block, size_t count)
 {
-    size_t k;
+    size_t c;
+    size_t i;
     if (stride[0] < stride[1]) {
-        for (k = 0; k < count; ++k) {
-            scatter_pose(&to[k * stride[1]], stride[0], &from[k], components, block);
+        for (i = 0; i < count; ++i) {
+            scatter_pose(&to[i * stride[1]], stride[0], &from[i], components, block);
+        }
+    } else if ((stride[1] == 1U) && (count == block)) {
+        for (c = 0; c < components; ++c) {
+            scatter_component(&to[c * stride[0]], &from[c * block], block);
         }
     } else {
-        for (k = 0; k < components; ++k) {
-            scatter_component(&to[k * stride[0]], stride[1], &from[k * block], count);
+        for (c = 0; c < components; ++c) {
+            for (i = 0; i < count; ++i) {
+                to[(c * stride[0]) + (i * stride[1])] = from[(c * block) + i];
+            }
         }
     }
 }
 
-/* Adds to ``bad`` what is not zero (NaN included) where a value is not finite. */
-static void mark_nonfinite(double *bad, const double *x, size_t block)
+/* Asks for places of the memory that will be written next, while the block is computed. */
+static inline void expect(const double *at, size_t step, size_t places)
 {
+#if defined(__GNUC__)
+    size_t k;
+    for (k = 0; k < places; ++k) {
+        __builtin_prefetch(&at[k * step], 1);
+    }
+#else
+    (void)at;
+    (void)step;
+    (void)places;
+#endif
+}
+
+/* Adds to ``bad`` what is not zero (NaN included) where a value is not finite. */
+static inline void mark_nonfinite(double *bad, const double *x, size_t components, size_t block)
+{
+    size_t c;
     size_t i;
-    for (i = 0; i < block; ++i) {
-        bad[i] += x[i] - x[i];
+    for (c = 0; c < components; ++c) {
+        for (i = 0; i < block; ++i) {
+            bad[i] += x[(c * block) + i] - x[(c * block) + i];
+        }
     }
 }
 
 /* The same where a value is greater than a limit, given as a half of its inverse. */
-static void mark_beyond(double *bad, const double *x, size_t block, double half_inverse)
+static inline void mark_beyond(double *bad, const double *x, size_t components, size_t block, double half_inverse)
 {
+    size_t c;
     size_t i;
-    for (i = 0; i < block; ++i) {
-        const double beyond = whole(x[i] * half_inverse);
-        bad[i] += beyond * beyond;
+    for (c = 0; c < components; ++c) {
+        for (i = 0; i < block; ++i) {
+            const double beyond = whole(x[(c * block) + i] * half_inverse);
+            bad[i] += beyond * beyond;
+        }
     }
 }
 
-static int marked(double bad)
+static inline int marked(double bad)
 {
     return ((bad >= 0.0) && (bad <= 0.0)) ? 0 : 1;
 }
@@ -652,6 +667,13 @@ static void clear(double *to, size_t components, const size_t stride[2], size_t 
     }
 }
 
+static void add_status(int *status, int result)
+{
+    if (result != UR10_OK) {
+        *status = result;
+    }
+}
+
 /* One pose of a block by the scalar function, which names its error. */
 static int deflection_single(const ur10_params_t *p, const double *q, const double *w, double *dt, size_t i)
 {
@@ -659,16 +681,37 @@ static int deflection_single(const ur10_params_t *p, const double *q, const doub
     double one_w[6];
     double one[6];
     int status;
-    int c;
-    for (c = 0; c < N_JOINTS; ++c) {
-        one_q[c] = q[(c * DEFLECTION_BLOCK) + (int)i];
+    size_t c;
+    for (c = 0; c < (size_t)N_JOINTS; ++c) {
+        one_q[c] = q[(c * DEFLECTION_BLOCK) + i];
     }
-    for (c = 0; c < 6; ++c) {
-        one_w[c] = w[(c * DEFLECTION_BLOCK) + (int)i];
+    for (c = 0; c < 6U; ++c) {
+        one_w[c] = w[(c * DEFLECTION_BLOCK) + i];
     }
     status = ur10_deflection(p, one_q, one_w, one);
-    for (c = 0; c < 6; ++c) {
-        dt[(c * DEFLECTION_PITCH) + (int)i] = one[c];
+    for (c = 0; c < 6U; ++c) {
+        dt[(c * DEFLECTION_BLOCK) + i] = one[c];
+    }
+    return status;
+}
+
+/* A block of poses from gathered inputs; the first ``count`` of them count. */
+static int deflection_poses(const ur10_params_t *p, const double *q, const double *w, double *dt, size_t count)
+{
+    double bad[DEFLECTION_BLOCK];
+    int status = UR10_OK;
+    size_t i;
+    deflection_block(p, q, w, dt);
+    for (i = 0; i < DEFLECTION_BLOCK; ++i) {
+        bad[i] = 0.0;
+    }
+    mark_beyond(bad, q, N_JOINTS, DEFLECTION_BLOCK, 0.0005);
+    mark_beyond(bad, w, 6, DEFLECTION_BLOCK, 5.0000000000000004e-76);
+    mark_nonfinite(bad, dt, 6, DEFLECTION_BLOCK);
+    for (i = 0; i < count; ++i) {
+        if (marked(bad[i]) != 0) {
+            add_status(&status, deflection_single(p, q, w, dt, i));
+        }
     }
     return status;
 }
@@ -677,12 +720,9 @@ int ur10_deflection_strided(const ur10_params_t *p, size_t n, const double *q, c
 {
     double block_q[N_JOINTS * DEFLECTION_BLOCK];
     double block_w[6 * DEFLECTION_BLOCK];
-    double block[6 * DEFLECTION_PITCH];
-    double bad[DEFLECTION_BLOCK];
+    double block[6 * DEFLECTION_BLOCK];
     int status = UR10_OK;
     size_t begin;
-    size_t i;
-    size_t c;
     if ((dt == NULL) || (dt_stride == NULL)) {
         return UR10_E_NULL;
     }
@@ -697,32 +737,10 @@ int ur10_deflection_strided(const ur10_params_t *p, size_t n, const double *q, c
     for (begin = 0; begin < n; begin += DEFLECTION_BLOCK) {
         const size_t left = n - begin;
         const size_t count = (left < (size_t)DEFLECTION_BLOCK) ? left : (size_t)DEFLECTION_BLOCK;
-        for (c = 0; c < N_JOINTS; ++c) {
-            gather(&block_q[c * DEFLECTION_BLOCK], DEFLECTION_BLOCK, &q[(c * q_stride[0]) + (begin * q_stride[1])], q_stride[1], count);
-        }
-        for (c = 0; c < 6; ++c) {
-            gather(&block_w[c * DEFLECTION_BLOCK], DEFLECTION_BLOCK, &w[(c * w_stride[0]) + (begin * w_stride[1])], w_stride[1], count);
-        }
-        deflection_block(p, block_q, block_w, block);
-        for (i = 0; i < DEFLECTION_BLOCK; ++i) {
-            bad[i] = 0.0;
-        }
-        for (c = 0; c < N_JOINTS; ++c) {
-            mark_beyond(bad, &block_q[c * DEFLECTION_BLOCK], DEFLECTION_BLOCK, 0.0005);
-        }
-        for (c = 0; c < 6; ++c) {
-            mark_beyond(bad, &block_w[c * DEFLECTION_BLOCK], DEFLECTION_BLOCK, 5.0000000000000004e-76);
-        }
-        for (c = 0; c < 6; ++c) {
-            mark_nonfinite(bad, &block[c * DEFLECTION_PITCH], DEFLECTION_BLOCK);
-        }
-        for (i = 0; i < count; ++i) {
-            if (marked(bad[i]) != 0) {
-                const int result = deflection_single(p, block_q, block_w, block, i);
-                status = (result != UR10_OK) ? result : status;
-            }
-        }
-        scatter(&dt[begin * dt_stride[1]], dt_stride, block, 6, DEFLECTION_PITCH, count);
+        gather(block_q, N_JOINTS, DEFLECTION_BLOCK, &q[begin * q_stride[1]], q_stride, count);
+        gather(block_w, 6, DEFLECTION_BLOCK, &w[begin * w_stride[1]], w_stride, count);
+        add_status(&status, deflection_poses(p, block_q, block_w, block, count));
+        scatter(&dt[begin * dt_stride[1]], dt_stride, block, 6, DEFLECTION_BLOCK, count);
     }
     return status;
 }
@@ -742,16 +760,36 @@ static int observation_single(const double *q, const double *w, double *A, size_
     double one_w[6];
     double one[186];
     int status;
-    int c;
-    for (c = 0; c < N_JOINTS; ++c) {
-        one_q[c] = q[(c * OBSERVATION_BLOCK) + (int)i];
+    size_t c;
+    for (c = 0; c < (size_t)N_JOINTS; ++c) {
+        one_q[c] = q[(c * OBSERVATION_BLOCK) + i];
     }
-    for (c = 0; c < 6; ++c) {
-        one_w[c] = w[(c * OBSERVATION_BLOCK) + (int)i];
+    for (c = 0; c < 6U; ++c) {
+        one_w[c] = w[(c * OBSERVATION_BLOCK) + i];
     }
     status = ur10_observation(one_q, one_w, one);
-    for (c = 0; c < 186; ++c) {
-        A[(c * OBSERVATION_PITCH) + (int)i] = one[c];
+    for (c = 0; c < 186U; ++c) {
+        A[(c * OBSERVATION_BLOCK) + i] = one[c];
+    }
+    return status;
+}
+
+/* A block of poses from gathered inputs; the first ``count`` of them count. */
+static int observation_poses(const double *q, const double *w, double *A, size_t count)
+{
+    double bad[OBSERVATION_BLOCK];
+    int status = UR10_OK;
+    size_t i;
+    observation_block(q, w, A);
+    for (i = 0; i < OBSERVATION_BLOCK; ++i) {
+        bad[i] = 0.0;
+    }
+    mark_beyond(bad, q, N_JOINTS, OBSERVATION_BLOCK, 0.0005);
+    mark_beyond(bad, w, 6, OBSERVATION_BLOCK, 5.0000000000000004e-76);
+    for (i = 0; i < count; ++i) {
+        if (marked(bad[i]) != 0) {
+            add_status(&status, observation_single(q, w, A, i));
+        }
     }
     return status;
 }
@@ -760,12 +798,10 @@ int ur10_observation_strided(size_t n, const double *q, const size_t q_stride[2]
 {
     double block_q[N_JOINTS * OBSERVATION_BLOCK];
     double block_w[6 * OBSERVATION_BLOCK];
-    double block[186 * OBSERVATION_PITCH];
-    double bad[OBSERVATION_BLOCK];
+    double block[186 * OBSERVATION_BLOCK];
     int status = UR10_OK;
     size_t begin;
     size_t i;
-    size_t c;
     if ((A == NULL) || (A_stride == NULL)) {
         return UR10_E_NULL;
     }
@@ -773,38 +809,21 @@ int ur10_observation_strided(size_t n, const double *q, const size_t q_stride[2]
         clear(A, 186, A_stride, n);
         return UR10_E_NULL;
     }
-    for (i = 0; i < ((size_t)186 * OBSERVATION_PITCH); ++i) {
+    for (i = 0; i < ((size_t)186 * OBSERVATION_BLOCK); ++i) {
         block[i] = 0.0;
     }
     for (begin = 0; begin < n; begin += OBSERVATION_BLOCK) {
         const size_t left = n - begin;
         const size_t count = (left < (size_t)OBSERVATION_BLOCK) ? left : (size_t)OBSERVATION_BLOCK;
-        for (c = 0; c < N_JOINTS; ++c) {
-            gather(&block_q[c * OBSERVATION_BLOCK], OBSERVATION_BLOCK, &q[(c * q_stride[0]) + (begin * q_stride[1])], q_stride[1], count);
+        if ((n > ((size_t)SCATTERED_BYTES / (186U * sizeof(double)))) && (count == (size_t)OBSERVATION_BLOCK)) {
+            /* one line a component, or a row of lines a block */
+            const size_t step = (A_stride[0] == 1U) ? (size_t)OBSERVATION_BLOCK : A_stride[0];
+            expect(&A[begin * A_stride[1]], step, 186);
         }
-        for (c = 0; c < 6; ++c) {
-            gather(&block_w[c * OBSERVATION_BLOCK], OBSERVATION_BLOCK, &w[(c * w_stride[0]) + (begin * w_stride[1])], w_stride[1], count);
-        }
-        observation_block(block_q, block_w, block);
-        for (i = 0; i < OBSERVATION_BLOCK; ++i) {
-            bad[i] = 0.0;
-        }
-        for (c = 0; c < N_JOINTS; ++c) {
-            mark_beyond(bad, &block_q[c * OBSERVATION_BLOCK], OBSERVATION_BLOCK, 0.0005);
-        }
-        for (c = 0; c < 6; ++c) {
-            mark_beyond(bad, &block_w[c * OBSERVATION_BLOCK], OBSERVATION_BLOCK, 5.0000000000000004e-76);
-        }
-        for (c = 0; c < 186; ++c) {
-            mark_nonfinite(bad, &block[c * OBSERVATION_PITCH], OBSERVATION_BLOCK);
-        }
-        for (i = 0; i < count; ++i) {
-            if (marked(bad[i]) != 0) {
-                const int result = observation_single(block_q, block_w, block, i);
-                status = (result != UR10_OK) ? result : status;
-            }
-        }
-        scatter(&A[begin * A_stride[1]], A_stride, block, 186, OBSERVATION_PITCH, count);
+        gather(block_q, N_JOINTS, OBSERVATION_BLOCK, &q[begin * q_stride[1]], q_stride, count);
+        gather(block_w, 6, OBSERVATION_BLOCK, &w[begin * w_stride[1]], w_stride, count);
+        add_status(&status, observation_poses(block_q, block_w, block, count));
+        scatter(&A[begin * A_stride[1]], A_stride, block, 186, OBSERVATION_BLOCK, count);
     }
     return status;
 }
@@ -815,5 +834,28 @@ int ur10_observation_batch(size_t n, const double *q, const double *w, double *A
     stride[0] = n;
     stride[1] = 1;
     return ur10_observation_strided(n, q, stride, w, stride, A, stride);
+}
+
+int ur10_observation_tiles(size_t n, const double *q, const size_t q_stride[2], const double *w, const size_t w_stride[2], double *A)
+{
+    double block_q[N_JOINTS * OBSERVATION_BLOCK];
+    double block_w[6 * OBSERVATION_BLOCK];
+    int status = UR10_OK;
+    size_t begin;
+    if ((q == NULL) || (w == NULL) || (q_stride == NULL) || (w_stride == NULL) || (A == NULL)) {
+        return UR10_E_NULL;
+    }
+    for (begin = 0; begin < n; begin += OBSERVATION_BLOCK) {
+        const size_t left = n - begin;
+        const size_t count = (left < (size_t)OBSERVATION_BLOCK) ? left : (size_t)OBSERVATION_BLOCK;
+        double *tile = &A[begin * 186U];
+        if (n > ((size_t)SCATTERED_BYTES / (186U * sizeof(double)))) {
+            expect(tile, OBSERVATION_BLOCK, 186);
+        }
+        gather(block_q, N_JOINTS, OBSERVATION_BLOCK, &q[begin * q_stride[1]], q_stride, count);
+        gather(block_w, 6, OBSERVATION_BLOCK, &w[begin * w_stride[1]], w_stride, count);
+        add_status(&status, observation_poses(block_q, block_w, tile, count));
+    }
+    return status;
 }
 /* NOLINTEND(bugprone-easily-swappable-parameters) */

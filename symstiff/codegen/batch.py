@@ -12,19 +12,19 @@ import sympy as sp
 from symstiff.codegen.names import SUMMARIES
 from symstiff.codegen.sincos import DOUBLE, FLOAT, Sincos
 from symstiff.codegen.text import CAlgebra, Text, c_body, context_names
-from symstiff.symbolic.program import Constant, Program, evaluate
+from symstiff.symbolic.program import Constant, Program, Statement, evaluate
 
 if TYPE_CHECKING:
     from symstiff.codegen.functions import Functions
     from symstiff.codegen.options import Options
 
-_BUFFER = 4096  # numbers in the largest block of outputs: what a first-level cache holds beside the padding
-_PADDING = 8  # between the rows of a block, so that they do not compete for the same places of the cache
-_BLOCKS = (8, 64)
+_LINE = 64  # bytes of a cache line: a component's part of a tile
+_FEW = 12  # outputs of which a block may take two lines each
 _LOADS = {
     "double": 1e75,
     "float": 1e9,
 }  # largest wrench of the vectorised code [N, N·m]: no product overflows
+_LARGEST = {"double": 1e307, "float": 1e38}
 
 
 @dataclass(frozen=True)
@@ -80,12 +80,28 @@ def constants(single: bool) -> Sincos:
 
 def small_arguments(program: Program, single: bool) -> list[bool]:
     """Whether each sine's or cosine's argument stays in the polynomials' domain while joint variables are in reach."""
-    numbers = constants(single)
-    sizes = {"q": numbers.reach}
+    domain = constants(single).domain
+    return [size <= domain for size in _sizes(program, single)[0]]
+
+
+def always_finite(program: Program, single: bool) -> bool:
+    """Whether no joint variable in reach and no load within its bound leads to a number that is not finite."""
+    return max(_sizes(program, single)[1], default=0.0) < _LARGEST["float" if single else "double"]
+
+
+def _sizes(program: Program, single: bool) -> tuple[list[float], list[float]]:
+    """Bounds of the arguments of sine and cosine, and of everything that is computed on the way to the outputs."""
+    known = {"q": constants(single).reach, "w": _LOADS["float" if single else "double"]}
     found: list[float] = []
-    inputs = {v.name: [sizes.get(v.name, math.inf)] * len(v.symbols) for v in program.inputs}
-    evaluate(program, inputs, SizeAlgebra(found))
-    return [size <= numbers.domain for size in found]
+    seen: list[float] = []
+
+    def note(_: Statement, value: float) -> float:
+        seen.append(value)
+        return value
+
+    inputs = {v.name: [known.get(v.name, math.inf)] * len(v.symbols) for v in program.inputs}
+    evaluate(program, inputs, SizeAlgebra(found), note)
+    return found, seen
 
 
 def vector_context(single: bool) -> dict[str, Any]:
@@ -94,7 +110,7 @@ def vector_context(single: bool) -> dict[str, Any]:
     suffix = "f" if single else ""
     load = _LOADS["float" if single else "double"]
     exact = {
-        "half": 0.5, "one": 1.0, "two": 2.0, "quarter": 0.25, "zero": 0.0, "two_over_pi": 2.0 / math.pi,
+        "half": 0.5, "one": 1.0, "two": 2.0, "zero": 0.0, "two_over_pi": 2.0 / math.pi,
         "shift": numbers.shift, "reach": numbers.reach, "domain": numbers.domain, "load": load,
         "half_over_reach": 0.5 / numbers.reach, "half_over_load": 0.5 / load,
     }  # fmt: skip
@@ -118,10 +134,14 @@ def _horner(coefficients: Sequence[float], literal: Callable[[float], str]) -> s
     return code
 
 
-def block_size(outputs: int) -> int:
-    """Poses a block: a power of two whose outputs stay in the cache."""
-    fitting = 1 << int(math.log2(max(_BUFFER // outputs, 1)))
-    return min(max(fitting, _BLOCKS[0]), _BLOCKS[1])
+def line(single: bool) -> int:
+    """Numbers in a cache line: poses of a tile."""
+    return _LINE // (4 if single else 8)
+
+
+def block_size(outputs: int, single: bool) -> int:
+    """Poses a block: a cache line of each output, two where these are few."""
+    return line(single) * (2 if outputs <= _FEW else 1)
 
 
 def batch_function(
@@ -140,8 +160,7 @@ def batch_function(
     arrays = [f"const {real} *NO_ALIAS {n}" for n in names if n not in fixed]
     inner = [parameter] * ("p" in names) + arrays + [f"{real} *NO_ALIAS {output}"]
     algebra = VectorAlgebra(single, iter(small_arguments(program, single)))
-    pitch = f"{program.name.upper()}_PITCH"
-    store = f"{{vector}}[({{index}} * {pitch}) + i]"
+    store = f"{{vector}}[({{index}} * {size}) + i]"
     sources = dict(inputs) | {n: _component(n, size) for n in names if n not in inputs}
     body = c_body(program, sources, single=single, indent=" " * 8, algebra=algebra, store=store)
     zero = f"] = {algebra.literal(0.0)};"
@@ -154,16 +173,14 @@ def batch_function(
         "name": program.name,
         "summary": summary,
         "size": size,
-        "block": block_size(program.size(output)),
-        "pitch": pitch,
-        "padding": _PADDING,
+        "block": block_size(program.size(output), single),
+        "many": program.size(output) > _FEW,
+        "finite": always_finite(program, single),
         "parameters": "p" in names,
         "arguments": ", ".join(inner),
         "block_arguments": ", ".join(inner).replace("NO_ALIAS ", ""),
         "public_parameter": f"{parameter}, " if "p" in names else "",
-        "call": ", ".join(
-            ["p"] * ("p" in names) + [f"block_{n}" for n in names if n not in fixed] + ["block"]
-        ),
+        "given": ", ".join(["p"] * ("p" in names) + [f"block_{n}" for n in names if n not in fixed]),
         "prologue": "".join(f"    (void){n};\n" for n in unused),
         "body": body,
         "zeros": len(body) < sum(len(line) + 1 for line in lines) - 1,
@@ -180,7 +197,7 @@ def _component(name: str, size: str) -> Callable[[int], str]:
 
 def stack_bytes(functions: Sequence[Mapping[str, Any]], joints: int, single: bool) -> int:
     """Stack of the largest function's blocks."""
-    numbers: int = max((joints + 7) * f["block"] + f["outputs"] * (f["block"] + _PADDING) for f in functions)
+    numbers: int = max((joints + 7 + f["outputs"]) * f["block"] for f in functions)
     return numbers * (4 if single else 8)
 
 
@@ -199,5 +216,6 @@ def batch_context(functions: Functions, options: Options) -> dict[str, Any]:
     return {
         "batches": batches,
         "v": vector_context(single),
+        "tile": batches[1]["block"],
         "stack": stack_bytes(batches, model.robot.dof, single),
     }

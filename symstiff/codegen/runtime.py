@@ -8,6 +8,7 @@ the interpreter's lock. Without a compiler, the same methods run in NumPy and a 
 from __future__ import annotations
 
 import ctypes
+import math
 import warnings
 from collections.abc import Callable, Mapping
 from concurrent.futures import ThreadPoolExecutor
@@ -57,9 +58,13 @@ class Evaluator:
         w: np.ndarray,
         values: Mapping[str, float] | None = None,
         context: Context | None = None,
+        out: np.ndarray | None = None,
     ) -> np.ndarray:
-        """Deflections (N, 6) [m, rad] for q (N, n) and W (N, 6) or (6,), as ``StiffnessModel.deflection``."""
-        return self._deflection(q, w, self.model.vector(values), context)
+        """Deflections (N, 6) [m, rad] for q (N, n) and W (N, 6) or (6,), as ``StiffnessModel.deflection``.
+
+        out: a contiguous array (N, 6) of doubles to write to; a new one costs as much as its numbers.
+        """
+        return self._deflection(q, w, self.model.vector(values), context, out)
 
     def observation(
         self,
@@ -67,14 +72,18 @@ class Evaluator:
         w: np.ndarray,
         context: Context | None = None,
         values: Mapping[str, float] | None = None,
+        out: np.ndarray | None = None,
     ) -> np.ndarray:
-        """∂Δt/∂π (N, 6, P), as ``StiffnessModel.observation``."""
+        """∂Δt/∂π (N, 6, P), as ``StiffnessModel.observation``.
+
+        out: a contiguous array (N, 6, P) of doubles to write to; a new one costs as much as its numbers.
+        """
         model = self.model
+        if model.is_linear:
+            return self._call("observation", q, w, np.zeros(0), context, out)
         linear = self._call("observation", q, w, np.zeros(0), context)
         places = self._linear_places
-        if len(places) == len(model.parameters) and np.array_equal(places, np.arange(len(places))):
-            return linear
-        matrix = np.empty((len(linear), 6, len(model.parameters)))
+        matrix = np.empty((len(linear), 6, len(model.parameters))) if out is None else out
         matrix[:, :, places] = linear
         p = model.vector(values)
         for k in sorted(set(range(len(p))) - set(places.tolist())):
@@ -90,23 +99,39 @@ class Evaluator:
         names = self.model.parameters
         return np.array([names.index(n) for n in self.model._linear], dtype=int)
 
-    def _deflection(self, q: np.ndarray, w: np.ndarray, p: np.ndarray, context: Context | None) -> np.ndarray:
-        return self._call("deflection", q, w, p, context)
+    def _deflection(
+        self,
+        q: np.ndarray,
+        w: np.ndarray,
+        p: np.ndarray,
+        context: Context | None,
+        out: np.ndarray | None = None,
+    ) -> np.ndarray:
+        return self._call("deflection", q, w, p, context, out)
 
     def _call(
-        self, function: str, q: np.ndarray, w: np.ndarray, p: np.ndarray, context: Context | None
+        self,
+        function: str,
+        q: np.ndarray,
+        w: np.ndarray,
+        p: np.ndarray,
+        context: Context | None,
+        out: np.ndarray | None = None,
     ) -> np.ndarray:
-        return self.evaluate(function, _arrays(programs(self.model)[function], q, w, context), p)
+        return self.evaluate(function, _arrays(programs(self.model)[function], q, w, context), p, out)
 
-    def evaluate(self, function: str, inputs: Mapping[str, np.ndarray], p: np.ndarray) -> np.ndarray:
+    def evaluate(
+        self, function: str, inputs: Mapping[str, np.ndarray], p: np.ndarray, into: np.ndarray | None = None
+    ) -> np.ndarray:
         """Evaluate a program on (N or 1, size) arrays by input name; poses that the loops refuse go through NumPy."""
         program = programs(self.model)[function]
         n = _poses(inputs)
         name, shape = program.outputs[0]
+        out = _result(into, (n, *shape))
         if self.library is None or not program.size(name):
-            return _numpy(program, inputs, p, n)
+            out.reshape(n, *shape)[:] = _numpy(program, inputs, p, n)
+            return out.reshape(n, *shape)
         arrays = {k: np.broadcast_to(a, (n, a.shape[1])) for k, a in inputs.items()}
-        out = np.empty((n, program.size(name)))
         refused = np.zeros(n, dtype=np.uint8)
         call = getattr(self.library, function)
         call.restype = ctypes.c_size_t
@@ -204,6 +229,17 @@ def _arrays(program: Program, q: np.ndarray, w: np.ndarray, context: Context | N
 def _poses(arrays: Mapping[str, np.ndarray]) -> int:
     lengths = {len(a) for a in arrays.values()}
     return min(lengths) if 0 in lengths else max(lengths)
+
+
+def _result(into: np.ndarray | None, shape: tuple[int, ...]) -> np.ndarray:
+    """Where results (N, size) are written: ``into`` or a new array."""
+    flat = (shape[0], math.prod(shape[1:]))
+    if into is None:
+        return np.empty(flat)
+    usable = into.dtype == np.float64 and into.flags.c_contiguous and into.flags.writeable
+    if not usable or into.shape != shape:
+        raise UserError(f"out: expected a contiguous array of doubles of shape {shape}")
+    return into.reshape(flat)
 
 
 def _numpy(program: Program, arrays: Mapping[str, np.ndarray], p: np.ndarray, n: int) -> np.ndarray:
