@@ -229,7 +229,7 @@ def _on_offer(model: StiffnessModel, experiment: Experiment, choice: Choice) -> 
     from symstiff.calibration.planning.region import Region
 
     space = Space(geometry(model.robot), Load(), choice.region or Region())
-    q = draw(space, choice.offered, choice.seed).q
+    q = _round(model, draw(space, choice.offered, choice.seed).q)
     cases = [
         (w, b, p)
         for w in experiment.loads
@@ -250,6 +250,14 @@ def _on_offer(model: StiffnessModel, experiment: Experiment, choice: Choice) -> 
         branch=np.tile([b for _, b, _ in cases], len(q)),
         joint_units=experiment.joint_units or None,
     )
+
+
+def _round(model: StiffnessModel, q: Array) -> Array:
+    """Joint variables that a person can type: tenths of degrees and of millimetres, within the limits."""
+    step = np.array([1e-4 if j.prismatic else np.radians(0.1) for j in model.robot.joint])
+    low, high = np.array([j.range for j in model.robot.joint], dtype=float).T
+    rounded = np.round(q / step) * step
+    return np.asarray(np.where((rounded >= low) & (rounded <= high), rounded, q))
 
 
 def several_levels(load: Array) -> Array:

@@ -10,7 +10,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from symstiff.discrepancy.localise import Localisation, best_law, localise
+from symstiff.discrepancy.localise import FittedLaw, Localisation, best_law, localise
 from symstiff.discrepancy.noise import Noise
 from symstiff.discrepancy.prepare import Prepared, prepare
 from symstiff.discrepancy.problem import Array, Candidate, Options, Problem
@@ -115,7 +115,7 @@ def _written(
     if options.held_out:
         tell("proof")
         proof = held_out(problem, ready.bank, one_ratio(scan), floor, entries, allowed, options)
-    law = best_law(problem, scan, place.accused) if outcome.verdict == UNEXPLAINED else None
+    law = _law(problem, scan, place) if outcome.verdict == UNEXPLAINED else None
     names, D = confusion(ready, outcome)
     return Diagnosis(
         outcome.verdict, outcome.reason, named_effects(problem, ready, outcome),
@@ -124,6 +124,12 @@ def _written(
         Rms(growth[0].rms, growth[-1].rms, proof.before if proof else None, proof.after if proof else None, floor),
         proof, None, D, names,
     )  # fmt: skip
+
+
+def _law(problem: Problem, scan: Scan, place: Localisation) -> FittedLaw | None:
+    """The best smooth law at the accused virtual joint; at the next best ones where there is none."""
+    names = dict.fromkeys([place.accused, *(b.virtual_joint for b in place.back_projections[:4])])
+    return next((law for law in (best_law(problem, scan, n) for n in names) if law is not None), None)
 
 
 def _untestable(problem: Problem, candidates: Sequence[Candidate], reason: str) -> Diagnosis:

@@ -52,7 +52,13 @@ def named_effects(problem: Problem, ready: Prepared, outcome: Outcome) -> tuple[
     """The effects of the admissible sets, best set first."""
     bank = ready.bank
     out = []
+    sure = (
+        dict(zip(outcome.admissible[0].members, outcome.confidence, strict=True))
+        if outcome.admissible
+        else {}
+    )
     for number, judged in enumerate(outcome.admissible):
+        own = min((c for m, c in sure.items() if m not in judged.members), default=1.0)
         effects = _fitted(problem, ready, judged.entries)[3]
         for i, (member, entry) in enumerate(zip(judged.members, judged.entries, strict=True)):
             others = tuple(e for e in judged.entries if e != entry)
@@ -61,7 +67,7 @@ def named_effects(problem: Problem, ready: Prepared, outcome: Outcome) -> tuple[
             gained = (without.best.rss - judged.scan.best.rss) / max(scale2, 1e-300)
             candidate = bank.candidates[member]
             share = float(np.exp(judged.score - outcome.admissible[0].score))
-            confidence = outcome.confidence[i] if number == 0 else share * outcome.confidence[0]
+            confidence = sure.get(member, share * own)
             out.append(
                 NamedEffect(
                     candidate.effect, candidate.where, bank.shape_of(entry), effects[i][1],

@@ -10,14 +10,14 @@ from markupsafe import Markup
 
 from symstiff import __version__
 from symstiff.discrepancy.result import CandidateResult, Estimate, Name
-from symstiff.discrepancy.speech import named, place, spoken
+from symstiff.discrepancy.speech import named, spoken
 from symstiff.discrepancy.workflow import Finding, Found
 from symstiff.effects.base import catalogue
-from symstiff.report import plots, words
+from symstiff.report import law_plots, plots, words
 from symstiff.report.code import Line, formulas
-from symstiff.report.tables import moved, step_rows
+from symstiff.report.tables import moved, rotates, step_rows
 
-_MOST_CANDIDATES = 20
+_MOST_CANDIDATES, _MOST_LAWS, _MANY = 20, 5, 3
 _UNITS = {"positional": "mm", "rotational": "mrad", "x": "mm", "y": "mm", "z": "mm"}
 _SHORT = {"positional": "position", "rotational": "rotation"}
 
@@ -42,7 +42,7 @@ def _context(finding: Finding, files: dict[str, Any], changes: list[Line]) -> di
         "verdict": finding.verdict if finding.testable else "untestable",
         "remarks": finding.remarks,
         "facts": _facts(finding),
-        "effects": _effects(finding.effects),
+        "explanations": _explanations(finding),
         "alternatives": _effects(finding.alternatives),
         "steps": _steps(finding),
         "strata": _strata(finding),
@@ -56,6 +56,8 @@ def _context(finding: Finding, files: dict[str, Any], changes: list[Line]) -> di
         "absorbed": finding.grown.absorbed,
         "changes": changes,
         "files": files,
+        "decide": _decide(files.get("decide")),
+        "grown": len(finding.steps) > 1,
         "noise": _noise(finding),
     }
 
@@ -64,16 +66,18 @@ def _facts(finding: Finding) -> list[tuple[str, str]]:
     table, problem = finding.table, finding.assembly.problem
     r = finding.rms
     facts = [
-        ("data", f"{problem.poses} poses, {len(table)} rows, {problem.rows} measured values ({table.kind})"),
+        (
+            "data",
+            f"{problem.poses} pose{'s' * (problem.poses != 1)}, {len(table)} rows, {problem.rows} measured "
+            f"values ({table.kind})",
+        ),
         ("start model", f"{len(finding.start.model.parameters)} parameters"),
-        ("residual", f"{words.millimetres(r.before)} → {words.millimetres(r.after)}"),
+        ("residual, rms per coordinate", _fall(finding, r.before, r.after)),
         ("noise", words.millimetres(r.noise)),
     ]
     held = finding.last.held_out
     if held is not None:
-        facts.insert(
-            3, ("held out", f"{words.millimetres(r.held_out_before)} → {words.millimetres(r.held_out_after)}")
-        )
+        facts.insert(3, ("on held-out poses", _fall(finding, r.held_out_before, r.held_out_after)))
         if r.held_out_before is not None and r.held_out_after is not None and finding.named:
             span = r.held_out_before - r.noise
             if span > 0:
@@ -82,13 +86,36 @@ def _facts(finding: Finding) -> list[tuple[str, str]]:
     return facts
 
 
+def _fall(finding: Finding, before: float | None, after: float | None) -> str:
+    """Before and after; one of them where nothing was added."""
+    if len(finding.steps) < 2:
+        return words.millimetres(before)
+    return f"{words.millimetres(before)} → {words.millimetres(after)}"
+
+
+def _explanations(finding: Finding) -> list[dict[str, Any]]:
+    """Cards of the effects; those of an ambiguous verdict by what all explanations share, then by explanation."""
+    if finding.verdict != "ambiguous":
+        return [{"title": "", "cards": _effects(finding.effects)}] if finding.effects else []
+    common, own = words.explanations(finding)
+    out = [{"title": "In every explanation", "cards": _effects(common)}] if common else []
+    for k, members in enumerate(own, start=1):
+        sure = (
+            f": confidence {100 * min(e.confidence for e in members):.0f} %" if members else ": nothing more"
+        )
+        out.append({"title": f"Explanation {k}{sure}", "cards": _effects(members)})
+    return out
+
+
 def _effects(effects: Sequence[Found]) -> list[dict[str, Any]]:
     """A card an effect; one for all places of an effect that is at many."""
     groups: dict[tuple[int, str], list[Found]] = {}
     for e in effects:
         groups.setdefault((e.set_number, e.effect), []).append(e)
     cards = [
-        part for group in groups.values() for part in ([group] if len(group) > 3 else [[e] for e in group])
+        part
+        for group in groups.values()
+        for part in ([group] if len(group) > _MANY else [[e] for e in group])
     ]
     return [_card(group) for group in cards]
 
@@ -98,7 +125,7 @@ def _card(group: list[Found]) -> dict[str, Any]:
     entry = catalogue().get(e.effect)
     name = named(e.effect, e.where)
     if len(group) > 1:
-        name = f"{spoken(e.effect)} at " + ", ".join(place(g.where).removeprefix("at ") for g in group)
+        name = words.names(group)
     confounded = dict.fromkeys(words.name_text(n) for g in group for n in g.confounded_with)
     return {
         "set": e.set_number + 1,
@@ -109,9 +136,39 @@ def _card(group: list[Found]) -> dict[str, Any]:
         "parameters": [(n, words.quantity(v)) for g in group for n, v in g.parameters.items()],
         "p": words.p_equals(max(g.p_value for g in group)),
         "confidence": f"{100 * min(g.confidence for g in group):.0f} %",
-        "confounded": list(confounded),
+        "confounded": _few(list(confounded), 6),
         "shape": ", ".join(f"{k} = {v:.4g}" for k, v in e.shape.items()),
     }
+
+
+def _decide(record: dict[str, Any] | None) -> dict[str, Any] | None:
+    """The deciding poses with their joint variables, and the loads of each."""
+    if record is None:
+        return None
+    axes = [a for a in (record["loads"][0] if record["loads"] else {}) if any(w[a] for w in record["loads"])]
+    poses = record["poses"]
+    return {
+        "joints": [_header(name) for name in (poses[0]["q"] if poses else {})],
+        "poses": [
+            {
+                "name": p["pose"],
+                "q": [f"{x:.1f}" if "[deg]" in n else f"{x:.4f}" for n, x in p["q"].items()],
+                "separation": f"{p['separation']:.3g}"
+                if p["separation"] < 1000
+                else f"{p['separation']:.0f}",
+            }
+            for p in poses
+        ],
+        "axes": [_header(a) for a in axes],
+        "loads": [[f"{w[a]:.4g}" for a in axes] for w in record["loads"]],
+        "branches": record["branches"],
+        "points": ", ".join(record["points"]) if record["points"] != ["tcp"] else "",
+    }
+
+
+def _header(column: str) -> str:
+    """A column of a table with its unit as one writes it: ``q2 [°]``."""
+    return words.unit_text(column.replace("[deg]", "[°]").replace("[", " ["))
 
 
 def _steps(finding: Finding) -> dict[str, Any]:
@@ -160,15 +217,21 @@ def _marked(picture: plots.Picture | None) -> dict[str, Any] | None:
 
 
 def _laws(finding: Finding) -> list[dict[str, Any]]:
-    """Every effect that was added: its law as formula, and drawn through the data."""
+    """Every effect that was added: its law as formula, and drawn through the data; the links of a ladder last."""
+    common, own = words.explanations(finding)
+    shown = [*common, *(e for members in own for e in members)]
+    count = {e.effect: sum(o.effect == e.effect for o in finding.named) for e in shown}
     out = []
-    for e in finding.named[::-1][:4]:  # the last that was added first
+    for e in sorted(shown, key=lambda e: count[e.effect] > _MANY)[:_MOST_LAWS]:
         found = formulas(finding.task.robot, e.instance)
+        tag = (
+            f"explanation {e.set_number + 1}: " if finding.verdict == "ambiguous" and e not in common else ""
+        )
         out.append(
             {
-                "name": named(e.effect, e.where),
+                "name": tag + named(e.effect, e.where),
                 "formulas": [(Markup(f.mathml), f.text) for f in found],
-                "picture": _marked(plots.draw_law(finding, e)) if finding.testable else None,
+                "picture": _marked(law_plots.draw_law(finding, e)) if finding.testable else None,
             }
         )
     return out
@@ -179,17 +242,19 @@ def _unnamed(finding: Finding) -> dict[str, Any] | None:
         return None
     where, law = finding.last.localisation, finding.last.law
     top = [] if where is None else [
-        (b.virtual_joint, f"{100 * b.explained:.0f} %", f"{b.with_tau:+.2f}") for b in where.back_projections[:6]
+        (b.virtual_joint, f"{100 * b.explained:.0f} %") for b in where.back_projections[:6]
     ]  # fmt: skip
     return {
         "accused": where.accused if where else "",
-        "picture": _marked(plots.draw_unnamed(finding)),
+        "picture": _marked(law_plots.draw_unnamed(finding)),
         "law": None
         if law is None
         else {
             "joint": law.virtual_joint,
+            "text": words.law_text(finding, law),
             "expression": law.expression,
-            "scale": f"{law.tau_scale:.4g}",
+            "unit": "rad" if rotates(finding, law.virtual_joint) else "m",
+            "scale": f"{law.tau_scale:.4g} {'N·m' if rotates(finding, law.virtual_joint) else 'N'}",
             "explained": f"{100 * law.explained:.0f} %",
             "validated": f"{100 * law.cross_validated:.0f} %",
         },
@@ -200,7 +265,7 @@ def _unnamed(finding: Finding) -> dict[str, Any] | None:
 def _best(c: CandidateResult) -> str:
     known = {n: e for n, e in c.parameters.items() if math.isfinite(e.std) and e.std > 0}
     if not known:
-        return "–"
+        return "not determined one by one" if c.parameters else "–"
     name = max(known, key=lambda n: abs(known[n].value) / known[n].std)
     short = name if len(c.parameters) > 1 else ""
     return f"{short} {words.quantity(known[name])}".strip()
@@ -215,7 +280,7 @@ def _smallest(c: CandidateResult) -> str:
 
 
 def _candidates(finding: Finding) -> list[dict[str, str]]:
-    answer = {True: "yes", False: "no", None: "not asked"}
+    answer = {True: "yes", False: "no", None: "–"}
     return [
         {
             "name": named(c.effect, c.where),
@@ -223,7 +288,7 @@ def _candidates(finding: Finding) -> list[dict[str, str]]:
             "p": words.p_text(c.p_value),
             "sufficient": answer[c.sufficient],
             "plausible": answer[c.plausible],
-            "left": f"{100 * c.share_left:.0f} %",
+            "testable": f"yes, {100 * c.share_left:.2g} % left",
             "confused": _few(
                 [words.name_text(n) for n in c.confused_with if n != Name(c.effect, c.where)], 3
             ),
@@ -245,8 +310,7 @@ def _together(group: list[CandidateResult]) -> str:
     """One effect at its places; only their number where there are many."""
     if len(group) > 8:
         return f"{spoken(group[0].effect)} ({len(group)} places)"
-    names = list(dict.fromkeys(place(c.where) for c in group))
-    return f"{spoken(group[0].effect)} {', '.join(names)}".strip()
+    return f"{spoken(group[0].effect)} {words.places([c.where for c in group])}".strip()
 
 
 def _few(names: list[str], most: int = 12) -> str:

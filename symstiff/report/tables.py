@@ -56,6 +56,19 @@ def _shown(found: dict[str, Size]) -> dict[str, tuple[float, float]]:
     return {axis: (1e3 * s.max, 1e3 * s.rms) for axis, s in found.items()}
 
 
+def rotates(finding: Finding, virtual_joint: str) -> bool:
+    """Whether a virtual joint turns (rad, N·m) or shifts (m, N)."""
+    view = finding.assembly.situation.view
+    joint = view.joints[finding.assembly.problem.virtual_joints.index(virtual_joint)]
+    return joint.rotational or (joint.kind == "joint" and not view.robot.joint[joint.body - 1].prismatic)
+
+
+def weights(finding: Finding) -> Array:
+    """(M,) standard deviations of the problem's rows, by axis."""
+    noise = finding.last.noise
+    return np.array([noise.by_axis.get(int(a)) or noise.sigma for a in finding.assembly.problem.axis])
+
+
 def standardised(finding: Finding, residual: Array) -> Array:
     """(N, 6) residuals in units of the noise of their axis, a pose's shared error included."""
     noise = finding.last.noise

@@ -3,10 +3,15 @@
 from __future__ import annotations
 
 import math
+import re
+from collections.abc import Mapping, Sequence
+from typing import Any
 
+from symstiff.discrepancy.localise import FittedLaw
 from symstiff.discrepancy.result import Estimate, Name
 from symstiff.discrepancy.speech import named, place, spoken
 from symstiff.discrepancy.workflow import Finding, Found
+from symstiff.report.tables import rotates
 
 _SHOWN = {"m": ("mm", 1e3), "rad": ("mrad", 1e3), "1": ("", 1.0)}
 _SUPER = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
@@ -54,8 +59,8 @@ def size_text(estimate: Estimate) -> str:
 
 
 def p_text(p: float) -> str:
-    """A p-value."""
-    return f"{p:.2g}" if p >= 1e-4 else f"< 10{str(math.ceil(math.log10(max(p, 1e-300)))).translate(_SUPER)}"
+    """A p-value; no tail is known beyond sixteen digits."""
+    return f"{p:.2g}" if p >= 1e-4 else f"< 10{str(math.ceil(math.log10(max(p, 1e-16)))).translate(_SUPER)}"
 
 
 def p_equals(p: float) -> str:
@@ -79,12 +84,52 @@ def headline(finding: Finding) -> str:
     if not finding.testable:
         return "Nothing can be tested with these data"
     return {
-        "named": "Named",
+        "named": "Missing: " + names(finding.named),
         "nothing_missing": "Nothing is missing",
         "ambiguous": "Ambiguous: more than one effect accounts for the data",
-        "named_insufficient": "The right place, but not all of it",
+        "named_insufficient": "Missing, but not all of it: " + names(finding.named),
         "unexplained": "Something is missing that has no name in the catalogue",
     }[finding.verdict]
+
+
+def names(effects: Sequence[Found]) -> str:
+    """Effects at their places; one that is at many places in one breath."""
+    kinds: dict[str, list[Found]] = {}
+    for e in effects:
+        kinds.setdefault(e.effect, []).append(e)
+    return "; ".join(
+        f"{spoken(kind)} {places([e.where for e in group])}".strip() for kind, group in kinds.items()
+    )
+
+
+def places(wheres: Sequence[Mapping[str, Any]]) -> str:
+    """Places as words, equal kinds together: ``at joints 1–4, 6``."""
+    numbers: dict[str, list[int]] = {}
+    other: list[str] = []
+    for where in wheres:
+        key, value = next(iter(where.items()), ("", None))
+        if len(where) == 1 and key in ("joint", "link") and isinstance(value, int):
+            numbers.setdefault(key, []).append(value)
+        else:
+            other.append(place(where))
+    text = [
+        place({key: n[0]}) if len(n) == 1 else f"at {key}s {_ranges(sorted(set(n)))}"
+        for key, n in numbers.items()
+    ]
+    return ", ".join([*text, *dict.fromkeys(other)])
+
+
+def _ranges(numbers: list[int]) -> str:
+    """1–4, 6."""
+    runs: list[list[int]] = []
+    for n in numbers:
+        if runs and n == runs[-1][-1] + 1:
+            runs[-1].append(n)
+        else:
+            runs.append([n])
+    return ", ".join(
+        str(r[0]) if len(r) == 1 else f"{r[0]}{'–' if len(r) > 2 else ', '}{r[-1]}" for r in runs
+    )
 
 
 def sentence(finding: Finding) -> str:
@@ -120,10 +165,9 @@ def listed(finding: Finding) -> str:
 
 def _told(group: list[Found]) -> list[str]:
     if len(group) > 3:
-        places = ", ".join(place(e.where).removeprefix("at ") for e in group)
         sure = min(e.confidence for e in group)
         count = sum(len(e.parameters) for e in group)
-        return [f"{spoken(group[0].effect)} at {places} ({count} parameters, confidence {100 * sure:.0f} %)"]
+        return [f"{names(group)} ({count} parameters, confidence {100 * sure:.0f} %)"]
     return [
         f"{named(e.effect, e.where)} "
         f"({', '.join(t for t in (main_parameter(e), f'confidence {100 * e.confidence:.0f} %') if t)})"
@@ -134,7 +178,7 @@ def _told(group: list[Found]) -> list[str]:
 def gap(finding: Finding) -> str:
     """How the gap shrank."""
     r = finding.rms
-    text = f"the residual falls from {millimetres(r.before)} to {millimetres(r.after)} rms a coordinate"
+    text = f"the residual falls from {millimetres(r.before)} to {millimetres(r.after)} rms per coordinate"
     if r.held_out_before is not None:
         text += (
             f", on poses that were not used from {millimetres(r.held_out_before)} "
@@ -150,22 +194,35 @@ def _named(finding: Finding) -> str:
 def _nothing(finding: Finding) -> str:
     r = finding.rms
     return (
-        f"The model accounts for the data: {millimetres(r.before)} rms a coordinate is left, the noise is "
+        f"The model accounts for the data: {millimetres(r.before)} rms per coordinate is left, the noise is "
         f"{millimetres(r.noise)} ({p_equals(finding.first.p_missing)} that anything of the catalogue is missing)."
     )
 
 
-def _ambiguous(finding: Finding) -> str:
-    sets = sorted({e.set_number for e in finding.effects})
-    texts = [
-        " with ".join(named(e.effect, e.where) for e in finding.effects if e.set_number == s) for s in sets
+def explanations(finding: Finding) -> tuple[list[Found], list[list[Found]]]:
+    """What all admissible sets share, as in the first, and what is each set's own."""
+    sets = [
+        [e for e in finding.effects if e.set_number == s]
+        for s in sorted({e.set_number for e in finding.effects})
     ]
-    weight = ", ".join(
-        f"{100 * max(e.confidence for e in finding.effects if e.set_number == s):.0f} %" for s in sets
-    )
+    keys = [{(e.effect, place(e.where)) for e in members} for members in sets]
+    shared = set.intersection(*keys) if keys else set()
+    common = [e for e in sets[0] if (e.effect, place(e.where)) in shared] if sets else []
+    own = [[e for e in members if (e.effect, place(e.where)) not in shared] for members in sets]
+    return common, own
+
+
+def _ambiguous(finding: Finding) -> str:
+    common, own = explanations(finding)
+    texts = [
+        f"{names(members) or 'nothing more'}"
+        + (f" (confidence {100 * min(e.confidence for e in members):.0f} %)" if members else "")
+        for members in own
+    ]
+    beside = f"Beside {'; '.join(_told(common))}, " if common else ""
     return (
-        f"{len(sets)} explanations account for the data: {' | '.join(texts)} (confidence {weight}); "
-        f"with the first, {gap(finding)}. decide.csv holds poses and loads that would tell them apart."
+        f"{beside}{len(own)} explanations account for the data: {', or '.join(texts)}; with the first, {gap(finding)}. "
+        "decide.csv holds poses and loads that would tell them apart."
     )
 
 
@@ -178,11 +235,27 @@ def _insufficient(finding: Finding) -> str:
 
 def _unexplained(finding: Finding) -> str:
     accused = finding.last.localisation.accused if finding.last.localisation else ""
-    text = f"No effect of the catalogue accounts for the data; the evidence is strongest at {accused}"
-    if finding.last.law is not None:
-        law = finding.last.law
+    text = "No effect of the catalogue accounts for the data"
+    text += f"; the evidence is strongest at {accused}" if accused else ""
+    law = finding.last.law
+    if law is not None:
+        where = "" if law.virtual_joint == accused else f" at {law.virtual_joint}"
         text += (
-            f", where the smooth law Δθ ∝ {law.expression} explains {100 * law.explained:.0f} % "
-            f"of what the model leaves"
+            f", where the smooth law{where} Δθ = {law_text(finding, law)} explains "
+            f"{100 * law.explained:.0f} % of what the model leaves"
         )
-    return f"{text} (residual {millimetres(finding.rms.before)}, noise {millimetres(finding.rms.noise)})."
+    return (
+        f"{text} (residual {millimetres(finding.rms.before)} rms per coordinate, "
+        f"noise {millimetres(finding.rms.noise)})."
+    )
+
+
+def law_text(finding: Finding, law: FittedLaw) -> str:
+    """A fitted law as one reads it, with t for the load in units of the largest."""
+    text = re.sub(r"[-+]?\d[\d.]*e[-+]\d+", lambda m: f"{float(m.group()):+.4f}", law.expression)
+    factor, unit, load = (1e3, "mrad", "N·m") if rotates(finding, law.virtual_joint) else (1e3, "mm", "N")
+    text = re.sub(r"(?<![\w.(*^])[-+]?\d[\d.]*(?=\*)", lambda m: f"{factor * float(m.group()):+.3g}", text)
+    for plain, written in (("tau", "t"), ("*", "·"), (" ", ""), ("+", " + "), ("-", " − ")):
+        text = text.replace(plain, written)
+    text = text.strip().removeprefix("+").strip()
+    return f"({text}) {unit} with t = τ/({number(law.tau_scale, 4)} {load})"

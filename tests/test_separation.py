@@ -1,0 +1,93 @@
+"""Deciding poses on made-up columns, against plain least squares."""
+
+from __future__ import annotations
+
+from itertools import pairwise, permutations
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from symstiff.discrepancy.separation import Decider, Hypotheses, deciding_poses
+
+SIGMA = 0.1
+
+
+def made_up(seed: int, shapes: int = 1) -> tuple[Hypotheses, np.ndarray]:
+    """Eight poses of five rows, a model of three columns, three rivals of one or two columns."""
+    rng = np.random.default_rng(seed)
+    pose = np.repeat(np.arange(8), 5)
+    widths = (1, 2, 1)
+    blocks = tuple(tuple(rng.normal(size=(40, k)) for _ in range(shapes)) for k in widths)
+    signals = np.stack([b[0] @ rng.normal(size=b[0].shape[1]) for b in blocks], axis=1)
+    return Hypotheses(rng.normal(size=(40, 3)), signals, blocks), pose
+
+
+def rows(columns: Hypotheses, keep: np.ndarray) -> Hypotheses:
+    blocks = tuple(tuple(b[keep] for b in rival) for rival in columns.blocks)
+    return Hypotheses(columns.model[keep], columns.signals[keep], blocks)
+
+
+def by_least_squares(columns: Hypotheses) -> float:
+    """Smallest squared distance, over pairs and shapes, of a signal from what model and rival can fit."""
+    found = []
+    for i, j in permutations(range(columns.signals.shape[1]), 2):
+        for block in columns.blocks[j]:
+            X = np.hstack([columns.model, block])
+            signal = columns.signals[:, i]
+            left = signal - X @ np.linalg.lstsq(X, signal, rcond=None)[0]
+            found.append(float(left @ left) / SIGMA**2)
+    return min(found)
+
+
+@settings(max_examples=20, deadline=None)
+@given(st.integers(0, 10**6), st.integers(1, 3))
+def test_separation_is_what_least_squares_leaves_on_the_chosen_poses(seed: int, shapes: int) -> None:
+    columns, pose = made_up(seed, shapes)
+    chosen = deciding_poses(columns, pose, SIGMA, 4)
+    for k in range(2, 5):
+        expected = by_least_squares(rows(columns, np.isin(pose, chosen.poses[:k])))
+        assert chosen.separation[k - 1] == pytest.approx(expected, rel=1e-5, abs=1e-6)
+    assert all(b >= a * (1 - 1e-9) for a, b in pairwise(chosen.separation))
+
+
+def test_data_already_taken_count() -> None:
+    columns, pose = made_up(1)
+    old = np.isin(pose, (0, 1, 2))
+    have, offered = rows(columns, old), rows(columns, ~old)
+    chosen = deciding_poses(offered, pose[~old], SIGMA, 2, have)
+    assert not set(chosen.poses) & {0, 1, 2}
+    expected = by_least_squares(rows(columns, old | np.isin(pose, chosen.poses)))
+    assert chosen.separation[-1] == pytest.approx(expected, rel=1e-6)
+
+
+def test_a_rival_that_may_change_its_shape_is_harder_to_tell_apart() -> None:
+    columns, pose = made_up(2, shapes=3)
+    rigid = Hypotheses(columns.model, columns.signals, tuple(b[:1] for b in columns.blocks))
+    soft = deciding_poses(columns, pose, SIGMA, 8).separation[-1]
+    assert soft < deciding_poses(rigid, pose, SIGMA, 8).separation[-1]
+
+
+def test_the_choice_ends_where_it_is_ample() -> None:
+    columns, pose = made_up(3)
+    every = deciding_poses(columns, pose, SIGMA, 8)
+    enough = every.separation[4] - 1e-9
+    assert deciding_poses(columns, pose, SIGMA, 8, enough=enough).poses == every.poses[:5]
+    assert len(deciding_poses(columns, pose, SIGMA, 8, enough=enough, least=7).poses) == 7
+
+
+def test_an_explanation_that_holds_another_is_told_apart_one_way_only() -> None:
+    columns, pose = made_up(4)
+    one = columns.blocks[0][0]
+    two = np.hstack([one, columns.blocks[1][0]])
+    nested = Hypotheses(columns.model, np.stack([one[:, 0], two.sum(axis=1)], axis=1), ((one,), (two,)))
+    chosen = deciding_poses(nested, pose, SIGMA, 3)
+    assert chosen.separation[-1] > 10
+
+
+def test_equal_explanations_have_no_deciding_pose() -> None:
+    columns, pose = made_up(5)
+    one = columns.blocks[0][0]
+    same = Hypotheses(columns.model, np.hstack([one, 2 * one]), ((one,), (one,)))
+    assert deciding_poses(same, pose, SIGMA, 3) == Decider((), ())
