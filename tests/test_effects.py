@@ -24,6 +24,8 @@ from symstiff.model import StiffnessModel, joints_only, latex, load_model
 from symstiff.reduction.distinguish import distinction, distinguishable
 from symstiff.reduction.reduce import reduce
 from symstiff.robot import load
+from symstiff.symbolic.algebras import NumpyAlgebra
+from symstiff.symbolic.program import walk
 from symstiff.symbolic.terms import q
 
 ALL = {
@@ -94,6 +96,20 @@ def test_every_effect_at_every_place_flows_into_the_deflection_and_its_columns(
         )
         scale = np.abs(ahead).max() / step
         np.testing.assert_allclose(columns[:, :, k], (ahead - behind) / (2 * step), atol=1e-9 * scale)
+
+
+@pytest.mark.parametrize("effect", catalogue().values(), ids=lambda e: e.identifier)
+def test_every_shapes_law_has_a_slope_everywhere_that_all_emitters_know(effect: Effect) -> None:
+    """An effect of the load differentiates the laws of all others, at no load too."""
+    robot = load("planar2r")
+    for where in effect.places(robot)[:1]:
+        for shape in effect.shapes(robot, where, SCALES):
+            for term in effect.realise(robot, where, shape).terms:
+                for by in {s for s in term.factor.free_symbols if str(s).startswith("tau")}:
+                    slope = sp.diff(term.factor, by)
+                    rest = {s: np.float64(0.3) for s in slope.free_symbols}
+                    for value in (-1e-9, 0.0, 1e-9, 40.0):
+                        assert np.isfinite(walk(slope, {**rest, by: np.float64(value)}, NumpyAlgebra()))
 
 
 @pytest.mark.parametrize("instance", list(instances("planar2r")), ids=str)

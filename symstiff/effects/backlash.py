@@ -23,7 +23,8 @@ from symstiff.robot.schema import Robot
 from symstiff.symbolic.terms import Term, actuated_joint
 
 NAME = "backlash"
-WIDTHS = (0.01, 0.06, 0.25)
+WIDTHS = (0.01, 0.04, 0.1)
+"""Half-widths of the step, as shares of the largest load: a law that needs more is a nonlinear stiffness."""
 
 
 def _realise(robot: Robot, where: Where, shape: Shape) -> Realisation:

@@ -21,7 +21,7 @@ def _places(situation: Situation) -> tuple[Where, ...]:
 
 
 def _columns(situation: Situation, where: Where, shape: Shape) -> np.ndarray:
-    numbers = [situation.labels.index(label) for label in where["rows"]]
+    numbers = [k for k, label in enumerate(situation.labels) if label in where["rows"]]  # new poses are sound
     hit = np.isin(situation.row_pose, numbers)
     return np.stack([hit & (situation.row_axis == axis) for axis in range(3)], axis=1).astype(float)
 

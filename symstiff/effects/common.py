@@ -18,6 +18,8 @@ BOTH = frozenset({"deflection", "absolute"})
 DEFLECTION = frozenset({"deflection"})
 ABSOLUTE = frozenset({"absolute"})
 XYZ = "xyz"
+NEAR_ZERO = sp.Rational(1, 1000)
+"""Share of a load below which a law with an infinite slope at zero is made smooth: it is differentiated."""
 
 
 def joints(robot: Robot) -> tuple[Where, ...]:
@@ -60,11 +62,6 @@ def smooth_sign(x: sp.Expr, width: sp.Expr) -> sp.Expr:
 def size(x: sp.Expr) -> sp.Expr:
     """|x|, left as it stands: SymPy's questions about a weight's sign take seconds."""
     return sp.Abs(x, evaluate=False)
-
-
-def direction(x: sp.Expr) -> sp.Expr:
-    """Sign of x, left as it stands."""
-    return sp.sign(x, evaluate=False)
 
 
 def load_of(joint: int) -> sp.Symbol:

@@ -5,10 +5,17 @@ h is a smooth sign of the load, times |τ/τ₀|^power, or times 1 − (τ/τ₀
 
 from __future__ import annotations
 
-import sympy as sp
-
 from symstiff.effects.base import Effect, Realisation, Scales, Shape, Where
-from symstiff.effects.common import BOTH, angle_unit, exact, joints, load_of, parameter, smooth_sign
+from symstiff.effects.common import (
+    BOTH,
+    NEAR_ZERO,
+    angle_unit,
+    exact,
+    joints,
+    load_of,
+    parameter,
+    smooth_sign,
+)
 from symstiff.robot.schema import Robot
 from symstiff.symbolic.terms import BRANCH, Term, actuated_joint
 
@@ -22,7 +29,8 @@ def _realise(robot: Robot, where: Where, shape: Shape) -> Realisation:
     loop = parameter(NAME, where, "width", angle_unit(robot, j), 0.0, 5e-3, 5e-5)
     law = -BRANCH * smooth_sign(load, width) / 2
     if shape.get("power"):
-        law *= sp.Abs(load / exact(shape["load"])) ** exact(shape["power"])
+        share = load / exact(shape["load"])
+        law *= (share**2 + NEAR_ZERO**2) ** (exact(shape["power"]) / 2)
     if "loop" in shape:
         law *= 1 - (load / exact(shape["loop"])) ** 2
     return Realisation((loop,), (Term(loop.name, actuated_joint(j), law),))

@@ -1,8 +1,8 @@
 """A gear whose stiffness depends on its load: Δθ_j = c₂·τ·|τ| + c₃·τ³, two slopes, or saturation.
 
 Without a shape the polynomial with c₂ and c₃. Profiled shapes have one parameter c, Δθ_j = c·τ₀·h(τ/τ₀),
-with h = sign(x)|x|^power, x − clip(x, −1, 1) beyond a knee at τ₀, or tanh x; c is a slope in rad/(N·m)
-whatever the shape.
+with h = sign(x)|x|^power (smooth near zero), x − clip(x, −1, 1) beyond a knee at τ₀, or tanh x; c is a slope
+in rad/(N·m) whatever the shape.
 """
 
 from __future__ import annotations
@@ -12,8 +12,8 @@ import sympy as sp
 from symstiff.effects.base import Effect, Realisation, Scales, Shape, Where
 from symstiff.effects.common import (
     BOTH,
+    NEAR_ZERO,
     compliance_unit,
-    direction,
     exact,
     joints,
     of_total_load,
@@ -26,8 +26,9 @@ from symstiff.symbolic.terms import Term, actuated_joint
 
 NAME = "nonlinear_stiffness"
 POWERS = (2.0, 3.0, 0.5)
-KNEES = (0.1, 0.17, 0.25, 0.35, 0.45, 0.57, 0.72)
-SATURATIONS = (0.12, 0.2, 0.35, 0.6)
+KNEES = (0.17, 0.25, 0.35, 0.45, 0.57, 0.72)
+SATURATIONS = (0.22, 0.38, 0.6)
+"""Loads at which a gear bends or saturates, as shares of the largest: what saturates far below is backlash."""
 
 
 def _realise(robot: Robot, where: Where, shape: Shape) -> Realisation:
@@ -62,7 +63,7 @@ def _bend(x: sp.Expr, shape: Shape) -> sp.Expr:
     power = exact(shape["power"])
     if power == 2:
         return x * size(x)
-    return x**power if power.is_odd else direction(x) * size(x) ** power
+    return x**power if power.is_odd else x * (x**2 + NEAR_ZERO**2) ** ((power - 1) / 2)
 
 
 def _shapes(robot: Robot, where: Where, scales: Scales) -> tuple[Shape, ...]:
