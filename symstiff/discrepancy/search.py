@@ -165,7 +165,23 @@ def _tolerated(shop: Workshop, proposal: Proposal, generic: bool) -> float:
     where, place = bank.candidates[best].where, bank.place[best]
     if any(bank.candidates[m].where == where or (place and bank.place[m] == place) for m in proposal.members):
         return shop.options.tolerated_shape
-    return shop.options.tolerated_share if generic else 0.0
+    if generic:
+        return shop.options.tolerated_share
+    return shop.options.tolerated_shape if _shape_explains(shop, proposal, float(score[best])) else 0.0
+
+
+def _shape_explains(shop: Workshop, proposal: Proposal, further: float) -> bool:
+    """Whether another shape at a member's place accounts for what is left as well as a further effect elsewhere.
+
+    A priori what is left of an effect with a place is as likely its shape as an effect more.
+    """
+    bank = shop.start.bank
+    places = {bank.place[m] for m in proposal.members} - {""}
+    here = np.array([p in places for p in bank.place]) & bank.generic
+    if not np.any(here):
+        return False
+    found = shop.look(proposal.entries)[1].candidate[here]
+    return float(np.max(found)) + float(np.log(0.5 / np.sum(here))) >= further + ONE_MORE
 
 
 def _missed_share(shop: Workshop, proposal: Proposal, scan: Scan, gained: float) -> float:

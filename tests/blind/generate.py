@@ -293,14 +293,15 @@ def _lacking(scene: _Scene, where: Where) -> StiffnessModel:
 def _with_model(scene: _Scene, model: StiffnessModel, values: dict[str, float]) -> _Scene:
     scene = replace(scene, model=model)
     current = assemble(model, replace(scene.table, values=_values(scene, values, ())), effects=())
+    if not current.problem.A.shape[1]:
+        raise _Unfit  # a model has a parameter
     columns = np.zeros((len(scene.table), 3, current.problem.A.shape[1]))
     view = current.situation.view
     columns[view.state, view.component] = current.problem.A
     excess = np.zeros((len(scene.table), 6))
     excess[view.state, view.component] = current.problem.y
     white = _whitened(scene, columns)
-    basis = column_space(white.reshape(3 * len(white), columns.shape[2]))
-    return replace(scene, basis=basis, excess=excess)
+    return replace(scene, basis=column_space(white.reshape(-1, columns.shape[2])), excess=excess)
 
 
 def _values(scene: _Scene, values: dict[str, float], effects: Sequence[Effect]) -> np.ndarray:

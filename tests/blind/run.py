@@ -7,6 +7,7 @@ import tempfile
 import time
 from collections.abc import Callable, Sequence
 from concurrent.futures import ProcessPoolExecutor
+from dataclasses import asdict
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -72,6 +73,7 @@ def _one(number: int, options: Options, others: bool) -> dict[str, Any]:
         "spoke": finding.verdict not in ("nothing_missing", "untestable"),
         "noticed": finding.first.noise.misstated,
         "confidences": _confidences(finding, label.truth, groups),
+        "p_values": [e.p_value for e in finding.named], "rms": asdict(finding.rms),
         "closure": _closure(hidden, assembly, finding), "seconds": seconds,
         "apart": _apart(hidden, assembly, groups),
     }  # fmt: skip
@@ -104,8 +106,11 @@ def _confidences(finding: Finding, truth: Any, groups: Any) -> list[tuple[float,
 
 
 def _apart(hidden: Case, assembly: Assembly, groups: Any) -> float | None:
-    """D: what of a single hidden effect's λ the nearest candidate of another name leaves; small means inseparable."""
-    if len(hidden.label.truth) != 1:
+    """D: what of a hidden effect's λ the nearest candidate of another name leaves; small means inseparable.
+
+    For an effect outside of the catalogue: what the nearest candidate leaves, of any name.
+    """
+    if len(hidden.label.story) != 1 or not np.any(hidden.signal):
         return None
     problem, view = assembly.problem, assembly.situation.view
     basis = column_space(problem.A)
@@ -113,7 +118,8 @@ def _apart(hidden: Case, assembly: Assembly, groups: Any) -> float | None:
     signal = signal - basis @ (basis.T @ signal)
     least = 1.0
     for candidate in assembly.candidates:
-        if candidate.unavailable or same((candidate.effect, candidate.where), hidden.label.truth[0], groups):
+        name = (candidate.effect, candidate.where)
+        if candidate.unavailable or any(same(name, t, groups) for t in hidden.label.truth):
             continue
         for shape in candidate.shapes:
             block = candidate.columns(shape)
@@ -186,10 +192,10 @@ def line(row: dict[str, Any]) -> str:
 
 def report(rows: Sequence[dict[str, Any]]) -> str:
     """The table of bars, and of others on the same data."""
-    text = [f"{'':50s} {'n':>4s} {'share':>7s}   95 % interval"]
+    text = [f"{'':58s} {'n':>4s} {'share':>7s}   95 % interval"]
     for name, b in bars(rows).items():
         value = "-" if b["share"] is None else f"{b['share']:.3f}"
-        text.append(f"{name:50s} {b['n']:4d} {value:>7s}   {b['low']:.3f} - {b['high']:.3f}")
+        text.append(f"{name:58s} {b['n']:4d} {value:>7s}   {b['low']:.3f} - {b['high']:.3f}")
     if rows and "others" in rows[0]:
         text.append(
             f"\n{'on the same data':30s} {'false alarms':>14s} {'right name':>12s} {'named outside':>14s}"

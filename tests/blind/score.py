@@ -113,6 +113,11 @@ def bars(rows: Sequence[Row]) -> dict[str, dict[str, Any]]:
         "wrong name outside the catalogue <= 0.05": share(
             rows, lambda r: r["kind"] == "outside", lambda r: float(r["verdict"] in ("named", "ambiguous"))
         ),
+        "wrong name outside the catalogue, told apart by the data": share(
+            rows,
+            lambda r: r["kind"] == "outside" and (r["apart"] or 0.0) > SEPARABLE,
+            lambda r: float(r["verdict"] in ("named", "ambiguous")),
+        ),
         "two right at lambda 60 >= 0.85": share(
             rows, lambda r: r["kind"] == "two" and r["wanted"] == 60.0, points
         ),
