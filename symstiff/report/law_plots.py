@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from dataclasses import dataclass
 from typing import Any
 
@@ -31,6 +32,8 @@ class _Law:
     driver: int
     values: Array
     formula: sp.Expr | None = None
+    angle: int = 0
+    """Number of the joint variable that it depends on beside its load; 0: the joint's own."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -87,7 +90,8 @@ def draw_unnamed(finding: Finding) -> Picture | None:
     v = problem.virtual_joints.index(name)
     values = found.values if found is not None else np.full(problem.rows, np.nan)
     signal = problem.J[:, v] * values if found is not None else np.zeros(problem.rows)
-    law = _Law(v, v, values)
+    angle = re.search(r"\bq(\d+)", "" if found is None else found.expression)
+    law = _Law(v, v, values, angle=int(angle.group(1)) if angle else 0)
     points = _points(finding, law, _left(finding, signal) + signal)
     if points is None:
         return None
@@ -187,7 +191,7 @@ def _draw(finding: Finding, law: _Law, points: _Points, name: str, ratio: bool =
     unit, factor = ("mrad", 1e3) if rotates(finding, names[law.joint]) else ("µm", 1e6)
     moment = "N·m" if rotates(finding, names[law.driver]) else "N"
     at = view.joints[law.driver]
-    j = at.body if at.kind == "joint" else min(max(at.body, 1), view.robot.dof)
+    j = law.angle or (at.body if at.kind == "joint" else min(max(at.body, 1), view.robot.dof))
     turns = not view.robot.joint[j - 1].prismatic
     angle = points.angles[:, j - 1]
     scale = np.degrees(1.0) if turns else 1.0
@@ -203,12 +207,12 @@ def _draw(finding: Finding, law: _Law, points: _Points, name: str, ratio: bool =
     ]
     per_load = _per_load(law, tau(at), q(j), angle, factor)
     if per_load is not None:
-        per_load = scale * per_load[0], per_load[1]
+        per_load = scale * per_load[0], 1e3 * per_load[1]
     if (ratio or per_load is not None) and len(angle):
         heavy = np.abs(points.tau) > 0.1 * np.abs(points.tau).max()
         t = points.tau[heavy]
-        y, deviation, line = delta[0][heavy] / t, delta[1][heavy] / np.abs(t), delta[2][heavy] / t
-        label = f"Δθ/τ [{unit}/({moment})]"
+        y, deviation, line = (1e3 * d[heavy] / x for d, x in zip(delta, (t, np.abs(t), t), strict=True))
+        label = f"Δθ/τ [{'µrad' if unit == 'mrad' else 'nm'}/({moment})]"
         panels.append(_Panel(scale * angle[heavy], q_label, y, deviation, line, per_load, label))
     if points.time is not None:
         panels.append(_Panel(points.time, "time [s]", *delta))
@@ -252,6 +256,7 @@ def _paint(axes: Any, panel: _Panel, y_label: str) -> None:
         axes.plot(*panel.curve, color=LAW, linewidth=1.4, label="fitted law", zorder=3)
     elif np.isfinite(panel.law).any():
         axes.plot(panel.x, panel.law, "_", color=LAW, ms=8, mew=1.5, label="fitted law", zorder=3)
+    axes.locator_params(axis="x", nbins=6)
     axes.set_xlabel(panel.label)
     if y_label:
         axes.set_ylabel(y_label)

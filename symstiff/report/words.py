@@ -258,4 +258,5 @@ def law_text(finding: Finding, law: FittedLaw) -> str:
     for plain, written in (("tau", "t"), ("*", "·"), (" ", ""), ("+", " + "), ("-", " − ")):
         text = text.replace(plain, written)
     text = text.strip().removeprefix("+").strip()
+    text = re.sub(r"^− ", "−", text)
     return f"({text}) {unit} with t = τ/({number(law.tau_scale, 4)} {load})"
