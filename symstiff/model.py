@@ -32,6 +32,10 @@ if TYPE_CHECKING:
     from symstiff.reduction.reduce import Reduction
 
 Context = Mapping[str, np.ndarray]
+_WITHOUT_VALUES = {
+    "realisations", "units", "terms", "linear_parameters", "steps", "deflection_program", "observation_program",
+    "linear_program", "compliance_program", "structure_hash",
+}  # fmt: skip
 
 
 @dataclass(frozen=True)
@@ -100,7 +104,7 @@ class StiffnessModel:
         return tuple(dict.fromkeys((*terms, *(t for r in self.realisations for t in r.terms))))
 
     @cached_property
-    def _linear(self) -> tuple[str, ...]:
+    def linear_parameters(self) -> tuple[str, ...]:
         """Parameters whose column needs no other parameter's value: all or none.
 
         An error of the load or of the device changes every compliance's column as well as its own.
@@ -117,7 +121,7 @@ class StiffnessModel:
     @property
     def is_linear(self) -> bool:
         """Whether Δt is linear in all parameters."""
-        return len(self._linear) == len(self.parameters)
+        return len(self.linear_parameters) == len(self.parameters)
 
     @cached_property
     def deflection_program(self) -> Program:
@@ -131,8 +135,11 @@ class StiffnessModel:
         return observation_program(self.chain, [t for t in self.terms if t.parameter in names], names)
 
     @cached_property
-    def _linear_program(self) -> Program:
-        names = self._linear
+    def linear_program(self) -> Program:
+        """∂Δt/∂π of the linear parameters, (6, their number)."""
+        names = self.linear_parameters
+        if names == self.stiffness_parameters:
+            return self.observation_program
         return observation_program(self.chain, [t for t in self.terms if t.parameter in names], names)
 
     @cached_property
@@ -168,7 +175,7 @@ class StiffnessModel:
     ) -> np.ndarray:
         """∂Δt/∂π (N, 6, P) in the order of ``parameters``, at ``values`` where the model is not linear in them."""
         if self.is_linear:
-            program = self._linear_program
+            program = self.linear_program
             return evaluate_numpy(program, q=q, w=w, **_context(program, context))["A"]
         n = max(len(np.atleast_2d(q)), len(np.atleast_2d(w)))
         matrix = np.empty((n, 6, len(self.parameters)))
@@ -190,7 +197,10 @@ class StiffnessModel:
         self, values: Mapping[str, float], deviations: Mapping[str, float] | None = None
     ) -> StiffnessModel:
         """The same model with other values."""
-        return replace(self, values=dict(values), deviations=dict(deviations or {}))
+        other = replace(self, values=dict(values), deviations=dict(deviations or {}))
+        derived = {n: x for n, x in self.__dict__.items() if n in _WITHOUT_VALUES}
+        other.__dict__.update(derived)  # nothing is derived twice
+        return other
 
     def with_effect(self, instance: EffectInstance) -> StiffnessModel:
         """The model grown by an effect."""

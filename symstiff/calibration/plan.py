@@ -16,16 +16,28 @@ from symstiff.calibration.planning import (
     Region,
     Search,
     Space,
+    WorkspaceMap,
     geometry,
     measurement_of,
     plan_poses,
+    workspace_map,
 )
 from symstiff.calibration.planning.parallel import Progress
 
 if TYPE_CHECKING:
     from symstiff.model import StiffnessModel
 
-__all__ = ["Goal", "Load", "Measurement", "Plan", "Region", "Search", "casadi_observation", "plan_for"]
+__all__ = [
+    "Goal",
+    "Load",
+    "Measurement",
+    "Plan",
+    "Region",
+    "Search",
+    "casadi_observation",
+    "plan_for",
+    "workspace_for",
+]
 
 
 def plan_for(
@@ -56,9 +68,14 @@ def plan_for(
         dict(fixed or {}),
         dict(levels or {}),
     )
+    from symstiff.codegen.runtime import for_poses
+
+    search = search or Search()
+    # machines of a cluster need not have our compiler, and all blocks come from one arithmetic
+    observation = model.observation if search.cluster else for_poses(model, search.candidates).observation
     return plan_poses(
         space,
-        model.observation,
+        observation,
         model.parameters,
         goal,
         measurement_of(model.robot, points, *sigma),
@@ -66,6 +83,22 @@ def plan_for(
         casadi_observation(model),
         progress,
     )
+
+
+def workspace_for(
+    model: StiffnessModel,
+    w: np.ndarray,
+    joints: tuple[int, int] = (2, 3),
+    counts: tuple[int, int] = (60, 60),
+    at: Mapping[int, float] | None = None,
+    region: Region | None = None,
+    workers: int = 1,
+) -> WorkspaceMap:
+    """Map a model's deflection under one wrench ``w`` (6,) over two joints, the others at ``at`` or zero."""
+    from symstiff.codegen.runtime import for_poses
+
+    deflection = for_poses(model, counts[0] * counts[1]).deflection
+    return workspace_map(deflection, geometry(model.robot), w, joints, counts, at, region, workers)
 
 
 def casadi_observation(model: StiffnessModel) -> Callable[[Any, Any], Any] | None:

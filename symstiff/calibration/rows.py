@@ -9,6 +9,7 @@ import numpy as np
 
 from symstiff.calibration.compact import component_sigma
 from symstiff.calibration.measurements import COMPONENTS, Measurements
+from symstiff.codegen.runtime import for_poses
 from symstiff.errors import UserError
 from symstiff.model import StiffnessModel
 from symstiff.symbolic.numeric import kinematics
@@ -65,7 +66,8 @@ def predict(
     model: StiffnessModel, table: Measurements, values: Mapping[str, float] | None = None
 ) -> np.ndarray:
     """Predicted deflections of the measured points (M, 6) [m, rad]."""
-    return at_points(model, table, model.deflection(table.q, table.w, values, context_of(table)))
+    evaluator = for_poses(model, len(table.q))
+    return at_points(model, table, evaluator.deflection(table.q, table.w, values, context_of(table)))
 
 
 def equations(
@@ -79,7 +81,8 @@ def equations(
         raise UserError(
             "absolute positions, not deflections: use symstiff diagnose, which estimates placement"
         )
-    matrix = at_points(model, table, model.observation(table.q, table.w, context_of(table), values))
+    evaluator = for_poses(model, len(table.q))
+    matrix = at_points(model, table, evaluator.observation(table.q, table.w, context_of(table), values))
     row, component = np.nonzero(table.measured)
     A, y = matrix[row, component], table.values[row, component]
     if not model.is_linear:

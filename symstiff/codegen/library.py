@@ -35,11 +35,20 @@ def library(model: StiffnessModel, programs: Mapping[str, Program], compiler: Co
     source = c_source(model, programs)
     key = _key(source, compiler)
     if key not in _LOADED:
-        path = cache_folder() / key / f"{model.robot.name}{_suffix()}"
+        path = _place(model, key)
         if not path.is_file():
             _build(source, path, compiler)
         _LOADED[key] = ctypes.CDLL(str(path))
     return _LOADED[key]
+
+
+def is_built(model: StiffnessModel, programs: Mapping[str, Program], compiler: Compiler) -> bool:
+    """Whether the library of a model needs no building."""
+    return _place(model, _key(c_source(model, programs), compiler)).is_file()
+
+
+def _place(model: StiffnessModel, key: str) -> Path:
+    return cache_folder() / key / f"{model.robot.name}{_suffix()}"
 
 
 def c_source(model: StiffnessModel, programs: Mapping[str, Program]) -> str:

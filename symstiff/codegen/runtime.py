@@ -20,7 +20,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from symstiff.codegen.compiler import find_compiler
-from symstiff.codegen.library import library
+from symstiff.codegen.library import is_built, library
 from symstiff.errors import UserError
 from symstiff.symbolic.algebras import evaluate_numpy
 from symstiff.symbolic.program import Program
@@ -30,6 +30,8 @@ if TYPE_CHECKING:
 
 Context = Mapping[str, np.ndarray]
 _SLICE = 2048  # poses worth a thread
+_LOADING = 25_000  # poses at which a library that is there is quicker than NumPy, loading included
+_BUILDING = 100_000  # poses for which one is built: its second use repays it
 
 
 class NotCompiled(UserWarning):
@@ -46,6 +48,10 @@ class Evaluator:
     model: StiffnessModel
     library: ctypes.CDLL | None
     threads: int = 1
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        """Another process loads the library again."""
+        return (_again, (self.model, self.threads, self.library is not None))
 
     @property
     def backend(self) -> str:
@@ -97,7 +103,7 @@ class Evaluator:
     @cached_property
     def _linear_places(self) -> np.ndarray:
         names = self.model.parameters
-        return np.array([names.index(n) for n in self.model._linear], dtype=int)
+        return np.array([names.index(n) for n in self.model.linear_parameters], dtype=int)
 
     def _deflection(
         self,
@@ -179,6 +185,26 @@ def compiled(model: StiffnessModel, threads: int = 1) -> Evaluator:
     return evaluator
 
 
+def for_poses(model: StiffnessModel, poses: int) -> Evaluator:
+    """The quicker way for so many poses, one call or many: compiled where that is repaid and possible, else NumPy.
+
+    The results differ by rounding only, so that nothing warns of a missing compiler.
+    """
+    compiler = find_compiler() if poses >= _LOADING else None
+    if compiler is None or (poses < _BUILDING and not is_built(model, programs(model), compiler)):
+        return Evaluator(model, None)
+    return _again(model, 1, True)
+
+
+def _again(model: StiffnessModel, threads: int, wanted: bool) -> Evaluator:
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", NotCompiled)
+        try:
+            return compiled(model, threads) if wanted else Evaluator(model, None, threads)
+        except RuntimeError:  # the compiler broke the arithmetic
+            return Evaluator(model, None, threads)
+
+
 def _prove(evaluator: Evaluator) -> None:
     """Compare with NumPy at a few poses. Raises RuntimeError where the compiler broke the arithmetic."""
     model = evaluator.model
@@ -198,7 +224,7 @@ def _prove(evaluator: Evaluator) -> None:
 
 def programs(model: StiffnessModel) -> dict[str, Program]:
     """The programs that are compiled: Δt, and the columns of the parameters that it is linear in."""
-    return {"deflection": model.deflection_program, "observation": model._linear_program}
+    return {"deflection": model.deflection_program, "observation": model.linear_program}
 
 
 def _arrays(program: Program, q: np.ndarray, w: np.ndarray, context: Context | None) -> dict[str, np.ndarray]:

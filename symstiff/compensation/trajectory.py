@@ -8,10 +8,13 @@ from dataclasses import dataclass
 import numpy as np
 
 from symstiff.codegen.reference import unit_length
+from symstiff.codegen.runtime import Evaluator, for_poses
 from symstiff.model import StiffnessModel
 from symstiff.symbolic.numeric import forward, joint_jacobian
 
 _ROUNDS = 12
+_TYPICAL_ROUNDS = 5
+_STILL = 1e-13  # rad, m: a row that moves by less is done
 _SINGULAR = 1e-10
 
 
@@ -33,7 +36,7 @@ def compensate_online(
     Rows in a singular pose keep their q.
     """
     q = np.atleast_2d(np.asarray(q, dtype=float))
-    step, solved = _step(model, q, model.deflection(q, w, context=context))
+    step, solved = _step(model, q, for_poses(model, len(q)).deflection(q, w, context=context))
     return np.where(solved[:, None], q - step, q)
 
 
@@ -46,20 +49,29 @@ def compensate(
     False for rows in a singular pose, which keep their q.
     """
     q = np.atleast_2d(np.asarray(q, dtype=float))
+    w = np.broadcast_to(np.asarray(w, dtype=float), (len(q), 6))
+    moment = {k: np.broadcast_to(x, len(q)) for k, x in (context or {}).items()}
     target = forward(model.robot, q)
-    command, solved = q.copy(), np.ones(len(q), dtype=bool)
-    before = _error(model, target, q, w, context)
+    evaluator = for_poses(model, _TYPICAL_ROUNDS * len(q))
+    command, solved, moving = q.copy(), np.ones(len(q), dtype=bool), np.arange(len(q))
+
+    def error(rows: np.ndarray) -> np.ndarray:
+        there = {k: x[rows] for k, x in moment.items()}
+        return _error(evaluator, target[rows], command[rows], w[rows], there)
+
+    before = error(moving)
     for _ in range(_ROUNDS):
-        step, regular = _step(model, command, _error(model, target, command, w, context))
-        solved &= regular
-        command = np.where(solved[:, None], command - step, q)
-        if np.abs(step[solved]).max(initial=0.0) < 1e-13:
+        step, regular = _step(model, command[moving], error(moving))
+        solved[moving] = regular
+        command[moving] = np.where(regular[:, None], command[moving] - step, q[moving])
+        moving = moving[regular & (np.abs(step).max(axis=1, initial=0.0) >= _STILL)]
+        if not len(moving):
             break
-    return Compensated(command, before, _error(model, target, command, w, context), solved)
+    return Compensated(command, before, error(np.arange(len(q))), solved)
 
 
 def _error(
-    model: StiffnessModel,
+    evaluator: Evaluator,
     target: np.ndarray,
     q: np.ndarray,
     w: np.ndarray,
@@ -68,8 +80,8 @@ def _error(
     """Loaded pose at q minus target, as a twist in base axes (N, 6)."""
     from scipy.spatial.transform import Rotation
 
-    deflection = model.deflection(q, w, context=context)
-    pose = forward(model.robot, q)
+    deflection = evaluator.deflection(q, w, context=context)
+    pose = forward(evaluator.model.robot, q)
     turned = Rotation.from_rotvec(deflection[:, 3:]) * Rotation.from_matrix(pose[:, :3, :3])
     away = turned * Rotation.from_matrix(target[:, :3, :3]).inv()
     return np.hstack([pose[:, :3, 3] + deflection[:, :3] - target[:, :3, 3], away.as_rotvec()])
