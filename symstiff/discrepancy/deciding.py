@@ -15,6 +15,7 @@ from symstiff.discrepancy.problem import Array
 from symstiff.discrepancy.scan import column_space
 from symstiff.discrepancy.separation import Decider, Hypotheses, deciding_poses
 from symstiff.discrepancy.situation import Laws, Situation, has_weights, load_factor, look, under_weights
+from symstiff.discrepancy.threads import one_thread
 from symstiff.effects.base import EffectInstance, Scales, find
 from symstiff.model import StiffnessModel
 
@@ -82,6 +83,7 @@ def experiment_like(table: Measurements) -> Experiment:
     )  # fmt: skip
 
 
+@one_thread
 def decide_poses(
     model: StiffnessModel, rivals: Sequence[Rival], experiment: Experiment, sigma: Array, choice: Choice,
     taken: Measurements | None = None, tell: Callable[[str], None] = lambda stage: None,

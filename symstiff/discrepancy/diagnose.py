@@ -28,12 +28,14 @@ from symstiff.discrepancy.tables import (
     unavailable,
 )
 from symstiff.discrepancy.testability import testable
+from symstiff.discrepancy.threads import one_thread
 from symstiff.discrepancy.verdict import UNEXPLAINED, UNTESTABLE, Outcome, decide
 
 LEAST_FREEDOM = 5
 """Degrees of freedom outside the model below which no test is made."""
 
 
+@one_thread
 def diagnose(
     problem: Problem,
     candidates: Sequence[Candidate],

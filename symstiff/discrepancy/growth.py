@@ -13,6 +13,7 @@ from symstiff.discrepancy.prepare import prepare
 from symstiff.discrepancy.problem import Array, Problem
 from symstiff.discrepancy.scan import coefficients
 from symstiff.discrepancy.situation import Situation
+from symstiff.discrepancy.threads import one_thread
 from symstiff.effects.base import EffectInstance, find
 from symstiff.model import StiffnessModel
 
@@ -61,6 +62,7 @@ def of_robot(model: StiffnessModel) -> StiffnessModel:
     )
 
 
+@one_thread
 def fit(model: StiffnessModel, table: Measurements, rounds: int = 2) -> Fitted:
     """Identify all parameters of a model jointly, with the noise as the data show it.
 
