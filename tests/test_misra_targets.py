@@ -17,15 +17,18 @@ from symstiff.reduction import reduce
 from symstiff.robot import load
 
 
-def test_findings_in_the_reader_and_the_estimator_are_the_recorded_ones(tmp_path: Path) -> None:
+@pytest.mark.parametrize("precision", ["double", "float"])
+def test_findings_in_batches_reader_and_estimator_are_the_recorded_ones(
+    precision: str, tmp_path: Path
+) -> None:
     if shutil.which("cppcheck") is None:
         pytest.skip("cppcheck is missing")
     functions = Functions(StiffnessModel.of(reduce(load("scara"))))
-    options = Options(targets=("c", "params", "rls"))
+    options = Options(precision=precision, targets=("c", "params", "rls"))
     write_tree(tmp_path, emit_c(functions, options))
     for target in ("params", "rls"):
         write_tree(tmp_path, TARGETS[target].emitter()(functions, options))
-    files = ["scara_params.c", "scara_rls.c"]
+    files = ["scara_batch.c", "scara_params.c", "scara_rls.c"]
     command = ["cppcheck", "-q", "--std=c99", "--addon=misra", "--template={file}:{id}", *files]
     printed = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, check=False).stderr
     if "misra" not in printed:
