@@ -3,11 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from functools import lru_cache
 
 import numpy as np
 
 from symstiff.discrepancy.problem import Array
 from symstiff.discrepancy.scan import Scan, detectable_noncentrality
+
+_needed = lru_cache(maxsize=4096)(detectable_noncentrality)
+"""Candidates of one effect ask the same question at all their places."""
 
 
 def share_left(scan: Scan, entry: int) -> float:
@@ -28,7 +32,7 @@ def smallest_detectable(scan: Scan, entry: int, threshold: float, sigma2: float)
     if rank == 0:
         return np.full(int(bank.width[entry]), np.inf)
     prior = float(bank.log_prior[bank.owner[entry]])
-    needed = detectable_noncentrality(threshold, prior, rank, scan.freedom)
+    needed = _needed(threshold, prior, rank, scan.freedom)
     left = np.einsum("mk,mk->k", layer.outside[:, cols], layer.outside[:, cols])
     visible = left > 1e-9 * layer.length2[cols]
     size = np.sqrt(needed * sigma2 / np.where(visible, left, 1.0)) / bank.scale[cols]
