@@ -18,6 +18,8 @@ if TYPE_CHECKING:
 
 _MOST_TERMS, _MOST_LINES = 8, 90
 _TEMPORARY = re.compile(r"\bt(\d+)\b")
+_LONE_DOT = re.compile(r"<mo>·</mo>(?=(</mrow>)*(<mo>[+-]</mo>|$))")
+"""The dot behind a parameter that nothing is multiplied with."""
 _WORD = re.compile(r"\b[A-Za-z_]\w*\b")
 
 
@@ -49,6 +51,7 @@ def formulas(robot: Robot, instance: EffectInstance) -> list[Formula]:
         body = mathml(_readable(law, names), printer="presentation")
         for k, parameter in enumerate(names):
             body = body.replace(f"<mi>{_stand_in(k)}</mi>", _parameter(parameter))
+        body = _LONE_DOT.sub("", body)
         left = mathml(sp.Symbol(symbol), printer="presentation")
         out.append(
             Formula(

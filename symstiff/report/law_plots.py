@@ -215,7 +215,8 @@ def _draw(finding: Finding, law: _Law, points: _Points, name: str, ratio: bool =
         label = f"Δθ/τ [{'µrad' if unit == 'mrad' else 'nm'}/({moment})]"
         panels.append(_Panel(scale * angle[heavy], q_label, y, deviation, line, per_load, label))
     if points.time is not None:
-        panels.append(_Panel(points.time, "time [s]", *delta))
+        long = np.ptp(points.time) > 2 * 3600 if len(points.time) else False
+        panels.append(_Panel(points.time / (3600 if long else 1), f"time [{'h' if long else 's'}]", *delta))
     with drawing(name, 9.0, 3.0 if len(panels) < 4 else 2.6) as (figure, out):
         grid = figure.subplots(1, len(panels), squeeze=False)[0]
         for k, (axes, panel) in enumerate(zip(grid, panels, strict=True)):
