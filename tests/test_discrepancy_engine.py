@@ -159,6 +159,23 @@ def test_an_approach_error_common_to_a_poses_load_cases_raises_no_alarm() -> Non
     assert np.median([d.noise.approach for d in found]) == pytest.approx(2 * SIGMA, rel=0.5)
 
 
+@pytest.mark.parametrize(("own", "size"), [(0.0, 0.7), (1.0, 0.7), (1.0, 0.4), (0.0, 0.0)])
+def test_the_approach_error_is_found_whether_the_markers_share_it_or_not(own: float, size: float) -> None:
+    poses, cases, markers = 40, 3, 3
+    pose, case, channel = (g.ravel() for g in np.indices((poses, cases, 3 * markers)))
+    rng = np.random.default_rng(3)
+    shared = rng.normal(size=(poses, 3))[pose, channel % 3]
+    alone = rng.normal(size=(poses, 3 * markers))[pose, channel]
+    error = rng.normal(size=len(pose)) + size * (np.sqrt(1 - own) * shared + np.sqrt(own) * alone)
+    problem = Problem(
+        SIGMA * error, np.ones((len(pose), 1)), pose, case, channel, channel % 3,
+        sigma=np.full(len(pose), SIGMA), load=(1.0 + case) / cases,
+    )  # fmt: skip
+    report = prepare(problem, ()).report
+    assert report.approach == pytest.approx(size * SIGMA, abs=0.3 * SIGMA)
+    assert report.sigma == pytest.approx(SIGMA, rel=0.06)
+
+
 @pytest.mark.parametrize("joint", [1, 2, 3])
 def test_a_softening_joint_is_named_though_the_candidates_shapes_only_resemble_it(joint: int) -> None:
     a = arm()

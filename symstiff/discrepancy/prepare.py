@@ -11,7 +11,10 @@ from symstiff.discrepancy import noise as noises
 from symstiff.discrepancy.bank import Bank, build
 from symstiff.discrepancy.laws import unnamed_laws
 from symstiff.discrepancy.problem import Array, Candidate, Problem
-from symstiff.discrepancy.scan import Scan, evidence, extend, open_scan, prune
+from symstiff.discrepancy.scan import Scan, at_ratios, evidence, extend, likely, open_scan
+
+SAME_SHARE = 0.1
+"""Change of the markers' own share of the approach error up to which its size is looked for near the last one."""
 
 
 @dataclass(frozen=True)
@@ -31,23 +34,33 @@ def prepare(problem: Problem, candidates: Sequence[Candidate]) -> Prepared:
     Otherwise a large missing effect would pass for noise that differs between axes or between poses.
     """
     bank = build(problem, candidates, unnamed_laws(problem))
-    noise = noises.start(problem)
+    noise, own = noises.start(problem), 0.0
     growth: dict[str, float] = {}
-    scan = prune(open_scan(bank, noise, problem.y, problem.A))
+    scan, clean = _opened(problem, bank, noise)
     for _ in range(2):
-        clean = _without_the_obvious(scan)
-        own = _own_share(problem, clean, _data_residual(clean))
+        before, own = own, _own_share(problem, clean, _data_residual(clean))
         noise, growth = noises.refine(
             problem, noises.start(problem), _within_residual(clean), clean.freedom, own
         )
-        noise = replace(noise, ratios=_near(noise.ratios, [layer.ratio for layer in scan.layers]))
-        scan = prune(open_scan(bank, noise, problem.y, problem.A))
-    clean = _without_the_obvious(scan)
+        if abs(own - before) < SAME_SHARE:
+            noise = replace(noise, ratios=_near(noise.ratios, [layer.ratio for layer in scan.layers]))
+        scan, clean = _opened(problem, bank, noise)
     report = noises.report(
         problem, noise, _within_residual(clean), clean.best.rss / max(clean.freedom, 1), clean.freedom,
         clean.best.ratio, growth,
     )  # fmt: skip
     return Prepared(scan, bank, report, _data_residual(scan))
+
+
+def _opened(problem: Problem, bank: Bank, noise: noises.Noise) -> tuple[Scan, Scan]:
+    """The scan, and the scan after what stands out, at the ratios that are likely in either.
+
+    What all load cases of a pose share passes for approach error as long as it is not in the model.
+    """
+    whole = open_scan(bank, noise, problem.y, problem.A)
+    clean = _without_the_obvious(whole)
+    kept = likely(whole) | likely(clean)
+    return at_ratios(whole, kept), at_ratios(clean, kept)
 
 
 def _near(grid: tuple[float, ...], kept: list[float]) -> tuple[float, ...]:
@@ -78,21 +91,21 @@ def _within_residual(scan: Scan) -> Array:
 
 
 def _own_share(problem: Problem, scan: Scan, residual: Array) -> float:
-    """Part of the shared error that each marker has for itself, by moments of the residual's pose means."""
-    channels = len(np.unique(problem.channel))
-    if channels == len(np.unique(problem.axis)) or scan.best.ratio == 0.0:
+    """Part of the shared error that each marker has for itself, by moments of the residual within a pose."""
+    if len(np.unique(problem.channel)) == len(np.unique(problem.axis)):
         return 0.0
     z = residual / scan.noise.spread
-    cell = problem.pose * (problem.channel.max() + 1) + problem.channel
-    between = _mean_square(z, cell)
-    common = _mean_square(z, problem.pose * (problem.axis.max() + 1) + problem.axis)
-    return float(np.clip(1.0 - common / max(between, 1e-12), 0.0, 0.9))
+    same, pairs = _products(z, problem.pose * (problem.channel.max() + 1) + problem.channel)
+    every, all_pairs = _products(z, problem.pose * (problem.axis.max() + 1) + problem.axis)
+    alone = same / max(pairs, 1.0)
+    common = (every - same) / max(all_pairs - pairs, 1.0)
+    return float(np.clip(1.0 - common / max(alone, 1e-12), 0.0, 1.0))
 
 
-def _mean_square(z: Array, label: Array) -> float:
-    """Mean of products of different rows of the same label: the variance that they share."""
+def _products(z: Array, label: Array) -> tuple[float, float]:
+    """Sum of products of different rows of the same label, and how many there are."""
     _, number = np.unique(label, return_inverse=True)
     total = np.bincount(number.reshape(-1), z)
     square = np.bincount(number.reshape(-1), z**2)
-    count = np.bincount(number.reshape(-1))
-    return float(np.sum(total**2 - square) / max(np.sum(count * (count - 1)), 1))
+    count = np.bincount(number.reshape(-1)).astype(float)
+    return float(np.sum(total**2 - square)), float(np.sum(count * (count - 1)))

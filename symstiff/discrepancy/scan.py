@@ -131,14 +131,18 @@ def extend(scan: Scan, entries: tuple[int, ...]) -> Scan:
     return Scan(scan.bank, scan.noise, tuple(layers), scan.freedom - gained)
 
 
-def prune(scan: Scan, within: float = 5.0) -> Scan:
-    """Keep the ratios that are within some log-likelihood of the best, with or without the best candidate."""
+def likely(scan: Scan, within: float = 5.0) -> Mask:
+    """(R,) the ratios within some log-likelihood of the best, with or without the best candidate."""
     squares = explained(scan)
     top = squares.max(axis=1) if squares.size else np.zeros(len(scan.layers))
     rss = np.array([layer.rss for layer in scan.layers])
     value = scan.log_likelihood
     after = _log_likelihood(scan, rss - top)
-    keep = (value > value.max() - within) | (after > after.max() - within)
+    return np.asarray((value > value.max() - within) | (after > after.max() - within))
+
+
+def at_ratios(scan: Scan, keep: Mask) -> Scan:
+    """The scan at some of its ratios."""
     return replace(scan, layers=tuple(la for la, k in zip(scan.layers, keep, strict=True) if k))
 
 

@@ -18,6 +18,9 @@ INSUFFICIENT, UNEXPLAINED, UNTESTABLE = "named_insufficient", "unexplained", "un
 CALIBRATION = (0.0, 0.7, 4.5)
 """Offset, slope and limit of the confidence's logit, fitted on simulated benchmarks."""
 
+CLOSE = 3.0
+"""Log evidence by which a set that is refused may lead one that is not, for that one still to be spoken of."""
+
 Plausible = Callable[[Proposal], bool]
 
 
@@ -94,6 +97,11 @@ def _conclude(
     refused = max((j.score for j in tried if not _admissible(j, options)), default=-np.inf)
     if good and good[0].score > refused - 1.0:
         return _named(good, tried, weighed, tests, options)
+    if good and good[0].score > refused - CLOSE:
+        leader = good[0]
+        reason = "it accounts for the data, and what has no name does so as well"
+        half = tuple(0.5 for _ in leader.members)
+        return Outcome(INSUFFICIENT, reason, *tests, leader, (leader,), half, tuple(tried))
     needed = [j for j in tried if max(j.p_members) < options.alpha]
     best = max(needed, key=lambda j: j.score, default=None)
     if best is not None and best.rival < -3.0 and best.missed_share < 0.3:
