@@ -1,21 +1,17 @@
-"""The command line: help, JSON contract, exit codes, one line for every mistake, nothing half-written."""
+"""The command line: help, JSON contract, exit codes, generated folders."""
 
 from __future__ import annotations
 
-import errno
 import json
 import os
 import re
 import subprocess
 import sys
-from collections.abc import Callable
-from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 import pytest
+from command_line import OBLIQUE, Result, Run, assert_users_mistake, run_command_line  # noqa: F401
 
-from symstiff.cli import main
 from symstiff.robot import library
 
 COMMANDS = (
@@ -29,53 +25,6 @@ COMMANDS = (
     "diagnose",
     "compensate",
 )
-
-
-@dataclass(frozen=True)
-class Result:
-    code: int
-    out: str
-    err: str
-
-
-Run = Callable[..., Result]
-
-
-@pytest.fixture
-def run(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], tmp_path: Path) -> Run:
-    """Run a command line in this process, through the entry point of the console script.
-
-    Nothing outside the test's own folder can be replaced, whatever the program does.
-    """
-    replace = os.replace
-
-    def guarded(source: Any, target: Any) -> None:
-        assert Path(target).absolute().is_relative_to(tmp_path), f"would replace {target}"
-        replace(source, target)
-
-    monkeypatch.setattr(os, "replace", guarded)
-
-    def _run(*arguments: object) -> Result:
-        monkeypatch.setattr(sys, "argv", ["symstiff", *map(str, arguments)])
-        capsys.readouterr()
-        code: Any = 0
-        try:
-            main()
-        except SystemExit as exit_:
-            code = exit_.code or 0
-        out, err = capsys.readouterr()
-        return Result(code, out, err)
-
-    return _run
-
-
-def assert_users_mistake(result: Result, *words: str) -> None:
-    assert result.code == 2, result
-    lines = [line for line in result.err.splitlines() if line.strip()]
-    assert len(lines) == 1, result.err
-    assert lines[0].startswith("symstiff: ")
-    for word in words:
-        assert word in lines[0]
 
 
 # --- help and imports ------------------------------------------------------------------------------------
@@ -156,26 +105,6 @@ def test_inspect_takes_fixed_joints_and_wishes(run: Run) -> None:
     assert gone in wished["parameters"]
 
 
-OBLIQUE = """
-format = 1
-name = "oblique"
-[[joint]]
-a = 0.5
-alpha = "pi/2"
-d = 0.2
-[joint.link]
-beam_axis = [0.5, 0, 0.2]
-[[joint]]
-a = 0.4
-alpha = 0
-d = 0
-[joint.link]
-template = "rigid"
-[tool]
-xyz = [0.05, 0.1, 0.2]
-"""
-
-
 def test_inspect_warns_where_a_joint_is_not_in_its_links_template(run: Run, tmp_path: Path) -> None:
     robot = tmp_path / "oblique.toml"
     robot.write_text(OBLIQUE)
@@ -235,176 +164,6 @@ def test_fresh_interpreters_under_different_hash_seeds_write_the_same_bytes(tmp_
     ]
     assert len(contents[0]) > 8
     assert contents[0] == contents[1] == contents[2]
-
-
-# --- mistakes --------------------------------------------------------------------------------------------
-
-GOOD = OBLIQUE.strip()
-SPOILT = {
-    "malformed": (GOOD.replace("a = 0.5", "a = ="), "not valid TOML"),
-    "unknown_key": (GOOD.replace("a = 0.4", "aa = 0.4"), "unknown key"),
-    "degrees": (GOOD.replace('"pi/2"', "90"), "looks like degrees"),
-    "code": (GOOD.replace('"pi/2"', "\"__import__('os')\""), "cannot read"),
-    "bad_name": (GOOD.replace('"oblique"', '"2-links"'), "is no identifier"),
-    "no_joints": (GOOD[: GOOD.index("[[joint]]")] + "joint = []", "at least one"),
-    "missing_row": (GOOD.replace("a = 0.4\n", ""), "joint[2].a: missing"),
-    "not_finite": (GOOD.replace("d = 0.2", "d = inf"), "finite"),
-    "binary": ("\udcff\udcfe", "not a text file"),
-    "200_joints": (GOOD + '\n[[joint]]\na = 0.1\nalpha = "pi/2"\nd = 0' * 198, "at most 64"),
-}
-
-
-@pytest.mark.parametrize("case", SPOILT)
-@pytest.mark.parametrize("command", ["inspect", "generate"])
-def test_a_spoilt_robot_file_is_one_line_and_nothing_is_written(
-    run: Run, tmp_path: Path, case: str, command: str
-) -> None:
-    text, words = SPOILT[case]
-    robot = tmp_path / "robot.toml"
-    robot.write_bytes(text.encode("utf-8", "surrogateescape"))
-    target = ("-o", tmp_path / "out") if command == "generate" else ("--json", tmp_path / "out.json")
-    assert_users_mistake(run(command, robot, *target), "robot.toml", words)
-    assert [p.name for p in tmp_path.iterdir()] == ["robot.toml"]
-
-
-BAD_OPTIONS = [
-    (("inspect", "nowhere.toml"), ("nowhere.toml", "no such robot")),
-    (("inspect", "."), ("is a directory",)),
-    (("inspect", "planar2r", "--loads", "weight"), ("unknown loads", "wrench, force, gravity")),
-    (("inspect", "planar2r", "--measure", "angle"), ("unknown measure", "pose, position")),
-    (("inspect", "planar2r", "--fixed", "q9=0"), ("cannot fix q9",)),
-    (("inspect", "planar2r", "--fixed", "q1"), ("--fixed",)),
-    (("inspect", "planar2r", "--fixed", "q1=__import__('os')"), ("cannot read",)),
-    (("inspect", "planar2r", "--fixed", "q1=nan"), ("finite",)),
-    (("inspect", "planar2r", "--fixed", "q²=0"), ("--fixed",)),
-    (("inspect", "planar2r", "--fixed", "q1=0,q1=1"), ("q1",)),
-    (("inspect", "planar2r", "--fixed", "q1=90"), ("degrees",)),
-    (("inspect", "planar2r", "--prefer", "k9_11"), ("k9_11",)),
-    (("inspect", "planar2r", "--avoid", "k9_11"), ("k9_11",)),
-    (("generate", "planar2r", "--precision", "half"), ("unknown precision", "double or float")),
-    (("generate", "planar2r", "--targets", "c,fortran"), ("unknown target", "fortran")),
-    (("generate", "planar2r", "--targets", ""), ("target",)),
-    (("generate", "planar2r", "--layout", "round"), ("unknown layout",)),
-    (("generate", "planar2r", "--loads", "weight"), ("unknown loads",)),
-    (("generate", "planar2r", "--model", "none.toml"), ("none.toml",)),
-]
-
-
-@pytest.mark.parametrize(("arguments", "words"), BAD_OPTIONS, ids=lambda a: " ".join(a))
-def test_a_bad_option_is_one_line_and_nothing_is_written(
-    run: Run,
-    tmp_path: Path,
-    monkeypatch: pytest.MonkeyPatch,
-    arguments: tuple[str, ...],
-    words: tuple[str, ...],
-) -> None:
-    monkeypatch.chdir(tmp_path)
-    output = ("-o", "out") if arguments[0] == "generate" else ()
-    assert_users_mistake(run(*arguments, *output), *words)
-    assert list(tmp_path.iterdir()) == []
-
-
-def test_a_model_of_another_robot_or_class_is_refused(run: Run, tmp_path: Path) -> None:
-    from symstiff.model import joints_only
-    from symstiff.robot import load
-
-    model, out = tmp_path / "model.toml", tmp_path / "out"
-    joints_only(load("scara"), "gravity").save(model)
-    assert_users_mistake(run("generate", "planar2r", "-o", out, "--model", model), "model of scara")
-    wrong = run("generate", "scara", "-o", out, "--model", model, "--loads", "wrench")
-    assert_users_mistake(wrong, "loads gravity")
-    assert [p.name for p in tmp_path.iterdir()] == ["model.toml"]
-
-
-@pytest.mark.parametrize("place", ["file", "file/out", "/proc/out"])
-def test_a_folder_that_cannot_be_written_is_one_line(run: Run, tmp_path: Path, place: str) -> None:
-    (tmp_path / "file").write_text("mine")
-    target = place if place[0] == "/" else f"{tmp_path}/{place}"
-    assert_users_mistake(run("generate", "planar2r", "-o", target, "--no-compile"))
-    assert (tmp_path / "file").read_text() == "mine"
-    assert [p.name for p in tmp_path.iterdir()] == ["file"]
-
-
-def test_a_folder_that_holds_something_else_is_left_alone(run: Run, tmp_path: Path) -> None:
-    folder = tmp_path / "thesis"
-    folder.mkdir()
-    (folder / "chapter1.tex").write_text("years of work")
-    assert_users_mistake(run("generate", "planar2r", "-o", folder, "--no-compile"), "chapter1.tex")
-    assert [p.name for p in folder.iterdir()] == ["chapter1.tex"]
-    assert [p.name for p in tmp_path.iterdir()] == ["thesis"]
-
-
-@pytest.mark.parametrize("place", ["/proc/out.json", "file/out.json", ".", "missing/out.json"])
-def test_a_json_file_that_cannot_be_written_is_one_line(run: Run, tmp_path: Path, place: str) -> None:
-    (tmp_path / "file").write_text("mine")
-    assert_users_mistake(run("robots", "--json", tmp_path / place), "cannot write")
-    assert [p.name for p in tmp_path.iterdir()] == ["file"]
-
-
-def test_a_device_is_written_to_and_never_replaced(run: Run, tmp_path: Path) -> None:
-    """Through a link: should the program replace what it is given, it is the link that goes."""
-    full, link = Path("/dev/full"), tmp_path / "full.json"
-    if not full.is_char_device():
-        pytest.skip("no /dev/full on this machine")
-    link.symlink_to(full)
-    assert_users_mistake(run("robots", "--json", link), "No space left on device")
-    assert link.is_symlink()
-    assert full.is_char_device()
-    assert [p.name for p in tmp_path.iterdir()] == ["full.json"]
-
-
-def test_a_pipe_gets_the_result(run: Run, tmp_path: Path) -> None:
-    pipe = tmp_path / "pipe"
-    os.mkfifo(pipe)
-    reader = os.open(pipe, os.O_RDONLY | os.O_NONBLOCK)
-    assert run("robots", "--json", pipe).code == 0
-    assert os.read(reader, 2) == b"[\n"
-    os.close(reader)
-    assert pipe.is_fifo()
-
-
-def test_a_link_to_a_file_stays_a_link(run: Run, tmp_path: Path) -> None:
-    (tmp_path / "there.json").write_text("old")
-    (tmp_path / "link.json").symlink_to("there.json")
-    assert run("robots", "--json", tmp_path / "link.json").code == 0
-    assert (tmp_path / "link.json").is_symlink()
-    assert json.loads((tmp_path / "there.json").read_text())
-
-
-@pytest.mark.parametrize("allowed", [0, 1, 5, 9])
-def test_a_disk_that_fills_up_leaves_nothing_behind(
-    run: Run, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, allowed: int
-) -> None:
-    real, written = Path.write_bytes, [0]
-
-    def fill(self: Path, data: bytes) -> int:
-        written[0] += 1
-        if written[0] > allowed:
-            real(self, data[: len(data) // 2])
-            raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
-        return real(self, data)
-
-    monkeypatch.setattr(Path, "write_bytes", fill)
-    result = run("generate", "planar2r", "-o", tmp_path / "new" / "out", "--no-compile")
-    assert_users_mistake(result, "No space left on device")
-    assert [p for p in tmp_path.rglob("*") if p.name != "new"] == []
-
-
-def test_a_disk_that_fills_up_leaves_the_old_folder_as_it_was(
-    run: Run, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    folder = tmp_path / "out"
-    assert run("generate", "planar2r", "-o", folder, "--no-compile").code == 0
-    before = {p: p.read_bytes() for p in folder.rglob("*") if p.is_file()}
-
-    def full(self: Path, data: bytes) -> int:
-        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
-
-    monkeypatch.setattr(Path, "write_bytes", full)
-    assert_users_mistake(run("generate", "planar2r", "-o", folder, "--no-compile"), "No space left")
-    monkeypatch.undo()
-    assert {p: p.read_bytes() for p in folder.rglob("*") if p.is_file()} == before
-    assert [p.name for p in tmp_path.iterdir()] == ["out"]
 
 
 def test_a_fault_of_ours_is_one_line_and_exit_code_1(run: Run, monkeypatch: pytest.MonkeyPatch) -> None:
