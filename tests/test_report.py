@@ -17,7 +17,8 @@ from symstiff.discrepancy.workflow import Finding, Found, Task, run
 from symstiff.report.code import core, difference
 from symstiff.report.folder import write_deciding_poses
 from symstiff.report.html import render
-from symstiff.report.words import number, p_equals, quantity
+from symstiff.report.law_plots import left_with
+from symstiff.report.words import law_text, number, p_equals, places, quantity
 from symstiff.robot import load
 from tests.diagnosis_data import HARDENING, ROBOT, measured
 
@@ -155,8 +156,44 @@ def test_what_has_no_name_is_shown_where_it_sits_with_a_fitted_expression(unexpl
     assert "The evidence is strongest at" in part
     assert "<svg" in part
     law = unexplained.last.law
-    if law is not None:
-        assert law.expression in part
+    assert law is not None
+    assert law.expression in part
+    assert law_text(unexplained, law) in part
+    assert "Δθ/τ" in part  # stiffness against the angle: what a person recognises
+
+
+def test_the_points_of_an_unnamed_law_are_the_deflections_that_the_data_ask_for(unexplained: Finding) -> None:
+    law, problem = unexplained.last.law, unexplained.assembly.problem
+    assert law is not None
+    assert problem.J is not None
+    v = problem.virtual_joints.index(law.virtual_joint)
+    signal = problem.J[:, v] * law.values
+    grown = np.column_stack([problem.A / np.linalg.norm(problem.A, axis=0), signal / np.linalg.norm(signal)])
+    fitted = grown @ np.linalg.lstsq(grown, problem.y, rcond=1e-10)[0]
+    left = problem.y - fitted
+    found = left_with(unexplained, signal)
+    assert np.sqrt(np.mean((found - left) ** 2)) < 0.15 * np.sqrt(np.mean(left**2))
+    assert 1 - np.mean(found**2) / unexplained.rms.before**2 == pytest.approx(law.explained, abs=0.1)
+
+
+def test_where_nothing_was_added_there_is_one_state() -> None:
+    page = render(run(Task(load(ROBOT), measured())), {"code": CODE, "decide": None}, [])
+    assert "<h2>Residuals</h2>" in page
+    assert "→" not in page[page.index("<dl") : page.index("</dl>")]
+
+
+@pytest.mark.parametrize(
+    ("wheres", "text"),
+    [
+        ([{"joint": 3}], "at joint 3"),
+        ([{"joint": j} for j in (1, 2, 3, 5, 6)], "at joints 1–3, 5, 6"),
+        ([{"link": 0}, {"link": 4}], "at links 0, 4"),
+        ([{"joints": [4, 5]}, {"joint": 1}], "at joint 1, between joints 4, 5"),
+        ([{"joint": 2, "harmonics": [17]}], "at joint 2 (17 a turn)"),
+    ],
+)
+def test_places_of_one_effect_are_told_in_one_breath(wheres: list[dict[str, Any]], text: str) -> None:
+    assert places(wheres) == text
 
 
 def test_an_ambiguous_verdict_leaves_poses_that_decide(named: Finding, tmp_path: Path) -> None:

@@ -59,7 +59,7 @@ def draw_law(finding: Finding, effect: Found) -> Picture | None:
         together = sum((_added(finding, e) for e in _beside(finding, effect)), np.zeros(len(added)))
     except KeyError:
         return None
-    partial = _left(finding, together) + added
+    partial = left_with(finding, together) + added
     law = _strongest(finding, effect)
     if law is None:
         return _draw_added(finding, effect, added, partial)
@@ -92,7 +92,7 @@ def draw_unnamed(finding: Finding) -> Picture | None:
     signal = problem.J[:, v] * values if found is not None else np.zeros(problem.rows)
     angle = re.search(r"\bq(\d+)", "" if found is None else found.expression)
     law = _Law(v, v, values, angle=int(angle.group(1)) if angle else 0)
-    points = _points(finding, law, _left(finding, signal) + signal)
+    points = _points(finding, law, left_with(finding, signal) + signal)
     if points is None:
         return None
     caption = (
@@ -121,7 +121,7 @@ def _beside(finding: Finding, effect: Found) -> list[Found]:
     ]
 
 
-def _left(finding: Finding, signal: Array) -> Array:
+def left_with(finding: Finding, signal: Array) -> Array:
     """(M,) what is left of the data once a signal has joined the model, all coefficients fitted again."""
     problem, weight = finding.assembly.problem, 1.0 / weights(finding)
     before = finding.last.growth[0].residual if finding.last.growth else np.zeros(problem.rows)
