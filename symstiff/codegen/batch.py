@@ -216,6 +216,5 @@ def batch_context(functions: Functions, options: Options) -> dict[str, Any]:
     return {
         "batches": batches,
         "v": vector_context(single),
-        "tile": batches[1]["block"],
         "stack": stack_bytes(batches, model.robot.dof, single),
     }

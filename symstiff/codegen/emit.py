@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from symstiff import __version__
-from symstiff.codegen.batch import batch_context
+from symstiff.codegen.batch import batch_context, block_size
 from symstiff.codegen.compact import compact
 from symstiff.codegen.functions import Functions
 from symstiff.codegen.names import CONTEXT_DEFAULTS, CONTEXT_MEANING, LOADS_MEANING, SUMMARIES, meaning
@@ -103,6 +103,7 @@ def base_context(functions: Functions, options: Options) -> dict[str, Any]:
         "compliances_propagate": _compliances_propagate(functions),
         "prismatic": ", ".join(f"q{i}" for i, j in enumerate(robot.joint, 1) if j.prismatic),
         "redundant": robot.dof > 6,
+        "tile": block_size(functions.observation.size("A"), single),
         "solve_rows": max(robot.dof, 6),
         "solve_columns": min(robot.dof, 6),
         "unit_length": literal(unit_length(model)),
