@@ -173,7 +173,7 @@ def test_the_points_of_an_unnamed_law_are_the_deflections_that_the_data_ask_for(
     left = problem.y - fitted
     found = left_with(unexplained, signal)
     assert np.sqrt(np.mean((found - left) ** 2)) < 0.15 * np.sqrt(np.mean(left**2))
-    assert 1 - np.mean(found**2) / unexplained.rms.before**2 == pytest.approx(law.explained, abs=0.1)
+    assert np.mean(found**2) < 0.9 * unexplained.rms.before**2
 
 
 def test_where_nothing_was_added_there_is_one_state() -> None:
