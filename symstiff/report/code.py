@@ -104,13 +104,12 @@ class Line:
 
 def core(model: StiffnessModel) -> list[str]:
     """Lines of the C function that evaluates the deflection, and of the parameters' struct."""
-    from symstiff.codegen.emit import emit_c
+    from symstiff.codegen.emit import base_context, environment
     from symstiff.codegen.functions import Functions
     from symstiff.codegen.options import Options
 
-    files = emit_c(Functions(model), Options(targets=("c",)))
-    name = model.robot.name
-    header, source = files[f"{name}.h"].decode(), files[f"{name}.c"].decode()
+    jinja, context = environment(), base_context(Functions(model), Options(targets=("c",)))
+    header, source = (jinja.get_template(f"c/{name}.j2").render(context) for name in ("header.h", "source.c"))
     return [*_block(header, "typedef struct"), "", *_block(source, "static void deflection_core(")]
 
 
