@@ -179,10 +179,7 @@ def _block(
         seen |= set(own)
         key = f"{effect.effect} {effect.where} {sorted(effect.shape.items())} {own}"
         if key not in known:
-            try:
-                known[key] = columns_of(situation, effect, own)
-            except ValueError:  # the effect is of a pose that is not in the table
-                known[key] = np.zeros((len(situation.view.state), len(own)))
+            known[key] = columns_of(situation, effect, own)
         parts.append(known[key])
     return np.hstack(parts)
 
