@@ -15,6 +15,7 @@ from symstiff.codegen.emit import base_context
 from symstiff.codegen.functions import Functions
 from symstiff.codegen.options import Options
 from symstiff.codegen.targets import TARGETS
+from symstiff.effects.base import EffectInstance, Scales, find
 from symstiff.files import write_tree
 from symstiff.model import StiffnessModel
 from symstiff.reduction.reduce import reduce
@@ -82,3 +83,19 @@ def poses(robot: str, n: int, seed: int = 0) -> tuple[np.ndarray, np.ndarray]:
     ranges = np.array([j.range for j in model(robot).robot.joint])
     q = rng.uniform(ranges[:, 0], ranges[:, 1], (n, len(ranges)))
     return q, rng.uniform(-1000, 1000, (n, 6)) * [1, 1, 1, 0.2, 0.2, 0.2]
+
+
+SCALES = Scales(context={"time": 3600.0, "temperature": 10.0})
+
+
+def grown(robot: str, effect: str, shape: int = 0) -> StiffnessModel:
+    """A model with one effect of typical size, at its first place."""
+    base, entry = model(robot), find(effect)
+    where = entry.places(base.robot)[0]
+    m = base.with_effect(EffectInstance(effect, where, entry.shapes(base.robot, where, SCALES)[shape]))
+    return m.with_values(dict(base.values) | {e.name: e.typical for e in m.effect_parameters})
+
+
+def needs(m: StiffnessModel) -> set[str]:
+    """What the model has to know of the moment."""
+    return {s.name for v in m.deflection_program.inputs if v.name == "context" for s in v.symbols}

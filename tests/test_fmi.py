@@ -13,10 +13,8 @@ from symstiff.codegen import fmi
 from symstiff.codegen.fmi import base_unit, emit_fmi2, emit_fmi3
 from symstiff.codegen.functions import Functions
 from symstiff.codegen.options import Options
-from symstiff.effects.base import EffectInstance, Scales, find
-from symstiff.errors import UserError
 from symstiff.symbolic.algebras import evaluate_numpy
-from tests.generated_c import compiler, emitted, model, poses, written
+from tests.generated_c import compiler, emitted, grown, model, needs, poses, written
 
 fmpy = pytest.importorskip("fmpy", reason="FMPy is missing")
 
@@ -204,11 +202,42 @@ def test_units_are_taken_apart(unit, base):
     assert base_unit(unit) == base
 
 
-def test_laws_of_time_are_refused_with_one_line():
-    m = model("kuka_kr270")
-    entry = find("thermal_drift")
-    where = entry.places(m.robot)[0]
-    shape = entry.shapes(m.robot, where, Scales(context={"time": 3600.0, "temperature": 10.0}))[0]
-    grown = m.with_effect(EffectInstance("thermal_drift", where, shape))
-    with pytest.raises(UserError, match=r"^target fmi2: the model's effects depend on \w+"):
-        emit_fmi2(Functions(grown), Options(targets=("c", "fmi2")))
+@pytest.mark.parametrize("version", [2, 3])
+@pytest.mark.parametrize(("effect", "shape"), [("hysteresis", 0), ("thermal_drift", 0), ("thermal_drift", 1)])
+def test_laws_of_the_moment_read_time_from_the_simulation_and_the_rest_from_inputs(
+    effect, shape, version, tmp_path
+):
+    compiler()
+    m = grown("scara", effect, shape)
+    emit = emit_fmi2 if version == 2 else emit_fmi3
+    path = tmp_path / f"scara_fmi{version}.fmu"
+    path.write_bytes(emit(Functions(m), Options(targets=("c", f"fmi{version}")))[path.name])
+    from fmpy.validation import validate_fmu
+
+    assert validate_fmu(str(path)) == []
+    q, w = poses("scara", 1)
+    start = {f"q[{k}]": x for k, x in enumerate(q[0], 1)} | {f"wrench[{k}]": x for k, x in enumerate(w[0], 1)}
+    moment = {"temperature": 31.0, "branch": -1.0}
+    start |= {n: moment[n] for n in needs(m) if n != "time"}
+    outputs = [f"deflection[{k}]" for k in range(1, 7)]
+    result = fmpy.simulate_fmu(
+        str(path),
+        start_time=100.0,
+        stop_time=3700.0,
+        step_size=1200.0,
+        output_interval=1200.0,
+        output=outputs,
+        start_values=start,
+    )
+    found = np.column_stack([result[name] for name in outputs])
+    np.testing.assert_allclose(result["time"], [100.0, 1300.0, 2500.0, 3700.0])
+    known = {"time": result["time"], **{n: np.full(4, x) for n, x in moment.items()}}
+    wanted = m.deflection(np.repeat(q, 4, 0), np.repeat(w, 4, 0), context={n: known[n] for n in needs(m)})
+    np.testing.assert_allclose(found, wanted, rtol=0, atol=1e-12 * np.abs(wanted).max())
+    other = dict(known, branch=np.ones(4), temperature=np.full(4, 20.0), time=np.zeros(4))
+    unlike = m.deflection(np.repeat(q, 4, 0), np.repeat(w, 4, 0), context={n: other[n] for n in needs(m)})
+    assert np.abs(found - unlike).max() > 1e-3 * np.abs(wanted).max()
+    units = {v.name: v.unit for v in fmpy.read_model_description(str(path)).modelVariables}
+    assert {n: units[n] for n in needs(m) - {"time"}} == {
+        n: {"temperature": "degC", "branch": "1"}[n] for n in needs(m) - {"time"}
+    }

@@ -17,9 +17,8 @@ from symstiff.codegen.options import Options
 from symstiff.codegen.reference import unit_length
 from symstiff.codegen.structured_text import emit_st
 from symstiff.effects.base import EffectInstance, Scales, find
-from symstiff.errors import UserError
 from symstiff.symbolic.algebras import evaluate_numpy
-from tests.generated_c import model, poses, shared_library, written
+from tests.generated_c import grown, model, needs, poses, shared_library, written
 from tests.structured_text import Block
 
 # Arms of four, six and seven joints; few compliances, since the parser is slow.
@@ -152,10 +151,28 @@ def test_no_two_names_differ_by_case_alone():
         assert len({n.lower() for n in declared}) == len(declared)
 
 
-def test_laws_of_load_history_are_refused():
-    m = model("kuka_kr270")
-    entry = find("hysteresis")
-    where = entry.places(m.robot)[0]
-    grown = m.with_effect(EffectInstance("hysteresis", where, entry.shapes(m.robot, where, Scales())[0]))
-    with pytest.raises(UserError, match=r"^target st: the model's effects depend on"):
-        emit_st(Functions(grown), Options(targets=("st",)))
+@pytest.mark.parametrize("precision", ["double", "float"])
+@pytest.mark.parametrize(("effect", "shape"), [("hysteresis", 0), ("thermal_drift", 0), ("thermal_drift", 1)])
+def test_laws_of_the_moment_read_it_from_inputs(effect, shape, precision):
+    m = grown("planar2r", effect, shape)
+    text = emit_st(Functions(m), Options(precision=precision, targets=("st",)))["FB_planar2r.st"].decode()
+    block, (q, w) = Block(text), poses("planar2r", 1)
+    names = {"time": "time_s", "temperature": "temperature", "branch": "branch"}
+    moments = [
+        {"time": 0.0, "temperature": 20.0, "branch": 1.0},
+        {"time": 1800.0, "temperature": 31.0, "branch": -1.0},
+    ]
+    seen = []
+    for moment in moments:
+        known = {n: moment[n] for n in needs(m)}
+        wanted = m.deflection(q, w, context={n: np.array([x]) for n, x in known.items()})[0]
+        outputs = block(q=q[0], w=w[0], **{names[n]: x for n, x in known.items()})
+        tolerance = 1e-12 if precision == "double" else 1e-4
+        np.testing.assert_allclose(outputs["dt"], wanted, rtol=0, atol=tolerance * np.abs(wanted).max())
+        seen.append(wanted)
+        if moment is moments[0]:
+            np.testing.assert_array_equal(Block(text)(q=q[0], w=w[0])["dt"], outputs["dt"])
+    assert np.abs(seen[0] - seen[1]).max() > 1e-3 * np.abs(seen[0]).max()
+    bad = block(q=q[0], w=w[0], **{names[sorted(needs(m))[0]]: np.nan})
+    assert bad["status"] == -2
+    assert not np.any(bad["dt"])

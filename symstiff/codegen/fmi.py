@@ -15,8 +15,8 @@ from typing import TYPE_CHECKING, Any
 
 from symstiff.codegen.compiler import find_compiler
 from symstiff.codegen.emit import base_context, environment
-from symstiff.codegen.refuse import refuse_context
-from symstiff.codegen.text import CAlgebra
+from symstiff.codegen.names import CONTEXT_DEFAULTS, CONTEXT_MEANING
+from symstiff.codegen.text import CAlgebra, context_names
 
 if TYPE_CHECKING:
     from symstiff.codegen.functions import Functions
@@ -28,6 +28,7 @@ _BASE = {
     "N": {"kg": 1, "m": 1, "s": -2},
 }  # fmt: skip
 _WRENCH = ("N", "N", "N", "N*m", "N*m", "N*m")
+_MOMENT_UNITS = {"temperature": "degC", "branch": "1"}
 _TWIST = ("m", "m", "m", "rad", "rad", "rad")
 _SYSTEMS = {
     "linux": ("linux64", "linux", ".so"),
@@ -70,7 +71,6 @@ def emit_fmi3(functions: Functions, options: Options) -> dict[str, bytes]:
 
 
 def _emit(functions: Functions, options: Options, version: int) -> dict[str, bytes]:
-    refuse_context(functions, f"fmi{version}")
     name = functions.model.robot.name
     context = fmu_context(functions, options, version)
     jinja = environment()
@@ -98,18 +98,23 @@ def fmu_context(functions: Functions, options: Options, version: int) -> dict[st
     base = base_context(functions, options)
     literal = CAlgebra(False).literal
     values = [{"name": n, "start": literal(float(model.values.get(n, 0.0)))} for n in model.parameters]
-    variables = _variables(functions, values)
+    moment = [n for n in context_names(functions.deflection) if n != "time"]
+    variables = _variables(functions, values, moment)
     names = dict.fromkeys(v.unit for v in variables if v.unit)
     return base | {
         "token": base["model_hash"],
         "values": values,
+        "moment": moment,
+        "starts": [*(v["start"] for v in values), *(literal(CONTEXT_DEFAULTS[n]) for n in moment)],
         "variables": variables,
-        "units": [{"name": u, "base": sorted((base_unit(u) or {}).items())} for u in names],
+        "units": [{"name": u, "base": _base(u)} for u in names],
         "sources": [f"{model.robot.name}.c", f"{model.robot.name}_fmi{version}.c"],
     }
 
 
-def _variables(functions: Functions, values: Sequence[Mapping[str, str]]) -> list[Variable]:
+def _variables(
+    functions: Functions, values: Sequence[Mapping[str, str]], moment: Sequence[str]
+) -> list[Variable]:
     model = functions.model
     joints = ["m" if j.prismatic else "rad" for j in model.robot.joint]
     found: list[tuple[str, str, str, str, str | None]] = []
@@ -119,6 +124,9 @@ def _variables(functions: Functions, values: Sequence[Mapping[str, str]]) -> lis
         found.append((f"wrench[{k}]", "load at the tool centre point, base axes", "input", unit, "0.0"))
     for v in values:
         found.append((v["name"], "compliance or effect", "parameter", model.units[v["name"]], v["start"]))
+    for n in moment:
+        unit = _MOMENT_UNITS[n]
+        found.append((n, CONTEXT_MEANING[n], "input", unit, CAlgebra(False).literal(CONTEXT_DEFAULTS[n])))
     for k, unit in enumerate(joints, 1):
         found.append((f"q_cmd[{k}]", f"compensated command of joint {k}", "output", unit, None))
     for k, unit in enumerate(_TWIST, 1):
@@ -128,6 +136,13 @@ def _variables(functions: Functions, values: Sequence[Mapping[str, str]]) -> lis
     variables = [Variable(i, *row) for i, row in enumerate(found, 1)]
     status = "0, or the negative error of the C function"
     return [*variables, Variable(len(found) + 1, "status", status, "output", integer=True)]
+
+
+def _base(unit: str) -> list[tuple[str, float]]:
+    """Attributes of a unit's definition by the SI base units."""
+    if unit == "degC":
+        return [("K", 1), ("offset", 273.15)]
+    return sorted((base_unit(unit) or {}).items())
 
 
 def base_unit(unit: str) -> dict[str, int] | None:

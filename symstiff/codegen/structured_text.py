@@ -11,8 +11,7 @@ import sympy as sp
 
 from symstiff.codegen.emit import base_context, environment
 from symstiff.codegen.reference import unit_length
-from symstiff.codegen.refuse import refuse_context
-from symstiff.codegen.text import CAlgebra, Text
+from symstiff.codegen.text import CAlgebra, Text, context_names
 from symstiff.errors import UserError
 from symstiff.symbolic.program import Constant, Let, Program, Statement, evaluate
 
@@ -24,6 +23,9 @@ _CALLS = {
     "sin": "SIN", "cos": "COS", "tan": "TAN", "exp": "EXP", "log": "LN", "sqrt": "SQRT", "Abs": "ABS",
     "atan": "ATAN", "asin": "ASIN", "acos": "ACOS",
 }  # fmt: skip
+
+
+_MOMENT = {"time": "time_s"}  # TIME is a type of the language
 
 
 @dataclass(frozen=True)
@@ -99,7 +101,6 @@ class Body:
 
 def emit_st(functions: Functions, options: Options) -> dict[str, bytes]:
     """One function block in a text file."""
-    refuse_context(functions, "st")
     context = base_context(functions, options) | st_context(functions, options)
     text: str = environment().get_template("st/block.st.j2").render(context)
     return {f"FB_{functions.model.robot.name}.st": text.encode()}
@@ -109,10 +110,12 @@ def st_context(functions: Functions, options: Options) -> dict[str, Any]:
     """What the template prints beside the common names."""
     model, algebra = functions.model, StructuredAlgebra(options.single)
     order, literal = model.parameters, algebra.literal
+    moment = [_MOMENT.get(n, n) for n in context_names(functions.deflection)]
     inputs: dict[str, Callable[[int], str]] = {
         "p": lambda i: order[i],
         "q": lambda i: f"q[{i + 1}]",
         "w": lambda i: f"w[{i + 1}]",
+        "context": lambda i: moment[i],
     }
     body = Body(algebra, {}, [])
     deflection = body.statements(functions.deflection, inputs, "dt", "d_")
@@ -121,6 +124,7 @@ def st_context(functions: Functions, options: Options) -> dict[str, Any]:
     return {
         "type": "REAL" if options.single else "LREAL",
         "starts": [algebra.number(sp.Float(float(model.values.get(n, 0.0)), 30)).code for n in order],
+        "moment": moment,
         "deflection": deflection,
         "jacobian": jacobian,
         "temporaries": body.temporaries,
