@@ -12,6 +12,7 @@ from symstiff.calibration.absolute import fit_absolute
 from symstiff.calibration.axes import axis_hint_refit
 from symstiff.calibration.constrained import ConstrainedEstimate, constrain
 from symstiff.calibration.estimate import Estimate, estimate
+from symstiff.calibration.loading import as_loading
 from symstiff.calibration.measurements import Measurements
 from symstiff.calibration.residuals import ResidualTable, residual_table, split
 from symstiff.calibration.robust import RobustEstimate, robust_estimate
@@ -124,6 +125,7 @@ def identify(
     ``held_out`` is the share of poses kept for validation; ``per_level`` a joint that gets one compliance for each of
     its distinct values (the seed's C2 and J2). Raises UserError for data that cannot determine the model.
     """
+    table = as_loading(table)
     seen = experiment_of(table, robot)
     loading = check_loads(table.w) if table.kind == "deflection" else []
     if seen.loads == "gravity":  # the model is reduced for one direction: nothing to warn of

@@ -247,7 +247,7 @@ class _Reader:
         known = np.flatnonzero([bool(cell) for cell in cells])
         values = np.full(len(cells), np.nan)
         if name == "branch":
-            signs = {"up": 1.0, "down": -1.0}
+            signs = {"up": 1.0, "loading": 1.0, "down": -1.0, "unloading": -1.0}
             for row in known:
                 if cells[row].lower() not in signs:
                     raise self._fail(row, name, f"{cells[row]!r} is no branch: write up or down")

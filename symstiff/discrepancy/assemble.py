@@ -12,12 +12,13 @@ from dataclasses import dataclass
 import numpy as np
 from threadpoolctl import threadpool_limits
 
+from symstiff.calibration.loading import load_factor
 from symstiff.calibration.measurements import Measurements
 from symstiff.discrepancy.candidates import candidates as candidates_of
 from symstiff.discrepancy.candidates import grouped
 from symstiff.discrepancy.current import Current, settled, sigma_of
 from symstiff.discrepancy.problem import Array, Candidate, Problem
-from symstiff.discrepancy.situation import Situation, View, load_factor
+from symstiff.discrepancy.situation import Situation, View
 from symstiff.effects.base import Effect, catalogue
 from symstiff.errors import UserError
 from symstiff.model import StiffnessModel

@@ -7,11 +7,12 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
+from symstiff.calibration.loading import load_factor
 from symstiff.calibration.measurements import Measurements
 from symstiff.discrepancy.current import Current, sigma_of, spread_of
 from symstiff.discrepancy.problem import Array, Candidate, Parameter, Problem, Shape
 from symstiff.discrepancy.scan import column_space
-from symstiff.discrepancy.situation import Situation, View, load_factor
+from symstiff.discrepancy.situation import Situation, View
 from symstiff.effects.base import Effect, Realisation, Scales, Where
 from symstiff.model import StiffnessModel
 from symstiff.robot.schema import Robot

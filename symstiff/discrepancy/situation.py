@@ -295,15 +295,3 @@ class Situation:
         for k, load in loads.items():
             total[:, k] += np.einsum("mv,mv->m", view.J, self.respond(load)[view.state])
         return total
-
-
-def load_factor(table: Measurements) -> Floats:
-    """(N,) every wrench's component along the largest of its pose, as a share of it; N·m count as N."""
-    share = np.zeros(len(table))
-    for pose in np.unique(table.pose):
-        rows = table.pose == pose
-        loads = table.w[rows]
-        largest = loads[np.argmax(np.linalg.norm(loads, axis=1))]
-        square = float(largest @ largest)
-        share[rows] = loads @ largest / square if square else 0.0
-    return np.round(share, 9)

@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 
 from symstiff.calibration.identify import ExperimentClass, experiment_of, start_model
+from symstiff.calibration.loading import as_loading
 from symstiff.calibration.measurements import Measurements
 from symstiff.discrepancy.assemble import Assembly, assemble
 from symstiff.discrepancy.diagnose import diagnose
@@ -117,6 +118,7 @@ def run(task: Task, tell: Tell = lambda stage: None) -> Finding:
     """Diagnose a table. Raises UserError for data that do not fit the robot or hold nothing measured."""
     if task.max_effects < 1:
         raise UserError(f"--max-effects {task.max_effects}: 1 or more")
+    task = replace(task, table=as_loading(task.table))
     table, remarks = _thinned(task)
     tell("model")
     experiment = experiment_of(table, task.robot)

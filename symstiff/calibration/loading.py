@@ -1,0 +1,53 @@
+"""The load of a table: as a factor of the largest, and whether it grows or falls.
+
+Loading and unloading where a table tells which way the load travelled: the laws take ``branch`` as +1 while the load
+grows and -1 while it falls. A load that is driven through zero, from -F to +F and back, first falls and then grows
+although its branch is "up" throughout.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from symstiff.calibration.measurements import Floats, Measurements
+
+
+def as_loading(table: Measurements) -> Measurements:
+    """The table with its branches as loading (+1) and unloading (-1), pose by pose; usual tables come back as they are.
+
+    A pose whose load passes through zero on the way up is taken to tell the way of travel. Applied twice it changes
+    nothing more.
+    """
+    share = load_factor(table)
+    branch = np.array(table.branch)
+    for pose in np.unique(table.pose):
+        rows = np.flatnonzero(table.pose == pose)
+        way = _through_zero(share[rows], table.branch[rows], table.load_step[rows])
+        if way:
+            side = np.sign(share[rows]) * way
+            branch[rows] *= np.where(side == 0, 1.0, side)
+    return table if np.array_equal(branch, table.branch, equal_nan=True) else replace(table, branch=branch)
+
+
+def load_factor(table: Measurements) -> Floats:
+    """(N,) every wrench's component along the largest of its pose, as a share of it; N·m count as N."""
+    share = np.zeros(len(table))
+    for pose in np.unique(table.pose):
+        rows = table.pose == pose
+        loads = table.w[rows]
+        largest = loads[np.argmax(np.linalg.norm(loads, axis=1))]
+        square = float(largest @ largest)
+        share[rows] = loads @ largest / square if square else 0.0
+    return np.round(share, 9)
+
+
+def _through_zero(share: Floats, branch: Floats, step: Floats) -> float:
+    """+1 or -1: which way the load goes on the branch up where it runs through zero; 0 where it does not."""
+    up = branch > 0
+    if not np.any(branch < 0) or not (np.any(share[up] > 0) and np.any(share[up] < 0)):
+        return 0.0
+    order = np.argsort(step[up], kind="stable") if np.isfinite(step[up]).all() else slice(None)
+    change = np.diff(share[up][order])
+    return 1.0 if np.all(change >= 0) else (-1.0 if np.all(change <= 0) else 0.0)

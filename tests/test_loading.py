@@ -1,0 +1,49 @@
+"""Loading and unloading: what a table's branches mean where the load passes through zero."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from symstiff.calibration.loading import as_loading, load_factor
+from symstiff.calibration.measurements import Measurements, measurements
+
+
+def driven(*factors: float, branch: tuple[float, ...]) -> Measurements:
+    w = np.array([[0.0, 3.0, -4.0, 0.0, 0.0, 0.0]]) * np.array(factors)[:, None]
+    q = np.zeros((len(factors), 2))
+    return measurements(q, w, pose=np.zeros(len(factors), int), branch=np.array(branch))
+
+
+def test_a_load_driven_through_zero_falls_before_it_grows() -> None:
+    table = driven(-1, -0.5, 0.5, 1, 0.5, -0.5, -1, branch=(1, 1, 1, 1, -1, -1, -1))
+    found = as_loading(table)
+    # the size of the load falls to zero and grows again, on both ways
+    assert found.branch == pytest.approx([-1, -1, 1, 1, -1, 1, 1])
+    assert np.array_equal(as_loading(found).branch, found.branch)
+
+
+def test_the_way_up_may_go_to_negative_loads() -> None:
+    table = driven(1, 0.5, -0.5, -1, -0.5, 0.5, 1, branch=(1, 1, 1, 1, -1, -1, -1))
+    assert as_loading(table).branch == pytest.approx([-1, -1, 1, 1, -1, 1, 1])
+
+
+@pytest.mark.parametrize(
+    ("factors", "branch"),
+    [
+        ((0.5, 1, 0.5), (1, 1, -1)),
+        ((0.5, 1, -0.5, -1, -0.5), (1, 1, 1, 1, -1)),  # loaded from zero to both sides
+        ((-1, -0.5, 0.5, 1), (np.nan,) * 4),
+        ((-1, -0.5, 0.5, 1), (1, 1, 1, 1)),  # never unloaded: nothing to tell
+    ],
+)
+def test_tables_that_tell_loading_from_unloading_stay_as_they_are(
+    factors: tuple[float, ...], branch: tuple[float, ...]
+) -> None:
+    table = driven(*factors, branch=branch)
+    assert as_loading(table) is table
+
+
+def test_load_factors_are_shares_of_the_largest_load_with_their_side() -> None:
+    table = driven(-0.5, 0.25, 1.0, branch=(1, 1, 1))
+    assert load_factor(table) == pytest.approx([-0.5, 0.25, 1.0])
