@@ -50,15 +50,9 @@ def _fitted(
 
 def named_effects(problem: Problem, ready: Prepared, outcome: Outcome) -> tuple[NamedEffect, ...]:
     """The effects of the admissible sets, best set first."""
-    bank = ready.bank
+    bank, sure = ready.bank, _confidences(outcome)
     out = []
-    sure = (
-        dict(zip(outcome.admissible[0].members, outcome.confidence, strict=True))
-        if outcome.admissible
-        else {}
-    )
     for number, judged in enumerate(outcome.admissible):
-        own = min((c for m, c in sure.items() if m not in judged.members), default=1.0)
         effects = _fitted(problem, ready, judged.entries)[3]
         for i, (member, entry) in enumerate(zip(judged.members, judged.entries, strict=True)):
             others = tuple(e for e in judged.entries if e != entry)
@@ -66,16 +60,29 @@ def named_effects(problem: Problem, ready: Prepared, outcome: Outcome) -> tuple[
             scale2 = judged.scan.best.rss / max(judged.scan.freedom, 1)
             gained = (without.best.rss - judged.scan.best.rss) / max(scale2, 1e-300)
             candidate = bank.candidates[member]
-            share = float(np.exp(judged.score - outcome.admissible[0].score))
-            confidence = sure.get(member, share * own)
             out.append(
                 NamedEffect(
                     candidate.effect, candidate.where, bank.shape_of(entry), effects[i][1],
-                    judged.p_members[i], float(np.clip(confidence, 0.0, 1.0)),
+                    judged.p_members[i], float(np.clip(sure[number][member], 0.0, 1.0)),
                     max(gained - float(without.best.rank[entry]), 0.0), _confused(ready, entry), number,
                 )
             )  # fmt: skip
     return tuple(out)
+
+
+def _confidences(outcome: Outcome) -> list[Mapping[int, float]]:
+    """Confidence of every set's members: what all sets share keeps its own, the sets divide the rest by evidence."""
+    if not outcome.admissible:
+        return []
+    leader = outcome.admissible[0]
+    sure = dict(zip(leader.members, outcome.confidence, strict=True))
+    weight = [float(np.exp(j.score - leader.score)) for j in outcome.admissible]
+    out: list[Mapping[int, float]] = [sure]
+    for judged, w in zip(outcome.admissible[1:], weight[1:], strict=True):
+        own = min((c for m, c in sure.items() if m not in judged.members), default=1.0)
+        share = min(w * own, (1.0 - own) * w / sum(weight[1:]))
+        out.append({m: sure.get(m, share) for m in judged.members})
+    return out
 
 
 def _confused(ready: Prepared, entry: int) -> tuple[Name, ...]:
