@@ -271,6 +271,15 @@ def test_a_misstated_sigma_is_noticed_and_changes_no_p_value(factor: float) -> N
     assert wrong.verdict == right.verdict
 
 
+def test_a_residual_far_above_the_stated_sigma_is_not_called_explained() -> None:
+    a = arm(20)
+    found = diagnose(
+        replace(measured(a.problem, 0.0, 6), sigma=np.full(a.problem.rows, SIGMA / 1.9)), a.candidates, QUICK
+    )
+    assert (found.verdict, found.effects) == ("unexplained", ())
+    assert "1.9 times the stated sigma" in found.reason
+
+
 def test_noise_that_grows_with_distance_is_found() -> None:
     a = arm(30)
     distance = np.linspace(1.0, 4.0, a.problem.rows)

@@ -11,7 +11,7 @@ from dataclasses import replace
 import numpy as np
 
 from symstiff.discrepancy.localise import FittedLaw, Localisation, best_law, localise
-from symstiff.discrepancy.noise import Noise
+from symstiff.discrepancy.noise import Noise, NoiseReport
 from symstiff.discrepancy.prepare import Prepared, prepare
 from symstiff.discrepancy.problem import Array, Candidate, Options, Problem
 from symstiff.discrepancy.proof import held_out
@@ -29,8 +29,10 @@ from symstiff.discrepancy.tables import (
 )
 from symstiff.discrepancy.testability import testable
 from symstiff.discrepancy.threads import one_thread
-from symstiff.discrepancy.verdict import UNEXPLAINED, UNTESTABLE, Outcome, decide
+from symstiff.discrepancy.verdict import NOTHING, UNEXPLAINED, UNTESTABLE, Outcome, decide
 
+CONTRADICTED = 1.5
+"""Least ratio of the residual to the stated sigma at which a table without a rejected test is not explained."""
 LEAST_FREEDOM = 5
 """Degrees of freedom outside the model below which no test is made."""
 
@@ -62,6 +64,7 @@ def diagnose(
     outcome = decide(
         ready.scan, allowed, options, lambda p: plausible(problem, ready, p), _least(parts), tell
     )
+    outcome = against_sigma(outcome, ready.report)
     tell("place")
     place = localise(problem, ready.scan, outcome.found, ready.residual)
     return _written(problem, candidates, ready, parts, allowed, outcome, place, options, tell)
@@ -92,6 +95,17 @@ def plausible(problem: Problem, ready: Prepared, proposal: Proposal) -> bool:
                 return False
         at += width
     return True
+
+
+def against_sigma(outcome: Outcome, report: NoiseReport) -> Outcome:
+    """Nothing is named missing, and yet the residual contradicts the stated sigma: that is not an explained table."""
+    if outcome.verdict != NOTHING or report.ratio_interval is None or report.ratio_interval[0] < CONTRADICTED:
+        return outcome
+    reason = (
+        f"the residual is {report.ratio:.1f} times the stated sigma: either that is too small, "
+        "or something is missing that no test names"
+    )
+    return replace(outcome, verdict=UNEXPLAINED, reason=reason)
 
 
 def one_ratio(scan: Scan) -> Noise:

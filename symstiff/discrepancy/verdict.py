@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 
 import numpy as np
@@ -120,18 +120,39 @@ def _named(
     judged = {frozenset(j.members) for j in tried}
     # sets that were not judged (they trail) keep their weight; judged and refused ones lose it
     rest = [p for p in weighed if frozenset(p.members) in accepted or frozenset(p.members) not in judged]
-    total = float(logsumexp([p.score for p in rest]))
-    share = {frozenset(p.members): float(np.exp(p.score - total)) for p in rest}
+    share = _shares({frozenset(p.members): p.score for p in rest})
     leader = good[0]
     own = share[frozenset(leader.members)]
+    same_places = [p for p in rest if _places(p, leader) == _places(leader, leader)]
+    at_best = _shares({frozenset(p.members): p.score + _spared(p, tests[1]) for p in same_places})
     confidence = tuple(
         _calibrated(sum(w for members, w in share.items() if m in members), leader, p)
         for m, p in zip(leader.members, leader.p_members, strict=True)
     )
     kept = tuple(j for j in good if share[frozenset(j.members)] > 0.05 * own)
-    verdict = NAMED if own >= options.name_at or len(kept) < 2 else AMBIGUOUS
+    ahead = min(own, at_best[frozenset(leader.members)]) >= options.name_at
+    verdict = NAMED if ahead or len(kept) < 2 else AMBIGUOUS
     reason = "sufficient, plausible and ahead" if verdict == NAMED else "several sets account for the data"
     return Outcome(verdict, reason, *tests, leader, kept, confidence, tuple(tried))
+
+
+def _shares(scores: Mapping[frozenset[int], float]) -> dict[frozenset[int], float]:
+    """Scores of rival sets as shares of all their evidence."""
+    total = float(logsumexp(list(scores.values())))
+    return {members: float(np.exp(score - total)) for members, score in scores.items()}
+
+
+def _places(found: Proposal | Judged, judged: Judged) -> list[str]:
+    place = judged.scan.bank.place
+    return sorted(place[m] for m in found.members)
+
+
+def _spared(proposal: Proposal, found: Evidence) -> float:
+    """What the evidence of a set would gain if each member had its best shape alone, and none to choose from.
+
+    Between laws at one place, a lead that rests on having had fewer shapes to choose from is none.
+    """
+    return float(sum(found.entry[found.best_entry[m]] - found.candidate[m] for m in proposal.members))
 
 
 def _calibrated(share: float, leader: Judged, p: float) -> float:

@@ -19,6 +19,7 @@ from symstiff.calibration.measurements import Measurements
 from symstiff.discrepancy.assemble import Assembly, assemble
 from symstiff.discrepancy.diagnose import diagnose
 from symstiff.discrepancy.growth import Fitted, fit, grow
+from symstiff.discrepancy.noise import NoiseReport
 from symstiff.discrepancy.point import find_point
 from symstiff.discrepancy.problem import Array, Options, Shape
 from symstiff.discrepancy.result import CandidateResult, Diagnosis, Estimate, Name, Rms
@@ -228,6 +229,7 @@ def _finding(
     if climbed and verdict == NOTHING:
         verdict, reason = NAMED, "the links give way; beyond the complete model no test rejects"
     testable = verdict != UNTESTABLE
+    remarks = [*remarks, *_of_sigma(last.noise)]
     if climbed:  # every admissible set holds them
         sets = sorted({e.set_number for e in named}) or [0]
         named = tuple(e for s in sets for e in (*(replace(c, set_number=s) for c in climbed),
@@ -239,6 +241,16 @@ def _finding(
         counted, tuple(e for e in named if e not in counted),
         _steps(first, last, start, base, before, bool(climbed)), _rms(first, last), tuple(remarks),
     )  # fmt: skip
+
+
+def _of_sigma(noise: NoiseReport) -> list[str]:
+    if not noise.misstated or noise.ratio_interval is None:
+        return []
+    low, high = noise.ratio_interval
+    return [
+        f"what is left varies by {noise.ratio:.2f} times the stated sigma ({low:.2f} to {high:.2f}): "
+        "no test relies on the stated one"
+    ]
 
 
 def _as_identified(effect: Found, fitted: Fitted) -> Found:
