@@ -70,7 +70,10 @@ def generate(
         Path | None, typer.Option(help="An identified model (model.toml) instead of a fresh one.")
     ] = None,
     precision: Annotated[str, typer.Option(help="Real type of the C code: double or float.")] = "double",
-    layout: Annotated[str, typer.Option(help="C code: unrolled (fast) or compact (small).")] = "unrolled",
+    layout: Annotated[
+        str,
+        typer.Option(help="C code: unrolled, or compact (40 % smaller, matrices take 60 to 80 % longer)."),
+    ] = "unrolled",
     targets: Annotated[
         str, typer.Option(help="What to emit, comma-separated (symstiff targets lists them).")
     ] = "c,casadi",

@@ -150,15 +150,17 @@ def grouped(problem: Problem, candidates: Sequence[Candidate]) -> tuple[Candidat
     """Name the groups of candidates that add the same spaces to the model, whatever their shape."""
     basis = column_space(problem.A)
     probe = np.random.default_rng(0).standard_normal(problem.rows)
-    known: list[tuple[str, Array]] = []
+    known: list[tuple[str, Array, float]] = []
     out = []
     for candidate in candidates:
         if candidate.unavailable or len(candidate.shapes) > _MOST_SHAPES:
             out.append(candidate)
             continue
         shadow = np.concatenate([_shadow(candidate.columns(s), basis, probe) for s in candidate.shapes])
-        name = next((n for n, other in known if _equal(other, shadow)), candidate.key)
-        known.append((name, shadow))
+        size = float(np.linalg.norm(shadow))
+        alike = (n for n, other, s in known if abs(s - size) <= _SAME * size and _equal(other, shadow))
+        name = next(alike, candidate.key)
+        known.append((name, shadow, size))
         out.append(replace(candidate, group=name))
     return tuple(out)
 

@@ -135,6 +135,6 @@ class Options:
     """Share of the signal that a set may miss to an unnamed law at another place."""
     tolerated_shape: float = 0.12
     """Share that it may miss to a law at the place of one of its members: the shape is only close."""
-    name_at: float = 0.6
+    name_at: float = 0.7
     """Share of the admissible evidence from which the leader is named rather than listed."""
     held_out: bool = True
