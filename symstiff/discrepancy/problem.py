@@ -125,7 +125,9 @@ class Options:
     alpha_strata: float = 0.008
     """Level of the tests that name nothing (strata, smooth laws outside the catalogue)."""
     alpha_sufficient: float = 0.008
-    """Level at which what is left after adding a candidate makes it insufficient."""
+    """Level at which laws without a name in what is left after adding a candidate make it insufficient."""
+    alpha_further: float = 0.002
+    """The same level for a further effect of the catalogue: beside the real ones many small misfits look for a name."""
     draws: int = 400
     folds: int = 10
     """Folds of the held-out proof; five are made where there are more than twenty poses."""
@@ -135,6 +137,6 @@ class Options:
     """Share of the signal that a set may miss to an unnamed law at another place."""
     tolerated_shape: float = 0.12
     """Share that it may miss to a law at the place of one of its members: the shape is only close."""
-    name_at: float = 0.7
+    name_at: float = 0.75
     """Share of the admissible evidence from which the leader is named rather than listed."""
     held_out: bool = True

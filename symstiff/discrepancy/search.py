@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -15,6 +16,9 @@ SAME_SIGNAL = 0.85
 """Share of an unnamed law's signal inside a set's space from which both describe the same thing."""
 SAME_PLACE = 0.5
 """The same share for a law at the virtual joint where the set's member sits: another shape of one effect."""
+
+DRIVERS = {"tau", "branch"}
+"""What an unnamed law must depend on to be another shape of a member's."""
 
 
 @dataclass(frozen=True)
@@ -143,7 +147,7 @@ def judge(shop: Workshop, proposal: Proposal) -> Judged:
     gained = (before - scan.best.rss) / max(scale2, 1e-300)
     missed = _missed_share(shop, proposal, scan, gained)
     rival, who = _rival(shop, proposal)
-    lack_named = p_named < options.alpha_sufficient and missed > _tolerated(shop, proposal, False)
+    lack_named = p_named < options.alpha_further and missed > _tolerated(shop, proposal, False)
     lack_unnamed = p_unnamed < 0.5 * options.alpha_sufficient and missed > _tolerated(shop, proposal, True)
     p_members = tuple(_needed(shop, proposal, i) for i in range(len(members)))
     return Judged(
@@ -167,17 +171,18 @@ def _tolerated(shop: Workshop, proposal: Proposal, generic: bool) -> float:
         return shop.options.tolerated_shape
     if generic:
         return shop.options.tolerated_share
-    return shop.options.tolerated_shape if _shape_explains(shop, proposal, float(score[best])) else 0.0
+    return 0.5 * shop.options.tolerated_shape if _shape_explains(shop, proposal, float(score[best])) else 0.0
 
 
 def _shape_explains(shop: Workshop, proposal: Proposal, further: float) -> bool:
-    """Whether another shape at a member's place accounts for what is left as well as a further effect elsewhere.
+    """Whether another law of the load at a member's place accounts for what is left as well as a further effect.
 
     A priori what is left of an effect with a place is as likely its shape as an effect more.
     """
     bank = shop.start.bank
     places = {bank.place[m] for m in proposal.members} - {""}
-    here = np.array([p in places for p in bank.place]) & bank.generic
+    of_load = [bool(DRIVERS & set(re.findall("[a-z]+", str(c.where.get("law"))))) for c in bank.candidates]
+    here = np.array([p in places for p in bank.place]) & bank.generic & np.array(of_load)
     if not np.any(here):
         return False
     found = shop.look(proposal.entries)[1].candidate[here]

@@ -130,7 +130,7 @@ def _named(
         for m, p in zip(leader.members, leader.p_members, strict=True)
     )
     kept = tuple(j for j in good if share[frozenset(j.members)] > 0.05 * own)
-    ahead = min(own, at_best[frozenset(leader.members)]) >= options.name_at
+    ahead = own >= options.name_at and at_best[frozenset(leader.members)] >= 0.5
     verdict = NAMED if ahead or len(kept) < 2 else AMBIGUOUS
     reason = "sufficient, plausible and ahead" if verdict == NAMED else "several sets account for the data"
     return Outcome(verdict, reason, *tests, leader, kept, confidence, tuple(tried))

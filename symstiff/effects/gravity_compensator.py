@@ -47,7 +47,7 @@ def _realise(robot: Robot, where: Where, shape: Shape) -> Realisation:
     ]
     if angles:
         return _by_angle(robot, where, j, angles)
-    c = parameter(NAME, where, "c", "rad/(N*m)", -1e-3, 1e-3, 1e-7)
+    c = parameter(NAME, where, "c", "rad/(N*m)", -1e-2, 1e-2, 1e-7)
     return Realisation((c,), (Term(c.name, actuated_joint(j), _spring(robot, j, shape)),))
 
 
@@ -92,7 +92,7 @@ def _by_angle(robot: Robot, where: Where, j: int, angles: list[float]) -> Realis
     """One compliance a distinct angle, linear between them, constant outside."""
     found, terms = [], []
     for k, hat in enumerate(_hats(q(j), [exact(v) for v in angles]), start=1):
-        c = parameter(NAME, where, f"c{k}", "rad/(N*m)", 0.0, 1e-3, 1e-6)
+        c = parameter(NAME, where, f"c{k}", "rad/(N*m)", 0.0, 1e-2, 1e-6)
         found.append(c)
         terms.append(Term(c.name, actuated_joint(j), load_of(j) * hat))
     return Realisation(tuple(found), tuple(terms), replaces=_own_compliance(robot, j))

@@ -10,7 +10,7 @@ from symstiff.symbolic.terms import joint_terms
 
 def _realise(robot: Robot, where: Where, shape: Shape) -> Realisation:
     j = int(where["joint"])
-    c = EffectParameter(f"c{j}", compliance_unit(robot, j), 0.0, 1e-3, 1e-6)
+    c = EffectParameter(f"c{j}", compliance_unit(robot, j), 0.0, 1e-2, 1e-6)
     return Realisation((c,), joint_terms(j, c.name))
 
 

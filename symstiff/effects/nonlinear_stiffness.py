@@ -44,7 +44,7 @@ def _realise(robot: Robot, where: Where, shape: Shape) -> Realisation:
         ]
         return Realisation((c2, c3), tuple(terms))
     scale = exact(shape["load"])
-    c = parameter(NAME, where, "c", unit, -1e-3, 1e-3, 1e-7)
+    c = parameter(NAME, where, "c", unit, -1e-2, 1e-2, 1e-7)
     return Realisation(
         (c,), (Term(c.name, at, of_total_load(lambda x: scale * _bend(x / scale, shape), robot, j, shape)),)
     )

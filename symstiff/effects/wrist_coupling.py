@@ -20,7 +20,7 @@ def _places(robot: Robot) -> tuple[Where, ...]:
 
 def _realise(robot: Robot, where: Where, shape: Shape) -> Realisation:
     j, k = (int(x) for x in where["joints"])
-    c = parameter(NAME, where, "c", "rad/(N*m)", -1e-4, 1e-4, 1e-6)
+    c = parameter(NAME, where, "c", "rad/(N*m)", -1e-3, 1e-3, 1e-6)
     there = Term(c.name, actuated_joint(j), load_of(k)), Term(c.name, actuated_joint(k), load_of(j))
     return Realisation((c,), there)
 

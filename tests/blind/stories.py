@@ -42,7 +42,8 @@ class Draw:
             for j in range(self.robot.dof)
             if self.torque[j] > 0.02 * self.torque.max() and not (turning and self.robot.joint[j].prismatic)
         ]
-        return int(self.rng.choice(loaded or range(1, self.robot.dof + 1)))
+        fits = [j + 1 for j in range(self.robot.dof) if not (turning and self.robot.joint[j].prismatic)]
+        return int(self.rng.choice(loaded or fits))
 
     def link(self, first: int = 1) -> int:
         return int(self.rng.integers(first, self.robot.dof))
