@@ -126,6 +126,20 @@ def test_an_arm_with_nothing_missing_is_left_alone(
     assert "accounts for the data" in " ".join(capsys.readouterr().out.split())
 
 
+def test_a_fault_in_the_code_loses_no_verdict(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    def broken(*_: object, **__: object) -> None:
+        raise KeyError("DiracDelta")
+
+    monkeypatch.setattr("symstiff.codegen.generate.generate", broken)
+    data = saved(measured(HARDENING, poses=6), tmp_path / "data.csv")
+    assert command("diagnose", ROBOT, data, "-o", tmp_path / "out") == 1
+    kept = json.loads((tmp_path / "out" / "verdict.json").read_text())
+    assert kept["effects"][0]["effect"] == "nonlinear_stiffness"
+    assert "a fault of ours: KeyError: 'DiracDelta'" in kept["code"]["text"]
+    assert "fault of ours" in (tmp_path / "out" / "report.html").read_text()
+    assert not (tmp_path / "out" / "code").exists()
+
+
 def test_one_pose_without_sigma_or_repeats_is_untestable_and_no_error(tmp_path: Path) -> None:
     data = saved(measured(stated=0.0, poses=1, levels=(1.0,)), tmp_path / "data.csv")
     assert command("diagnose", ROBOT, data, "-o", tmp_path / "out") == 0

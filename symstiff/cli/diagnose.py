@@ -55,6 +55,8 @@ def run_diagnose(request: DiagnoseRequest) -> None:
     out.print(f"wrote {request.output}: report.html, verdict.json, model.toml", end="")
     out.print((", code" if written.verdict["code"]["folder"] else "") + _more(written.verdict))
     write_json(request.json, written.verdict)
+    if written.verdict["code"]["fault"]:
+        raise SystemExit(1)
 
 
 def _more(verdict: dict[str, object]) -> str:

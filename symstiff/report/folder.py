@@ -70,7 +70,9 @@ def _code(finding: Finding, folder: Path) -> dict[str, Any]:
     try:
         made = generate(model, folder)
     except UserError as error:
-        return {"folder": False, "compiled": False, "text": f"no code was written: {error}", "error": None}
+        return _no_code(f"no code was written: {error}", fault=False)
+    except Exception as fault:  # the verdict is worth keeping without the code
+        return _no_code(f"no code was written, by a fault of ours: {type(fault).__name__}: {fault}", fault=True)
     proof = made.verification
     if proof.compiled:
         text = f"compiled by {proof.compiler} without a warning, self-test passed"
@@ -81,7 +83,12 @@ def _code(finding: Finding, folder: Path) -> dict[str, Any]:
         "compiled": proof.compiled,
         "text": text + note,
         "error": proof.max_relative_error,
+        "fault": False,
     }
+
+
+def _no_code(text: str, *, fault: bool) -> dict[str, Any]:
+    return {"folder": False, "compiled": False, "text": text, "error": None, "fault": fault}
 
 
 def _changes(finding: Finding) -> list[Line]:
