@@ -124,7 +124,7 @@ class Options:
     """Family-wise level of the candidate tests."""
     alpha_strata: float = 0.008
     """Level of the tests that name nothing (strata, smooth laws outside the catalogue)."""
-    alpha_sufficient: float = 0.008
+    alpha_sufficient: float = 0.0015
     """Level at which laws without a name in what is left after adding a candidate make it insufficient."""
     alpha_further: float = 0.002
     """The same level for a further effect of the catalogue: beside the real ones many small misfits look for a name."""

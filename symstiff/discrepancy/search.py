@@ -139,7 +139,8 @@ def judge(shop: Workshop, proposal: Proposal) -> Judged:
     # the null of the start decides clear cases; draws for this set are made where it could tip the balance
     distribution = shop.null((), ())
     p_named, p_unnamed = distribution.p_named(named), distribution.p_generic(unnamed)
-    if min(p_named, p_unnamed) < 5.0 * options.alpha_sufficient and max(p_named, p_unnamed) > 1e-5:
+    close = 10.0 * max(options.alpha_sufficient, options.alpha_further)
+    if min(p_named, p_unnamed) < close and max(p_named, p_unnamed) > 1e-5:
         distribution = shop.null(members, entries)
         p_named, p_unnamed = distribution.p_named(named), distribution.p_generic(unnamed)
     scale2 = scan.best.rss / max(scan.freedom, 1)
@@ -148,7 +149,7 @@ def judge(shop: Workshop, proposal: Proposal) -> Judged:
     missed = _missed_share(shop, proposal, scan, gained)
     rival, who = _rival(shop, proposal)
     lack_named = p_named < options.alpha_further and missed > _tolerated(shop, proposal, False)
-    lack_unnamed = p_unnamed < 0.5 * options.alpha_sufficient and missed > _tolerated(shop, proposal, True)
+    lack_unnamed = p_unnamed < options.alpha_sufficient and missed > _tolerated(shop, proposal, True)
     p_members = tuple(_needed(shop, proposal, i) for i in range(len(members)))
     return Judged(
         members, entries, proposal.score, scan, left, gained, p_named, p_unnamed, missed, rival, who,

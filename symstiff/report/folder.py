@@ -72,7 +72,9 @@ def _code(finding: Finding, folder: Path) -> dict[str, Any]:
     except UserError as error:
         return _no_code(f"no code was written: {error}", fault=False)
     except Exception as fault:  # the verdict is worth keeping without the code
-        return _no_code(f"no code was written, by a fault of ours: {type(fault).__name__}: {fault}", fault=True)
+        return _no_code(
+            f"no code was written, by a fault of ours: {type(fault).__name__}: {fault}", fault=True
+        )
     proof = made.verification
     if proof.compiled:
         text = f"compiled by {proof.compiler} without a warning, self-test passed"
