@@ -27,7 +27,7 @@ from symstiff.symbolic.terms import Term, actuated_joint
 NAME = "nonlinear_stiffness"
 POWERS = (2.0, 3.0, 0.5)
 KNEES = (0.17, 0.25, 0.35, 0.45, 0.57, 0.72)
-SATURATIONS = (0.22, 0.38, 0.6)
+SATURATIONS = (0.15, 0.25, 0.4, 0.65)
 """Loads at which a gear bends or saturates, as shares of the largest: what saturates far below is backlash."""
 
 
