@@ -52,6 +52,21 @@ def test_the_plan_promises_deviations_and_beats_random_poses(folder: Path) -> No
     assert (folder / "poses.png").read_bytes().startswith(b"\x89PNG")
 
 
+def test_a_planned_load_comes_in_steps_and_a_sliding_joint_stays_in_metres(folder: Path) -> None:
+    succeeded(
+        folder, "plan", "scara", "--poses", "4", "--loads", "gravity", "--force", "60", "--candidates", "200",
+        "--markers", "p1,p2", "--steps", "3", "--no-refine", "-o", "steps.csv",
+    )  # fmt: skip
+    rows = list(csv.DictReader((folder / "steps.csv").read_text().splitlines()))
+    assert len(rows) == 4 * 3 * 2
+    assert [(float(r["fz[N]"]), float(r["load_step"]), r["point"]) for r in rows[:6]] == [
+        (-20.0, 1, "p1"), (-20.0, 1, "p2"), (-40.0, 2, "p1"), (-40.0, 2, "p2"), (-60.0, 3, "p1"), (-60.0, 3, "p2"),
+    ]  # fmt: skip
+    assert "q3[m]" in rows[0]
+    done = symstiff(folder, "plan", "scara", "--poses", "4", "--steps", "0", "-o", "none.csv")
+    assert (done.returncode, "--steps 0" in done.stderr) == (2, True)
+
+
 def test_the_data_carry_no_trace_of_the_truth(folder: Path) -> None:
     header = next(csv.reader((folder / "data.csv").read_text().splitlines()))
     assert all("[" in h or h in ("pose", "point", "repeat", "load_step", "branch") for h in header)

@@ -29,9 +29,9 @@ from symstiff.calibration.planning import (
     map_blocks,
     measurement_of,
     plan_poses,
+    poses_table,
     save_figure,
     workspace_map,
-    write_poses,
 )
 from symstiff.calibration.planning.approximate import approximate_design
 from symstiff.calibration.planning.candidates import Evaluator, draw, evaluate
@@ -40,6 +40,7 @@ from symstiff.calibration.planning.exchange import exchange, greedy
 from symstiff.calibration.planning.frames import origins
 from symstiff.calibration.planning.measurement import whitened_rows
 from symstiff.calibration.planning.refine import Problem, refine
+from symstiff.calibration.table import write_table
 from symstiff.errors import UserError
 from symstiff.robot import load
 
@@ -362,7 +363,7 @@ def test_the_poses_table_reads_back_as_the_plan(tmp_path):
 
     plan = small_plan()
     path = tmp_path / "poses.csv"
-    write_poses(plan, THREE, path)
+    write_table(poses_table(plan, THREE), path, "deg")
     with path.open() as file:
         header = next(csv.reader(file))
     assert header == ["pose", "q1[deg]", "q2[deg]", "q3[deg]", "fx[N]", "fy[N]", "fz[N]"]

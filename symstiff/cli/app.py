@@ -113,15 +113,18 @@ def plan(
         Path | None, typer.Option(help="Poses at which accuracy matters, for criterion test.")
     ] = None,
     force: Annotated[float, typer.Option(help="Magnitude of the load [N].")] = 1000.0,
+    steps: Annotated[
+        int, typer.Option(help="Steps in which every load comes; several show what is not linear in it.")
+    ] = 1,
     candidates: Annotated[int, typer.Option(help="Size of the candidate set.")] = 20000,
-    sigma: Annotated[float, typer.Option(help="Measurement noise of a coordinate [mm].")] = 0.03,
+    sigma: Annotated[float, typer.Option(help="Measurement noise of a coordinate \\[mm].")] = 0.03,
     levels: Annotated[str | None, typer.Option(help="Distinct values of a joint, e.g. q2=5.")] = None,
     markers: Annotated[
         str | None, typer.Option(help="Measured points, e.g. p1,p2,p3; the pose itself where none.")
     ] = None,
     fixed: Fixed = None,
-    keep_out: Annotated[str | None, typer.Option(help="Box to avoid [m]: x1,y1,z1,x2,y2,z2.")] = None,
-    floor: Annotated[float | None, typer.Option(help="Nothing of the robot below this height [m].")] = None,
+    keep_out: Annotated[str | None, typer.Option(help="Box to avoid \\[m]: x1,y1,z1,x2,y2,z2.")] = None,
+    floor: Annotated[float | None, typer.Option(help="Nothing of the robot below this height \\[m].")] = None,
     separate: Annotated[
         Path | None, typer.Option(help="A verdict.json: choose poses that decide among its effects.")
     ] = None,
@@ -138,7 +141,8 @@ def plan(
 
     run_plan(
         PlanRequest(
-            robot, poses, output, loads, measure, criterion, test_poses, force, candidates, sigma, levels,
+            robot, poses, output, loads, measure, criterion, test_poses, force, steps, candidates, sigma,
+            levels,
             _list(markers), fixed, keep_out, floor, separate, seed, refine,
             cluster, plot, json,
         )
@@ -152,7 +156,7 @@ def simulate(
     truth: Annotated[Path, typer.Argument(help="What is true (TOML): compliances, effects, noise.")],
     poses: Annotated[Path, typer.Option(help="Poses and loads (CSV).")],
     output: Annotated[Path, typer.Option("-o", "--output", help="Measurement table to write.")],
-    noise: Annotated[float | None, typer.Option(help="Standard deviation of a coordinate [mm].")] = None,
+    noise: Annotated[float | None, typer.Option(help="Standard deviation of a coordinate \\[mm].")] = None,
     seed: Annotated[int, typer.Option(help="Seed of the noise.")] = 0,
 ) -> None:
     """Run a virtual experiment: the nonlinear equilibrium of the elastic robot, measured with noise."""

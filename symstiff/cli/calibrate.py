@@ -31,6 +31,7 @@ class PlanRequest:
     criterion: str
     test_poses: Path | None
     force: float
+    steps: int
     candidates: int
     sigma: float
     levels: str | None
@@ -49,8 +50,8 @@ class PlanRequest:
 def run_plan(request: PlanRequest) -> None:
     """Choose poses, write them, say what they promise."""
     from symstiff.calibration.plan import Goal, Load, Search, plan_for, robot_of
-    from symstiff.calibration.planning.poses import draw_plan, save_figure, summary, write_poses
-    from symstiff.calibration.poses import with_markers
+    from symstiff.calibration.planning.poses import draw_plan, poses_table, save_figure, summary
+    from symstiff.calibration.poses import in_steps, with_markers
     from symstiff.calibration.table import write_table
     from symstiff.model import StiffnessModel
     from symstiff.reduction import reduce
@@ -59,6 +60,8 @@ def run_plan(request: PlanRequest) -> None:
         raise UserError(f"--criterion {request.criterion}: use D, A or test")
     if request.separate is not None:
         return _separate(request)
+    if request.steps < 1:
+        raise UserError(f"--steps {request.steps}: 1 or more")
     robot = load(request.robot)
     fixed = parse_fixed(request.fixed)
     out = console(request.json)
@@ -76,10 +79,10 @@ def run_plan(request: PlanRequest) -> None:
             lambda label, share: progress(f"{label} {share:.0%}"),
         )  # fmt: skip
     geometry = robot_of(model)
+    table = poses_table(plan, geometry)
     if request.markers:
-        write_table(with_markers(plan.q, plan.w, request.markers), request.output, "deg")
-    else:
-        write_poses(plan, geometry, request.output)
+        table = with_markers(plan.q, plan.w, request.markers, table.joint_units)
+    write_table(in_steps(table, request.steps) if request.steps > 1 else table, request.output, "deg")
     if request.plot is not None:
         save_figure(draw_plan(plan, geometry), request.plot)
     _print_plan(out, plan, model.units)

@@ -6,7 +6,7 @@ from symstiff.calibration.planning.loads import Load
 from symstiff.calibration.planning.measurement import Measurement, measurement_of
 from symstiff.calibration.planning.parallel import map_blocks
 from symstiff.calibration.planning.plan import Goal, Plan, Search, plan_poses
-from symstiff.calibration.planning.poses import draw_plan, poses_table, save_figure, summary, write_poses
+from symstiff.calibration.planning.poses import draw_plan, poses_table, save_figure, summary
 from symstiff.calibration.planning.region import Box, HalfSpace, Region, above_floor
 from symstiff.calibration.planning.workspace import WorkspaceMap, draw_map, workspace_map
 
@@ -33,5 +33,4 @@ __all__ = [
     "save_figure",
     "summary",
     "workspace_map",
-    "write_poses",
 ]

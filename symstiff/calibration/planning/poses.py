@@ -11,7 +11,6 @@ import numpy as np
 from symstiff.calibration.measurements import Measurements, measurements
 from symstiff.calibration.planning.frames import Geometry, origins
 from symstiff.calibration.planning.plan import Plan
-from symstiff.calibration.table import write_table
 from symstiff.errors import UserError
 from symstiff.files import write_file
 
@@ -28,11 +27,6 @@ def poses_table(plan: Plan, robot: Geometry) -> Measurements:
         pose=np.arange(len(plan)),
         joint_units=units,
     )
-
-
-def write_poses(plan: Plan, robot: Geometry, path: str | Path) -> None:
-    """Write poses.csv, angles in degrees. Raises UserError where it cannot be written."""
-    write_table(poses_table(plan, robot), path, "deg")
 
 
 def summary(plan: Plan) -> dict[str, Any]:
