@@ -131,9 +131,6 @@ def _named(
     )
     kept = tuple(j for j in good if share[frozenset(j.members)] > 0.05 * own)
     ahead = own >= options.name_at and at_best[frozenset(leader.members)] >= 0.5
-    if leader.score <= 0.0:
-        reason = "something is seen, but so weakly that its name is no likelier than chance"
-        return Outcome(INSUFFICIENT, reason, *tests, leader, (leader,), confidence, tuple(tried))
     verdict = NAMED if ahead or len(kept) < 2 else AMBIGUOUS
     reason = "sufficient, plausible and ahead" if verdict == NAMED else "several sets account for the data"
     return Outcome(verdict, reason, *tests, leader, kept, confidence, tuple(tried))
