@@ -35,15 +35,15 @@ class Draw:
     labels: tuple[str, ...]
     rng: np.random.Generator
 
-    def joint(self, *, turning: bool = False) -> int:
-        """A joint that carries a load."""
+    def joint(self, *, turning: bool = False, but: int = 0) -> int:
+        """A joint that carries a load, one excepted."""
         loaded = [
             j + 1
             for j in range(self.robot.dof)
             if self.torque[j] > 0.02 * self.torque.max() and not (turning and self.robot.joint[j].prismatic)
         ]
         fits = [j + 1 for j in range(self.robot.dof) if not (turning and self.robot.joint[j].prismatic)]
-        return int(self.rng.choice(loaded or fits))
+        return int(self.rng.choice([j for j in loaded if j != but] or [j for j in fits if j != but]))
 
     def link(self, first: int = 1) -> int:
         return int(self.rng.integers(first, self.robot.dof))
@@ -295,9 +295,9 @@ ONE: tuple[Story, ...] = (
 BAD_POSE = Story("bad pose", "deflection", one_bad)
 
 
-def other(effect: str, shape: str, values: Callable[[Draw, int, int], dict[str, Any]]) -> Maker:
+def other(effect: str, shape: str, values: Callable[[Draw, int, int], dict[str, Any]], but: int = 0) -> Maker:
     def make(d: Draw) -> Made:
-        j = d.joint(turning=True)
+        j = d.joint(turning=True, but=but)
         k = int(
             d.rng.choice(
                 [x for x in range(1, d.robot.dof + 1) if x != j and not d.robot.joint[x - 1].prismatic]
@@ -327,7 +327,7 @@ OUTSIDE: tuple[Story, ...] = (
     Story("magnitude of a load", "deflection", other("load_product", "magnitude", lambda d, j, k: {
         "c": d.compliance(j) / max(d.load(k), 1e-9)}), levels=3),
     Story("soft spot", "deflection", other("local_bump", "compliance", lambda d, j, k: {
-        "c": 3 * d.compliance(j), "center": d.uniform(-1, 1), "width": 0.9})),
+        "c": 3 * d.compliance(j), "center": d.uniform(-1, 1), "width": 0.9}, but=2)),  # joint 2's is a compensator
     Story("creep", "deflection", other("creep", "exponential", lambda d, j, k: {
         "c": 0.9 * d.compliance(j), "T": 0.4 * d.span}), "clock"),
     Story("softening when warm", "deflection", other("thermal_softening", "linear", lambda d, j, k: {
