@@ -38,6 +38,11 @@ def unnamed_laws(problem: Problem, limit: int = 1200) -> tuple[Candidate, ...]:
     return tuple(out[:limit])
 
 
+def of_load(law: Candidate) -> bool:
+    """Whether an unnamed law depends on the load or its branch, and not on angle or time alone."""
+    return any("tau" in p.name or "branch" in p.name for p in law.parameters)
+
+
 def _constant(block: Array) -> _Columns:
     return _Columns(block)
 

@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-import re
 from dataclasses import dataclass, field
 
 import numpy as np
 
+from symstiff.discrepancy.laws import of_load
 from symstiff.discrepancy.problem import Array, Options
 from symstiff.discrepancy.scan import Evidence, Null, Scan, evidence, explained, extend, null
 
@@ -16,9 +16,6 @@ SAME_SIGNAL = 0.85
 """Share of an unnamed law's signal inside a set's space from which both describe the same thing."""
 SAME_PLACE = 0.5
 """The same share for a law at the virtual joint where the set's member sits: another shape of one effect."""
-
-DRIVERS = {"tau", "branch"}
-"""What an unnamed law must depend on to be another shape of a member's."""
 
 
 @dataclass(frozen=True)
@@ -182,8 +179,8 @@ def _shape_explains(shop: Workshop, proposal: Proposal, further: float) -> bool:
     """
     bank = shop.start.bank
     places = {bank.place[m] for m in proposal.members} - {""}
-    of_load = [bool(DRIVERS & set(re.findall("[a-z]+", str(c.where.get("law"))))) for c in bank.candidates]
-    here = np.array([p in places for p in bank.place]) & bank.generic & np.array(of_load)
+    driven = np.array([g and of_load(c) for c, g in zip(bank.candidates, bank.generic, strict=True)])
+    here = np.array([p in places for p in bank.place]) & driven
     if not np.any(here):
         return False
     found = shop.look(proposal.entries)[1].candidate[here]
