@@ -159,9 +159,7 @@ def _case(
     truth = Truth(scene.robot, base, effects, scene.noise)
     table = simulate(truth, scene.table, int(rng.integers(2**31)))
     size = float(np.sqrt(np.mean(scene.spread[:, :3] ** 2)))
-    table = replace(
-        table, sigma=np.where(table.measured, size * stated, np.nan)
-    )  # one for all: a data sheet's
+    table = replace(table, sigma=np.where(table.measured, size * stated, np.nan))
     named = () if kind in ("nothing", "outside", "untestable") else tuple((e.effect, w) for _, e, w in made)
     label = Label(
         number, kind, scene.robot.name, tuple(s.name for s in stories), named, wanted, found, geometry,
