@@ -11,6 +11,8 @@ from symstiff.discrepancy.problem import Array, Candidate, Index, Parameter, Pro
 
 NUMERIC_ZERO = 1e-9
 """Share of a column's squared length below which nothing of it is left outside the model."""
+_LEAST_SIZE = 0.02
+"""Usual size, against the largest of an effect's, below which no parameter is taken to be."""
 
 
 @dataclass(frozen=True)
@@ -32,6 +34,10 @@ class Bank:
     """(S,) candidate of each entry, ascending."""
     shape: Index
     """(S,) number of the shape within its candidate."""
+    usual: Array
+    """(K,) lengths of the columns for parameters of usual size, the longest of an entry one."""
+    sized: NDArrayBool
+    """(S,) whether an entry has several parameters whose usual sizes are known."""
     place: tuple[str, ...] = ()
     """Virtual joint that each candidate acts at alone; empty where it acts at several, or somewhere else."""
 
@@ -95,6 +101,7 @@ def build(
     length = np.linalg.norm(columns, axis=0)
     length[length == 0] = 1.0
     mask = np.array(is_generic, dtype=bool)
+    usual, sized = _usual(kept, owner, shape, width, length)
     return Bank(
         tuple(kept),
         mask,
@@ -105,11 +112,31 @@ def build(
         width,
         np.array(owner, dtype=np.intp),
         np.array(shape, dtype=np.intp),
+        usual,
+        sized,
         tuple(
             str(c.where["at"]) if g else _place(problem, blocks[owner.index(i)])
             for i, (c, g) in enumerate(zip(kept, is_generic, strict=True))
         ),
     )
+
+
+def _usual(
+    kept: Sequence[Candidate], owner: Sequence[int], shape: Sequence[int], width: Index, length: Array
+) -> tuple[Array, NDArrayBool]:
+    """Relative lengths of each entry's columns at the parameters' usual sizes; one where they are not known."""
+    usual = np.ones(len(length))
+    sized = np.zeros(len(width), dtype=bool)
+    begin = 0
+    for e, n in enumerate(width):
+        candidate = kept[owner[e]]
+        sizes = np.array([p.typical for p in candidate.parameters_at(candidate.shapes[shape[e]])])
+        if n > 1 and len(sizes) == n and np.all(sizes > 0):
+            found = sizes * length[begin : begin + n]
+            usual[begin : begin + n] = np.maximum(found / found.max(), _LEAST_SIZE)
+            sized[e] = True
+        begin += int(n)
+    return usual, sized
 
 
 def _place(problem: Problem, block: Array) -> str:
@@ -155,13 +182,15 @@ def _log_prior(kept: Sequence[Candidate], generic: NDArrayBool, share: float) ->
     return np.log(np.array(weight)) if weight else np.zeros(0)
 
 
-def orthonormal(bank: Bank, projected: Array, reference: Array) -> tuple[Array, Array]:
+def orthonormal(bank: Bank, projected: Array, reference: Array) -> tuple[Array, Array, Array]:
     """Orthonormalise each entry's projected columns.
 
     ``projected`` (M, K) are the columns after projection, ``reference`` (K,) their squared lengths before it.
-    Returns Q (M, K), with zero columns for directions of which nothing is left, and the rank of each entry (S,).
+    Returns Q (M, K), with zero columns for directions of which nothing is left; the share (K,) of each direction
+    in the square of a signal by parameters of usual size; and the rank of each entry (S,).
     """
     Q = np.zeros_like(projected)
+    variance = np.ones(projected.shape[1])
     rank = np.zeros(len(bank.start), dtype=float)
     for width, cols in bank.batches():
         members = np.flatnonzero(bank.width == width)
@@ -177,8 +206,14 @@ def orthonormal(bank: Bank, projected: Array, reference: Array) -> tuple[Array, 
         gram = np.einsum("mnw,mnv->nwv", block, block, optimize=True)
         value, vector = np.linalg.eigh(gram)
         ok = value > NUMERIC_ZERO
-        turned = vector * np.where(ok, 1.0 / np.sqrt(np.where(ok, value, 1.0)), 0.0)[:, None, :]
-        made = np.matmul(block.transpose(1, 0, 2), turned)
+        root = np.sqrt(np.where(ok, value, 1.0))
+        turned = vector * np.where(ok, 1.0 / root, 0.0)[:, None, :]
+        # the usual sizes seen along the eigenvectors, and turned to where they are independent
+        seen = np.where(ok, root, 0.0)[:, :, None] * np.swapaxes(vector, 1, 2) * bank.usual[cols][:, None, :]
+        share, axes = np.linalg.eigh(np.matmul(seen, np.swapaxes(seen, 1, 2)))
+        made = np.matmul(block.transpose(1, 0, 2), np.matmul(turned, axes))
         Q[:, cols.ravel()] = made.transpose(1, 0, 2).reshape(len(projected), -1)
+        share = np.maximum(share, 0.0)
+        variance[cols.ravel()] = (share / np.maximum(share.sum(axis=1, keepdims=True), 1e-300)).ravel()
         rank[members] = ok.sum(axis=1)
-    return Q, rank
+    return Q, variance, rank

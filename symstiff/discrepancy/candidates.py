@@ -78,7 +78,11 @@ class _Member:
 
 def _member(effect: Effect, robot: Robot, where: Where, shape: Shape, taken: set[str]) -> _Member:
     realised = effect.realise(robot, where, shape)
-    own = tuple(Parameter(p.name, p.unit, p.low, p.high) for p in realised.parameters if p.name not in taken)
+    own = tuple(
+        Parameter(p.name, p.unit, p.low, p.high, p.typical)
+        for p in realised.parameters
+        if p.name not in taken
+    )
     return _Member(shape, realised, own)
 
 

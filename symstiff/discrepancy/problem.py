@@ -86,6 +86,8 @@ class Parameter:
     unit: str = ""
     low: float = -np.inf
     high: float = np.inf
+    typical: float = 0.0
+    """Usual size, for the relative sizes of one effect's parameters; 0 where nothing is known of it."""
 
 
 @dataclass(frozen=True)

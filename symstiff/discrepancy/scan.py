@@ -12,12 +12,9 @@ import numpy as np
 from scipy import linalg, optimize, stats
 
 from symstiff.discrepancy.bank import Bank, orthonormal
+from symstiff.discrepancy.marginal import log_bayes, of_rank, of_sizes
 from symstiff.discrepancy.noise import Noise
 from symstiff.discrepancy.problem import Array, Index
-
-EXPECTED = (12.0, 48.0, 200.0, 1000.0)
-"""Noncentralities that an effect is expected to have; the evidence averages over them."""
-
 
 Mask = np.ndarray[tuple[int, ...], np.dtype[np.bool_]]
 
@@ -39,6 +36,8 @@ class Layer:
     """(M, P') orthonormal basis of the model."""
     Q: Array
     """(M, K) orthonormal bases of the entries outside the model."""
+    variance: Array
+    """(K,) how the entries' usual sizes spread over the directions of Q; sums to one within an entry."""
     rank: Array
     """(S,)"""
     rss: float
@@ -102,10 +101,12 @@ def _layer(
     outside = columns - basis @ (basis.T @ columns)
     residual = y - basis @ (basis.T @ y)
     length2 = np.einsum("mk,mk->k", columns, columns)
-    Q, rank = orthonormal(bank, outside, length2)
+    Q, variance, rank = orthonormal(bank, outside, length2)
     rss = float(residual @ residual)
     determinant += 2.0 * float(np.log(s).sum())
-    return Layer(ratio, whiten, colour, residual, outside, length2, basis, Q, rank, rss, determinant)
+    return Layer(
+        ratio, whiten, colour, residual, outside, length2, basis, Q, variance, rank, rss, determinant
+    )
 
 
 def extend(scan: Scan, entries: tuple[int, ...]) -> Scan:
@@ -120,11 +121,12 @@ def extend(scan: Scan, entries: tuple[int, ...]) -> Scan:
         U, s = U[:, s > 1e-7 * s[0]], s[s > 1e-7 * s[0]]
         outside = layer.outside - U @ (U.T @ layer.outside)
         residual = layer.y - U @ (U.T @ layer.y)
-        Q, rank = orthonormal(scan.bank, outside, layer.length2)
+        Q, variance, rank = orthonormal(scan.bank, outside, layer.length2)
         layers.append(
             replace(
-                layer, y=residual, outside=outside, basis=np.hstack([layer.basis, U]), Q=Q, rank=rank,
-                rss=float(residual @ residual), determinant=layer.determinant + 2.0 * float(np.log(s).sum()),
+                layer, y=residual, outside=outside, basis=np.hstack([layer.basis, U]), Q=Q,
+                variance=variance, rank=rank, rss=float(residual @ residual),
+                determinant=layer.determinant + 2.0 * float(np.log(s).sum()),
             )
         )  # fmt: skip
         gained = len(s)
@@ -168,44 +170,31 @@ def _sum_entries(bank: Bank, squares: Array) -> Array:
     )
 
 
-def log_bayes(explained: Array, rss: Array, rank: Array, freedom: int) -> Array:
-    """Evidence of a linear effect of given rank against none, by the field's g-prior, scale integrated.
-
-    log BF = (n-k)/2 log(1+g) - n/2 log(1 + g(1-R²)), averaged over g = EXPECTED/k; arrays broadcast.
-    """
-    k = np.maximum(rank, 1.0)
-    left = np.clip(1.0 - explained / np.maximum(rss, 1e-300), 1e-12, 1.0)
-    n = float(freedom)
-    total = np.full(np.broadcast_shapes(left.shape, k.shape), -np.inf)
-    for expected in EXPECTED:
-        g = expected / k
-        total = np.logaddexp(total, 0.5 * (n - k) * np.log1p(g) - 0.5 * n * np.log1p(g * left))
-    return np.asarray(np.where(rank > 0, total - np.log(len(EXPECTED)), -np.inf))
-
-
 def entry_evidence(scan: Scan, squares: Array, rss: Array) -> Array:
-    """Evidence of each entry at its likeliest ratio: squares (R, S, B), rss (R, B) -> (S, B)."""
+    """Evidence of each entry at its likeliest ratio: squares by direction (R, K, B), rss (R, B) -> (S, B)."""
     weight = _log_likelihood(scan, rss)
     weight = weight - weight.max(axis=0)
-    total = np.full(squares.shape[1:], -np.inf)
+    total = np.full((len(scan.bank.start), squares.shape[2]), -np.inf)
     for r, layer in enumerate(scan.layers):
-        share = squares[r] / np.maximum(rss[r], 1e-300)
-        for rank in np.unique(layer.rank):
-            rows = np.flatnonzero(layer.rank == rank)
-            value = weight[r] + _tabulated(share[rows], float(rank), scan.freedom)
-            total[rows] = np.maximum(total[rows], value)
+        shares = squares[r] / np.maximum(rss[r], 1e-300)
+        total = np.maximum(total, weight[r] + _of_layer(scan.bank, layer, shares, scan.freedom))
     return total
 
 
-def _tabulated(share: Array, rank: float, freedom: int) -> Array:
-    """log_bayes by interpolation in log(1 - R²): many draws need it at few ranks."""
-    if share.size < 4000 or rank == 0:
-        return log_bayes(share, np.ones_like(share), np.array(rank), freedom)
-    left = -np.log1p(-np.clip(share, 0.0, 1 - 1e-12))
-    grid = np.linspace(0.0, float(left.max()) + 1e-12, 400)
-    return np.asarray(
-        np.interp(left, grid, log_bayes(-np.expm1(-grid), np.ones(400), np.array(rank), freedom))
-    )
+def _of_layer(bank: Bank, layer: Layer, shares: Array, freedom: int) -> Array:
+    """Evidence (S, B) of each entry at one ratio, by both beliefs about its directions."""
+    share = _sum_entries(bank, shares)
+    value = np.empty_like(share)
+    for rank in np.unique(layer.rank):
+        rows = np.flatnonzero(layer.rank == rank)
+        value[rows] = of_rank(share[rows], float(rank), freedom)
+    sized = np.flatnonzero(bank.sized & (layer.rank > 1))
+    if len(sized):
+        own = np.concatenate([np.arange(bank.start[e], bank.start[e] + bank.width[e]) for e in sized])
+        start = np.concatenate([[0], np.cumsum(bank.width[sized])[:-1]]).astype(np.intp)
+        known = of_sizes(shares[own], layer.variance[own], start, freedom)
+        value[sized] = np.logaddexp(value[sized], known) - np.log(2.0)
+    return value
 
 
 def candidate_evidence(bank: Bank, entries: Array) -> Array:
@@ -242,7 +231,7 @@ class Evidence:
 
 def evidence(scan: Scan) -> Evidence:
     """Evidence for every candidate given the data."""
-    squares = explained(scan)[:, :, None]
+    squares = np.stack([(layer.Q.T @ layer.y)[:, None] ** 2 for layer in scan.layers])
     rss = np.array([[layer.rss] for layer in scan.layers])
     entry = entry_evidence(scan, squares, rss)
     candidate = candidate_evidence(scan.bank, entry)[:, 0]
@@ -296,7 +285,7 @@ def simulated_scores(scan: Scan, errors: Array) -> Array:
     for layer in scan.layers:
         e = scan.noise.apply(layer.whiten, errors)
         e = e - layer.basis @ (layer.basis.T @ e)
-        squares.append(_sum_entries(scan.bank, (layer.Q.T @ e) ** 2))
+        squares.append((layer.Q.T @ e) ** 2)
         rss.append(np.einsum("mb,mb->b", e, e))
     entry = entry_evidence(scan, np.stack(squares), np.stack(rss))
     return candidate_evidence(scan.bank, entry) + scan.bank.log_prior[:, None]

@@ -10,7 +10,9 @@ from symstiff.reduction.template import beam_pattern, pattern
 from symstiff.robot.schema import Robot
 from symstiff.symbolic.terms import AXES, link_terms
 
-_RANGE = {"m/N": (1e-4, 1e-8), "rad/N": (1e-4, 1e-8), "rad/(N*m)": (1e-3, 1e-7)}
+_RANGE = {"m/N": 1e-4, "rad/N": 1e-4, "rad/(N*m)": 1e-3}
+_TURN = 1e-7
+"""Typical compliance of a link against turning, rad/(N·m)."""
 Pairs = Callable[[Robot, int], tuple[tuple[int, int], ...]]
 ALL = tuple((r, c) for r in AXES for c in AXES if r <= c)
 
@@ -45,13 +47,16 @@ def block(pairs: Pairs) -> Callable[[Robot, Where, Shape], Realisation]:
             for n, (r, c) in zip(names, chosen, strict=True)
             for t in link_terms(link, r, c, n, symmetric=True)
         ]
-        found = [_parameter(n, r, c) for n, (r, c) in zip(names, chosen, strict=True)]
+        length = robot.reach / max(robot.dof, 1)
+        found = [_parameter(n, r, c, length) for n, (r, c) in zip(names, chosen, strict=True)]
         return Realisation(tuple(found), tuple(terms))
 
     return realise
 
 
-def _parameter(name: str, row: int, column: int) -> EffectParameter:
+def _parameter(name: str, row: int, column: int, length: float) -> EffectParameter:
+    """Entries of a link of some length: a shift is to a turn as that length is to one, a coupling half as large."""
     unit = UNITS[row > 3, column > 3]
-    high, typical = _RANGE[unit]
+    high = _RANGE[unit]
+    typical = _TURN * length ** ((row <= 3) + (column <= 3)) * (1.0 if row == column else 0.5)
     return EffectParameter(name, unit, 0.0 if row == column else -high, high, typical)
