@@ -7,7 +7,7 @@ columns and fitted deflections → problem → candidates of the whole catalogue
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from threadpoolctl import threadpool_limits
@@ -18,11 +18,11 @@ from symstiff.discrepancy.candidates import candidates as candidates_of
 from symstiff.discrepancy.candidates import grouped
 from symstiff.discrepancy.current import Current, settled, sigma_of
 from symstiff.discrepancy.problem import Array, Candidate, Problem
-from symstiff.discrepancy.situation import Situation, View
+from symstiff.discrepancy.situation import Situation, View, has_weights, under_weights
 from symstiff.effects.base import Effect, catalogue
 from symstiff.errors import UserError
 from symstiff.model import StiffnessModel
-from symstiff.symbolic.terms import VirtualJoint
+from symstiff.symbolic.terms import AXES, Term, VirtualJoint, deflection, w
 
 
 @dataclass(frozen=True)
@@ -54,13 +54,14 @@ def assemble(model: StiffnessModel, table: Measurements, effects: Sequence[Effec
     found = catalogue().values() if effects is None else effects
     with threadpool_limits(1):  # small matrices: threads cost more than they give
         current = settled(model, table)
-        problem = _problem(current.situation.view, current)
+        problem = _problem(current.situation, current)
         candidates = grouped(problem, tuple(candidates_of(model, current, problem, found)))
     fitted = {n: current.fitted[n] for n in model.parameters if n in current.fitted}
     return Assembly(problem, candidates, current.situation, current.names, fitted)
 
 
-def _problem(view: View, current: Current) -> Problem:
+def _problem(situation: Situation, current: Current) -> Problem:
+    view = situation.view
     table, state = view.table, view.state
     pose = np.unique(table.pose, return_inverse=True)[1].reshape(-1)
     keys = np.column_stack([table.w, np.nan_to_num(table.branch), np.nan_to_num(table.load_step)])
@@ -77,6 +78,8 @@ def _problem(view: View, current: Current) -> Problem:
         load=load_factor(table)[state],
         J=view.J,
         tau=view.tau[state],
+        weight=_weight(view),
+        gains=_gains(situation),
         virtual_joints=tuple(_title(v) for v in view.joints),
         joint_of=tuple(v.body - 1 if v.kind == "joint" else -1 for v in view.joints),
         q=table.q[state],
@@ -85,6 +88,26 @@ def _problem(view: View, current: Current) -> Problem:
         branch=_context(table.branch, state),
         spread=_spreads(view),
     )
+
+
+def _weight(view: View) -> Array | None:
+    """Loads (M, V) of the links' weight where the robot tells masses; in absolute data τ holds them already."""
+    if view.table.kind != "deflection" or not has_weights(view.robot):
+        return None
+    return np.asarray((under_weights(view).tau - view.tau)[view.state])
+
+
+def _gains(situation: Situation) -> dict[str, Array]:
+    """What the force sensor and the measuring device add that read one axis too large."""
+    terms = {f"force sensor axis {c}": Term("", VirtualJoint("load", 0, c), w(c)) for c in AXES}
+    terms |= {
+        f"reading of axis {c}": Term("", VirtualJoint("measure", 0, c), deflection(c))
+        for c in np.unique(situation.view.component) + 1
+    }
+    columns = {
+        name: situation.columns([replace(t, parameter=name)], [name])[:, 0] for name, t in terms.items()
+    }
+    return {name: column for name, column in columns.items() if np.any(column)}
 
 
 def _title(v: VirtualJoint) -> str:

@@ -114,10 +114,7 @@ def build(
         np.array(shape, dtype=np.intp),
         usual,
         sized,
-        tuple(
-            str(c.where["at"]) if g else _place(problem, blocks[owner.index(i)])
-            for i, (c, g) in enumerate(zip(kept, is_generic, strict=True))
-        ),
+        tuple(_place(problem, blocks[owner.index(i)]) if c.at is None else c.at for i, c in enumerate(kept)),
     )
 
 

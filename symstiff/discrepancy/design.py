@@ -8,7 +8,7 @@ from functools import lru_cache
 import numpy as np
 
 from symstiff.discrepancy.problem import Array
-from symstiff.discrepancy.scan import Scan, detectable_noncentrality
+from symstiff.discrepancy.scan import Scan, detectable_noncentrality, effective_rank
 
 _needed = lru_cache(maxsize=4096)(detectable_noncentrality)
 """Candidates of one effect ask the same question at all their places."""
@@ -21,21 +21,31 @@ def share_left(scan: Scan, entry: int) -> float:
     return float(np.max(left / np.maximum(layer.length2[cols], 1e-300)))
 
 
+def needed(scan: Scan, entry: int, threshold: float) -> float:
+    """Noncentrality from which a score exceeds ``threshold`` in 80 % of cases; inf where nothing can be seen."""
+    rank = float(scan.best.rank[entry])
+    if rank == 0:
+        return float("inf")
+    prior = float(scan.bank.log_prior[scan.bank.owner[entry]])
+    if not scan.bank.sized[entry]:
+        return _needed(threshold, prior, rank, scan.freedom)
+    fewer = min(rank, effective_rank(scan, entry))
+    return min(_needed(threshold + np.log(2.0), prior, r, scan.freedom) for r in (rank, fewer))
+
+
 def smallest_detectable(scan: Scan, entry: int, threshold: float, sigma2: float) -> Array:
     """(k,) size of each parameter alone that the search would see in 80 % of cases; inf where never.
 
     ``threshold`` is the score to exceed, ``sigma2`` the whitened residual's mean square.
     """
     bank, layer = scan.bank, scan.best
-    rank = float(layer.rank[entry])
     cols = bank.slice(entry)
-    if rank == 0:
+    least = needed(scan, entry, threshold)
+    if not np.isfinite(least):
         return np.full(int(bank.width[entry]), np.inf)
-    prior = float(bank.log_prior[bank.owner[entry]])
-    needed = _needed(threshold, prior, rank, scan.freedom)
     left = np.einsum("mk,mk->k", layer.outside[:, cols], layer.outside[:, cols])
     visible = left > 1e-9 * layer.length2[cols]
-    size = np.sqrt(needed * sigma2 / np.where(visible, left, 1.0)) / bank.scale[cols]
+    size = np.sqrt(least * sigma2 / np.where(visible, left, 1.0)) / bank.scale[cols]
     return np.asarray(np.where(visible, size, np.inf))
 
 

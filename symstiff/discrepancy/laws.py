@@ -6,8 +6,9 @@ and they describe an effect that has no name by a fitted expression.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
+from itertools import islice
 
 import numpy as np
 
@@ -15,6 +16,10 @@ from symstiff.discrepancy.problem import Array, Candidate, Parameter, Problem, S
 
 EFFECT = "unnamed_law"
 _TINY = 1e-300
+_SLIPS = (0.2, 0.4, 0.65)
+"""Shares of the largest load at which a link's law without a name begins: a foot that slips, a bolt that opens."""
+_SPOTS = 6
+"""Widths of a soft spot that a joint's range holds."""
 
 
 @dataclass(frozen=True)
@@ -24,18 +29,40 @@ class Law:
     text: tuple[str, ...]
     values: Array
     """(M, k) factors of the virtual joint's Jacobian column."""
+    own: bool = True
+    """Whether it depends on nothing of other joints: then it is another shape of what the catalogue has there."""
+    family: str = ""
+    """Laws of one family at one place compete as one, by their average."""
+
+    @property
+    def title(self) -> str:
+        """The family, or the expression."""
+        return self.family or " + ".join(self.text)
 
 
-def unnamed_laws(problem: Problem, limit: int = 1200) -> tuple[Candidate, ...]:
+def unnamed_laws(problem: Problem, limit: int = 1600) -> tuple[Candidate, ...]:
     """Candidates for what the catalogue does not hold; none where the context is missing."""
-    out: list[Candidate] = []
+    families: dict[tuple[str, str], list[tuple[Array, Law]]] = {}
     for place, column, law in _everywhere(problem):
-        block = column[:, None] * law.values
-        parameters = tuple(Parameter(t) for t in law.text)
-        out.append(
-            Candidate(EFFECT, {"at": place, "law": " + ".join(law.text)}, parameters, _constant(block))
-        )
-    return tuple(out[:limit])
+        families.setdefault((place, law.title), []).append((column, law))
+    return tuple(_candidate(*key, laws) for key, laws in islice(families.items(), limit))
+
+
+def _candidate(place: str, title: str, laws: list[tuple[Array, Law]]) -> Candidate:
+    known = tuple(tuple(Parameter(t) for t in law.text) for _, law in laws)
+    return Candidate(
+        EFFECT,
+        {"at": place, "law": title},
+        known[0],
+        _Columns(tuple(column[:, None] * law.values for column, law in laws)),
+        tuple({"variant": float(k)} for k in range(len(laws))) if len(laws) > 1 else ({},),
+        parameters_of=(lambda shape: known[_variant(shape)]) if len(laws) > 1 else None,
+        at=(None if place.startswith("link") else place) if laws[0][1].own else "",
+    )
+
+
+def _variant(shape: Shape) -> int:
+    return int(shape.get("variant", 0.0))
 
 
 def of_load(law: Candidate) -> bool:
@@ -43,68 +70,131 @@ def of_load(law: Candidate) -> bool:
     return any("tau" in p.name or "branch" in p.name for p in law.parameters)
 
 
-def _constant(block: Array) -> _Columns:
-    return _Columns(block)
-
-
 @dataclass(frozen=True, eq=False)
 class _Columns:
-    block: Array
+    blocks: tuple[Array, ...]
 
     def __call__(self, shape: Shape) -> Array:
-        return self.block
+        return self.blocks[_variant(shape)]
 
 
 def _everywhere(problem: Problem) -> Iterator[tuple[str, Array, Law]]:
     if problem.J is not None and problem.tau is not None:
-        joints = [v for v, j in enumerate(problem.joint_of) if j >= 0]
-        for v in joints:
-            for law in joint_laws(problem, v):
-                yield problem.virtual_joints[v], problem.J[:, v], law
-            for u in joints:
-                if u != v:
-                    law = Law((f"tau[{problem.virtual_joints[u]}]",), _unit(problem.tau[:, [u]]))
-                    yield problem.virtual_joints[v], problem.J[:, v], law
         for v, j in enumerate(problem.joint_of):
-            if j < 0:
-                t = _unit(problem.tau[:, [v]])
-                yield problem.virtual_joints[v], problem.J[:, v], Law(("tau*|tau|",), t * np.abs(t))
-                yield problem.virtual_joints[v], problem.J[:, v], Law(("|tau|",), np.abs(t))
+            for law in joint_laws(problem, v) if j >= 0 else _link_laws(problem, v):
+                yield problem.virtual_joints[v], problem.J[:, v], law
     for axis in np.unique(problem.axis):
         indicator = (problem.axis == axis).astype(float)
         for law in _frame_laws(problem):
             yield f"measurement axis {axis}", indicator, law
+    for name, column in problem.gains.items():
+        yield name, column, Law(("gain",), np.ones((problem.rows, 1)))
+
+
+@dataclass(frozen=True)
+class _Load:
+    """A virtual joint's load in units of its largest: with the links' weight, and the weight alone."""
+
+    total: Array
+    before: Array
+
+    def law(self, of: Callable[[Array], Array]) -> Array:
+        """What a deflection shows of a law of the total load, (M, 1)."""
+        return np.asarray(of(self.total) - of(self.before))[:, None]
+
+
+def _load(problem: Problem, v: int) -> _Load:
+    assert problem.tau is not None
+    own = np.zeros(problem.rows) if problem.weight is None else problem.weight[:, v]
+    total = problem.tau[:, v] + own
+    largest = max(float(np.max(np.abs(total))), _TINY)
+    return _Load(total / largest, own / largest)
 
 
 def _unit(x: Array) -> Array:
     return np.asarray(x / max(float(np.max(np.abs(x))), _TINY))
 
 
+def _link_laws(problem: Problem, v: int) -> list[Law]:
+    """At a link's axis: what is not proportional to the load."""
+    t = _load(problem, v)
+    out = [Law(("tau*|tau|",), t.law(lambda x: x * np.abs(x))), Law(("|tau|",), t.law(np.abs))]
+    for slip in _SLIPS:
+        beyond = t.law(lambda x, knee=slip: x - np.clip(x, -knee, knee))  # type: ignore[misc]
+        out.append(Law((f"tau beyond {slip} of the largest",), beyond, family="tau beyond a threshold"))
+    return out
+
+
 def joint_laws(problem: Problem, v: int) -> list[Law]:
     """The dictionary at one virtual joint of an actuated joint, simplest first."""
+    return [*_laws_of_load(problem, v), *_laws_of_angle(problem, v), *_laws_of_time(problem, v)]
+
+
+def _laws_of_load(problem: Problem, v: int) -> list[Law]:
+    """Of the joint's own load, and up to second order of the other joints'."""
+    t = _load(problem, v)
+    out = [
+        Law(("tau*|tau|",), t.law(lambda x: x * np.abs(x))),
+        Law(("tau^3",), t.law(lambda x: x**3)),
+        Law(("sign(tau)",), t.law(lambda x: np.tanh(x / 0.03))),
+        Law(("|tau|",), t.law(np.abs)),
+        Law(("tau^2",), t.law(lambda x: x**2)),
+    ]
+    for u, j in enumerate(problem.joint_of):
+        if j >= 0 and u != v:
+            other, name = _load(problem, u), f"tau[{problem.virtual_joints[u]}]"
+            product = t.total * other.total - t.before * other.before
+            size = t.total * np.abs(other.total) - t.before * np.abs(other.before)
+            out.append(Law((name,), other.law(lambda x: x), own=False))
+            out.append(Law((f"tau*{name}",), product[:, None], own=False))
+            out.append(Law((f"tau*|{name}|",), size[:, None], own=False))
+    return out
+
+
+def _laws_of_angle(problem: Problem, v: int) -> list[Law]:
+    """Series in the joint's own angle and in the others', with the load and without."""
+    assert problem.tau is not None
+    if problem.q is None:
+        return []
+    t = _unit(problem.tau[:, v])
+    out = []
+    for j in range(problem.q.shape[1]):
+        own = j == problem.joint_of[v]
+        for n in (1, 2, 3, 5) if own else (1, 2):
+            wave = np.column_stack([np.sin(n * problem.q[:, j]), np.cos(n * problem.q[:, j])])
+            name = f"{n}*q{j + 1}" if n > 1 else f"q{j + 1}"
+            out.append(Law((f"tau*sin({name})", f"tau*cos({name})"), t[:, None] * wave, own))
+            if n <= 2:
+                out.append(Law((f"sin({name})", f"cos({name})"), wave, own))
+    return out + _soft_spots(problem.q[:, problem.joint_of[v]], problem.joint_of[v] + 1, t)
+
+
+def _soft_spots(angle: Array, joint: int, t: Array) -> list[Law]:
+    """A joint that gives way more near one of its own angles."""
+    low, high = float(angle.min()), float(angle.max())
+    width = (high - low) / _SPOTS
+    if width <= 0:
+        return []
+    out = []
+    for k in range(_SPOTS + 1):
+        center = low + k * width
+        bump = np.exp(-(((angle - center) / width) ** 2))
+        text = f"tau*exp(-((q{joint} - {center:.3g})/{width:.3g})^2)"
+        out.append(Law((text,), (t * bump)[:, None], family=f"tau near one q{joint}"))
+    return out
+
+
+def _laws_of_time(problem: Problem, v: int) -> list[Law]:
+    """Of time, temperature, the order of the load cases and the branch, with the load and without."""
     assert problem.tau is not None
     t = _unit(problem.tau[:, v])
-    out = [
-        Law(("tau*|tau|",), (t * np.abs(t))[:, None]),
-        Law(("tau^3",), (t**3)[:, None]),
-        Law(("sign(tau)",), np.tanh(t / 0.03)[:, None]),
-        Law(("|tau|",), np.abs(t)[:, None]),
-        Law(("tau^2",), (t**2)[:, None]),
-    ]
-    if problem.q is not None:
-        for j in range(problem.q.shape[1]):
-            angle = problem.q[:, j]
-            orders = (1, 2, 3, 5) if j == problem.joint_of[v] else (1, 2)
-            for n in orders:
-                wave = np.column_stack([np.sin(n * angle), np.cos(n * angle)])
-                name = f"{n}*q{j + 1}" if n > 1 else f"q{j + 1}"
-                out.append(Law((f"tau*sin({name})", f"tau*cos({name})"), t[:, None] * wave))
-                if n <= 2:
-                    out.append(Law((f"sin({name})", f"cos({name})"), wave))
+    out = []
     if problem.time is not None and np.ptp(problem.time) > 0:
         s = (problem.time - problem.time.min()) / np.ptp(problem.time)
-        out.append(Law(("time",), s[:, None]))
-        out.append(Law(("tau*time",), (t * s)[:, None]))
+        out += [Law(("time",), s[:, None]), Law(("tau*time",), (t * s)[:, None])]
+    if problem.temperature is not None and np.ptp(problem.temperature) > 0:
+        warm = _unit(problem.temperature - problem.temperature.min())
+        out.append(Law(("tau*temperature",), (t * warm)[:, None]))
     if np.ptp(problem.case) > 1:
         step = (problem.case - problem.case.mean()) / np.ptp(problem.case)
         out.append(Law(("tau*load_case",), (t * step)[:, None]))

@@ -43,6 +43,10 @@ class Problem:
     """(M, V) row of the virtual-joint Jacobian."""
     tau: Array | None = None
     """(M, V) load on the virtual joints."""
+    weight: Array | None = None
+    """(M, V) what the links' weight puts on the virtual joints beside ``tau``, in deflection data."""
+    gains: Mapping[str, Array] = field(default_factory=dict)
+    """(M,) columns by name: what a device adds that reads one of its axes too large."""
     virtual_joints: tuple[str, ...] = ()
     """V names, such as ``joint 3`` or ``link 2 axis 4``."""
     joint_of: tuple[int, ...] = ()
@@ -105,6 +109,8 @@ class Candidate:
     """Structural group: candidates of one group cannot be told apart by any data of this kind."""
     parameters_of: Callable[[Shape], tuple[Parameter, ...]] | None = None
     """Parameters of a shape, where they differ between shapes; ``parameters`` are then those of the first."""
+    at: str | None = None
+    """Virtual joint of which it is a law alone, empty for none; where this is None, its columns tell."""
     unavailable: str = ""
     """Why these data cannot show the effect (a column is missing, another kind of data); empty if they can."""
 
@@ -124,7 +130,7 @@ class Options:
 
     alpha: float = 0.035
     """Family-wise level of the candidate tests."""
-    alpha_strata: float = 0.008
+    alpha_strata: float = 0.005
     """Level of the tests that name nothing (strata, smooth laws outside the catalogue)."""
     alpha_sufficient: float = 0.0015
     """Level at which laws without a name in what is left after adding a candidate make it insufficient."""

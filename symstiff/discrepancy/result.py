@@ -70,6 +70,8 @@ class CandidateResult:
     smallest_detectable: Mapping[str, Estimate]
     """Size of each parameter alone seen in 80 % of cases (std is 0)."""
     confused_with: tuple[Name, ...]
+    needed: float = float("inf")
+    """Noncentrality from which it is seen in 80 % of cases."""
 
 
 @dataclass(frozen=True)

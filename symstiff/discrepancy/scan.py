@@ -333,6 +333,11 @@ def detectable_noncentrality(
     return float(optimize.brentq(lambda lam: stats.ncx2.sf(square, rank, max(lam, 1e-9)) - power, low, top))
 
 
+def effective_rank(scan: Scan, entry: int) -> float:
+    """Number of directions that a signal by parameters of usual size is spread over."""
+    return 1.0 / max(float(np.sum(scan.best.variance[scan.bank.slice(entry)] ** 2)), 1e-300)
+
+
 def coefficients(scan: Scan, A: Array, y: Array, entries: tuple[int, ...]) -> tuple[Array, Array, Array]:
     """Joint least squares of model and entries at the likeliest ratio.
 

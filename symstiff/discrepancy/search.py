@@ -233,7 +233,7 @@ def _same(scan: Scan, law: int, entries: tuple[int, ...]) -> bool:
     inside = U.T @ signal
     share = float(inside @ inside) / max(float(signal @ signal), 1e-300)
     place = bank.place[int(bank.owner[law])]
-    if any(bank.place[int(bank.owner[e])] == place for e in entries) and share > SAME_PLACE:
+    if place and share > SAME_PLACE and any(bank.place[int(bank.owner[e])] == place for e in entries):
         return True
     return share > SAME_SIGNAL and U.shape[1] <= layer.rank[law] + 2
 

@@ -7,7 +7,7 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from symstiff.discrepancy.bank import Bank
-from symstiff.discrepancy.design import confusability, share_left, smallest_detectable
+from symstiff.discrepancy.design import confusability, needed, share_left, smallest_detectable
 from symstiff.discrepancy.prepare import Prepared
 from symstiff.discrepancy.problem import Array, Candidate, Options, Problem
 from symstiff.discrepancy.result import CandidateResult, Estimate, Name, NamedEffect, Step
@@ -141,7 +141,7 @@ def candidate_table(
                 candidate.effect, candidate.where, score, p, True, "",
                 None if verdict is None else verdict.sufficient, _within(bank, entry, effects[0][1]),
                 bank.shape_of(entry), effects[0][1], left, smallest,
-                _confused(ready, entry) if p < 0.2 else (),
+                _confused(ready, entry) if p < 0.2 else (), needed(scan, entry, threshold),
             )
         )  # fmt: skip
     return tuple(sorted(out, key=lambda c: -c.score))

@@ -7,6 +7,7 @@ import numpy as np
 from symstiff.discrepancy.design import share_left, smallest_detectable
 from symstiff.discrepancy.prepare import Prepared
 from symstiff.discrepancy.problem import Array, Problem
+from symstiff.discrepancy.scan import effective_rank
 
 
 def testable(problem: Problem, ready: Prepared) -> Array:
@@ -44,6 +45,8 @@ def fills_its_stratum(problem: Problem, ready: Prepared, entry: int) -> bool:
     The stratum "proportional to load, by pose" has one degree of freedom for each pose and channel, less the model.
     """
     rank = float(ready.scan.best.rank[entry])
+    if ready.bank.sized[entry]:
+        rank = effective_rank(ready.scan, entry)
     if rank < 4:
         return False
     cells, label = np.unique(np.column_stack([problem.pose, problem.channel]), axis=0, return_inverse=True)

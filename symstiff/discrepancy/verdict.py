@@ -21,6 +21,9 @@ CALIBRATION = (0.0, 0.7, 4.5)
 CLOSE = 3.0
 """Log evidence by which a set that is refused may lead one that is not, for that one still to be spoken of."""
 
+LEAD = 1.0
+"""Log evidence, for each of its members, by which a set leads the best one with an unnamed law in it."""
+
 Plausible = Callable[[Proposal], bool]
 
 
@@ -87,7 +90,8 @@ def _ranked(shop: Workshop, bases: list[Proposal], plausible: Plausible) -> list
 
 
 def _admissible(judged: Judged, options: Options) -> bool:
-    return judged.sufficient and max(judged.p_members) < options.alpha and judged.rival < 0.0
+    ahead = judged.rival < -LEAD * len(judged.members)
+    return judged.sufficient and max(judged.p_members) < options.alpha and ahead
 
 
 def _conclude(

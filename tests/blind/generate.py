@@ -16,8 +16,8 @@ from symstiff.discrepancy.scan import column_space
 from symstiff.errors import UserError
 from symstiff.model import StiffnessModel
 from symstiff.reduction.reduce import reduce
-from symstiff.robot import Robot, from_table, load
-from symstiff.robot.table import to_table
+from symstiff.robot import Robot, load
+from tests.blind.lacking import rigid_links, without
 from tests.blind.stories import BAD_POSE, ONE, OUTSIDE, Draw, Story, Where
 
 FORCE = {"kuka_kr270": 2200.0, "ur10": 110.0, "franka_panda": 50.0, "scara": 60.0}
@@ -71,6 +71,8 @@ class Case:
     model: StiffnessModel
     signal: np.ndarray = field(repr=False)
     """(rows, 6) what the hidden effects add to the noise-free values: for the oracle."""
+    parts: tuple[np.ndarray, ...] = field(default=(), repr=False)
+    """The same for each effect alone."""
 
 
 @dataclass(frozen=True)
@@ -147,7 +149,7 @@ def _case(
     made = [(story, *story.make(draw)) for story in stories]
     for story, _, where in made:
         if story.context == "start" and kind != "untestable":
-            base = _without(base, where)
+            base = without(base, where)
             scene = _with_model(scene, _lacking(scene, where), base)
     hidden = [e for story, e, _ in made if story.context != "heavy"]
     effects, found = _scaled(scene, base, hidden, wanted, kind)
@@ -165,7 +167,8 @@ def _case(
         number, kind, scene.robot.name, tuple(s.name for s in stories), named, wanted, found, geometry,
         _described(scene, size), stated,
     )  # fmt: skip
-    return Case(label, table, scene.model, _values(scene, base, effects) - clean)
+    parts = tuple(_values(scene, base, (e,)) - clean for e in effects)
+    return Case(label, table, scene.model, _values(scene, base, effects) - clean, parts)
 
 
 def _described(scene: _Scene, size: float) -> dict[str, Any]:
@@ -190,7 +193,7 @@ def _scene(stories: Sequence[Story], rng: np.random.Generator, options: Options)
     robot = load(str(rng.choice(fits)))
     data = stories[0].kind if stories else str(rng.choice(["deflection", "deflection", "absolute"]))
     if any(s.name == "joint left out" for s in stories):
-        robot = _rigid_links(robot)
+        robot = rigid_links(robot)
     least = max((s.levels for s in stories), default=1)
     levels = [n for n in options.levels if n >= least]
     contexts = {s.context for s in stories}
@@ -265,26 +268,10 @@ def _complete(robot: Robot, loads: str) -> StiffnessModel:
     return StiffnessModel.of(reduce(robot, loads))
 
 
-def _rigid_links(robot: Robot, only: int | None = None) -> Robot:
-    table = to_table(robot)
-    places = [table.setdefault("base", {}), *table["joint"]]
-    for i, place in enumerate(places):
-        if only is None or i == only:
-            place["link"] = {**place.get("link", {}), "template": "rigid"}
-    return from_table(table)
-
-
-def _without(values: dict[str, float], where: Where) -> dict[str, float]:
-    """The compliances without those of one joint or link."""
-    if "joint" in where:
-        return {n: v for n, v in values.items() if n != f"c{where['joint']}"}
-    return {n: v for n, v in values.items() if not n.startswith(f"k{where['link']}_")}
-
-
 def _lacking(scene: _Scene, where: Where) -> StiffnessModel:
     """The model of a robot in which that joint or link is rigid."""
     if "link" in where:
-        return _complete(_rigid_links(scene.robot, int(where["link"])), scene.loads)
+        return _complete(rigid_links(scene.robot, int(where["link"])), scene.loads)
     kept = tuple(p for p in scene.model.compliances if p.name != f"c{where['joint']}")
     return replace(scene.model, compliances=kept, values={})
 

@@ -75,7 +75,7 @@ def _one(number: int, options: Options, others: bool) -> dict[str, Any]:
         "confidences": _confidences(finding, label.truth, groups),
         "p_values": [e.p_value for e in finding.named], "rms": asdict(finding.rms),
         "closure": _closure(hidden, assembly, finding), "seconds": seconds,
-        "apart": _apart(hidden, assembly, groups),
+        "apart": _apart(hidden, assembly, groups), "needed": _needed(finding, label.truth, groups),
     }  # fmt: skip
     if others:
         row["others"] = _others(assembly, label.truth, groups)
@@ -108,31 +108,75 @@ def _confidences(finding: Finding, truth: Any, groups: Any) -> list[tuple[float,
 def _apart(hidden: Case, assembly: Assembly, groups: Any) -> float | None:
     """D: what of a hidden effect's λ the nearest candidate of another name leaves; small means inseparable.
 
-    For an effect outside of the catalogue: what the nearest candidate leaves, of any name.
+    For an effect outside of the catalogue: what the nearest candidate leaves, of any name. Of two hidden effects
+    the smaller D, with the other one's candidate beside the model.
     """
-    if len(hidden.label.story) != 1 or not np.any(hidden.signal):
+    truth = hidden.label.truth
+    if not np.any(hidden.signal) or len(hidden.parts) > 2 or (len(hidden.parts) == 2) != (len(truth) == 2):
         return None
+    if len(hidden.parts) < 2:
+        lam = max(hidden.label.noncentrality, default=0.0)
+        return lam * _least_left(hidden.signal, assembly, groups, truth, ())
+    found = []
+    for k, (signal, lam) in enumerate(zip(hidden.parts, hidden.label.noncentrality, strict=True)):
+        beside = _nearest(hidden.parts[1 - k], assembly, groups, truth[1 - k])
+        found.append(lam * _least_left(signal, assembly, groups, truth, beside))
+    return min(found)
+
+
+def _least_left(
+    hidden: np.ndarray, assembly: Assembly, groups: Any, truth: Any, beside: tuple[np.ndarray, ...]
+) -> float:
+    """Share of a signal outside the model that the nearest candidate which is not the truth leaves."""
     problem, view = assembly.problem, assembly.situation.view
-    basis = column_space(problem.A)
-    signal = hidden.signal[view.state, view.component]
+    sigma = np.ones(problem.rows) if problem.sigma is None else problem.sigma
+    basis = column_space(np.column_stack([problem.A, *beside]) / sigma[:, None])
+    signal = hidden[view.state, view.component] / sigma
     signal = signal - basis @ (basis.T @ signal)
     least = 1.0
     for candidate in assembly.candidates:
         name = (candidate.effect, candidate.where)
-        if candidate.unavailable or any(same(name, t, groups) for t in hidden.label.truth):
+        if candidate.unavailable or any(same(name, t, groups) for t in truth):
             continue
         for shape in candidate.shapes:
-            block = candidate.columns(shape)
+            block = candidate.columns(shape) / sigma[:, None]
             own = column_space(block - basis @ (basis.T @ block), 1e-6)
             rest = signal - own @ (own.T @ signal)
             least = min(least, float(rest @ rest / max(signal @ signal, 1e-300)))
-    return least * max(hidden.label.noncentrality, default=0.0)
+    return least
 
 
-def _left(problem: Problem, *further: np.ndarray) -> float:
-    """Residual standard deviation after the model and further columns, degrees of freedom counted."""
+def _nearest(hidden: np.ndarray, assembly: Assembly, groups: Any, truth: Any) -> tuple[np.ndarray, ...]:
+    """Columns of the true candidate's shape that is nearest to a signal; none where the catalogue lacks it."""
+    problem, view = assembly.problem, assembly.situation.view
+    signal = hidden[view.state, view.component]
+    best: tuple[float, tuple[np.ndarray, ...]] = (np.inf, ())
+    for candidate in assembly.candidates:
+        if candidate.unavailable or not same((candidate.effect, candidate.where), truth, groups):
+            continue
+        for shape in candidate.shapes:
+            block = candidate.columns(shape)
+            left = _left(problem, block, of=signal)
+            if left < best[0]:
+                best = (left, (block,))
+    return best[1]
+
+
+def _needed(finding: Finding, truth: Any, groups: Any) -> float | None:
+    """Noncentrality from which, by the diagnosis's own account, the hidden effect would be seen in 80 % of cases."""
+    found = [
+        c.needed
+        for c in finding.first.candidates
+        if c.testable and any(same((c.effect, c.where), t, groups) for t in truth)
+    ]
+    return min(found, default=None)
+
+
+def _left(problem: Problem, *further: np.ndarray, of: np.ndarray | None = None) -> float:
+    """Standard deviation of the data, or of a signal, after the model and further columns, freedom counted."""
     basis = column_space(np.column_stack([problem.A, *further]), 1e-8)
-    residual = problem.y - basis @ (basis.T @ problem.y)
+    y = problem.y if of is None else of
+    residual = y - basis @ (basis.T @ y)
     return float(np.sqrt(residual @ residual / (problem.rows - basis.shape[1])))
 
 

@@ -93,6 +93,15 @@ def bars(rows: Sequence[Row]) -> dict[str, dict[str, Any]]:
     def apart(lam: float) -> Select:
         return lambda r: one(lam)(r) and (r["apart"] or 0.0) > SEPARABLE
 
+    def testable(lam: float) -> Select:
+        return lambda r: apart(lam)(r) and (r["needed"] or math.inf) <= lam
+
+    def two(least: float, most: float = math.inf) -> Select:
+        return lambda r: r["kind"] == "two" and least <= r["wanted"] <= most
+
+    def two_apart(least: float, most: float = math.inf) -> Select:
+        return lambda r: two(least, most)(r) and (r["apart"] or 0.0) > SEPARABLE
+
     def of(kind: str) -> Select:
         return lambda r: r["kind"] == kind
 
@@ -107,6 +116,8 @@ def bars(rows: Sequence[Row]) -> dict[str, dict[str, Any]]:
         "right name at lambda 60 >= 0.95": share(rows, one(60.0), points),
         "right name at lambda 25, told apart by the data": share(rows, apart(25.0), points),
         "right name at lambda 60, told apart by the data": share(rows, apart(60.0), points),
+        "right name at lambda 25, apart and seen in 80 %": share(rows, testable(25.0), points),
+        "right name at lambda 60, apart and seen in 80 %": share(rows, testable(60.0), points),
         "right name at lambda 150": share(rows, one(150.0), points),
         "right name at lambda 600": share(rows, one(600.0), points),
         "bad pose": share(rows, lambda r: r["kind"] == "bad_pose", points),
@@ -118,12 +129,10 @@ def bars(rows: Sequence[Row]) -> dict[str, dict[str, Any]]:
             lambda r: r["kind"] == "outside" and (r["apart"] or 0.0) > SEPARABLE,
             lambda r: float(r["verdict"] in ("named", "ambiguous")),
         ),
-        "two right at lambda 60 >= 0.85": share(
-            rows, lambda r: r["kind"] == "two" and r["wanted"] == 60.0, points
-        ),
-        "two right at lambda 150 and more >= 0.93": share(
-            rows, lambda r: r["kind"] == "two" and r["wanted"] >= 150.0, points
-        ),
+        "two right at lambda 60 >= 0.85": share(rows, two(60.0, 60.0), points),
+        "two right at lambda 150 and more >= 0.93": share(rows, two(150.0), points),
+        "two right at lambda 60, told apart by the data": share(rows, two_apart(60.0, 60.0), points),
+        "two right at lambda 150 and more, told apart": share(rows, two_apart(150.0), points),
         "confounded: named or in the set": share(
             rows, lambda r: r["kind"] == "confounded", lambda r: float(r["outcome"] in ("right", "half"))
         ),

@@ -298,11 +298,7 @@ BAD_POSE = Story("bad pose", "deflection", one_bad)
 def other(effect: str, shape: str, values: Callable[[Draw, int, int], dict[str, Any]], but: int = 0) -> Maker:
     def make(d: Draw) -> Made:
         j = d.joint(turning=True, but=but)
-        k = int(
-            d.rng.choice(
-                [x for x in range(1, d.robot.dof + 1) if x != j and not d.robot.joint[x - 1].prismatic]
-            )
-        )
+        k = d.joint(turning=True, but=j)
         return Effect(effect, {"joints": [j, k], "joint": j}, shape, values(d, j, k)), {}
 
     return make

@@ -1,0 +1,161 @@
+"""The evidence of a group of columns against dense linear algebra, and the laws without a name it is weighed with."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from symstiff.calibration.measurements import measurements
+from symstiff.calibration.simulation import Effect, Truth, clean_response, nominal_truth
+from symstiff.discrepancy.assemble import Assembly, assemble
+from symstiff.discrepancy.bank import build
+from symstiff.discrepancy.laws import unnamed_laws
+from symstiff.discrepancy.marginal import EXPECTED, log_bayes, of_sizes
+from symstiff.discrepancy.noise import start
+from symstiff.discrepancy.problem import Array, Candidate, Parameter
+from symstiff.discrepancy.scan import column_space, effective_rank, evidence, open_scan
+from symstiff.model import StiffnessModel
+from symstiff.reduction.reduce import reduce
+from symstiff.robot import load
+from tests.test_discrepancy_engine import arm
+
+
+def by_covariance(y: Array, Q: Array, variance: Array, expected: float) -> float:
+    """log of p(y | effect)/p(y | none), the scale integrated under 1/σ: determinants and solves of (M, M)."""
+    V = np.eye(len(y)) + Q @ np.diag(expected * variance) @ Q.T
+    return -0.5 * np.linalg.slogdet(V)[1] - 0.5 * len(y) * float(np.log(y @ np.linalg.solve(V, y) / (y @ y)))
+
+
+@settings(max_examples=40, deadline=None)
+@given(st.integers(1, 6), st.integers(0, 10_000))
+def test_the_evidence_of_usual_sizes_is_that_of_a_normal_prior_with_their_covariance(
+    k: int, seed: int
+) -> None:
+    rng = np.random.default_rng(seed)
+    M = 30
+    Q = np.linalg.qr(rng.normal(size=(M, k)))[0]
+    variance = rng.dirichlet(np.ones(k))
+    y = rng.normal(size=M) + 3.0 * Q @ rng.normal(size=k)
+    shares = ((Q.T @ y) ** 2 / (y @ y))[:, None]
+    found = float(of_sizes(shares, variance, np.array([0]), M)[0, 0])
+    dense = [by_covariance(y, Q, variance, e) for e in EXPECTED]
+    assert found == pytest.approx(
+        float(np.logaddexp.reduce(dense)) - np.log(len(EXPECTED)), rel=1e-9, abs=1e-9
+    )
+
+
+@given(st.integers(1, 8), st.floats(0.0, 0.9))
+def test_with_equal_sizes_both_beliefs_agree(k: int, share: float) -> None:
+    shares = np.full((k, 1), share / k)
+    sized = of_sizes(shares, np.full(k, 1.0 / k), np.array([0]), 50)[0, 0]
+    flat = log_bayes(np.array(share), np.array(1.0), np.array(float(k)), 50)
+    assert sized == pytest.approx(float(flat), rel=1e-9, abs=1e-9)
+
+
+def test_a_block_whose_usual_sizes_lie_in_one_direction_is_seen_like_one_parameter() -> None:
+    problem = arm().problem
+    rng = np.random.default_rng(3)
+    block = rng.normal(size=(problem.rows, 6))
+    parameters = tuple(Parameter(f"k{i}", typical=1.0 if i == 0 else 1e-3) for i in range(6))
+    known = Candidate("block", {"link": 1}, parameters, lambda shape: block)
+    unknown = replace(known, parameters=tuple(replace(p, typical=0.0) for p in parameters))
+    basis = column_space(problem.A)
+    usual, odd = (
+        column[:, None] - basis @ (basis.T @ column[:, None]) for column in (block[:, 0], block[:, 3])
+    )
+
+    def scored(candidate: Candidate, signal: Array, seed: int) -> tuple[float, float]:
+        noise = np.random.default_rng(seed).normal(size=problem.rows)
+        y = problem.y + 7.0 * signal[:, 0] / np.linalg.norm(signal) + noise
+        given_data = replace(problem, y=y, sigma=np.ones(problem.rows))
+        scan = open_scan(build(given_data, [candidate], ()), start(given_data), y, problem.A)
+        return float(evidence(scan).candidate[0]), effective_rank(scan, 0)
+
+    gain = [scored(known, usual, s)[0] - scored(unknown, usual, s)[0] for s in range(20)]
+    cost = [scored(known, odd, s)[0] - scored(unknown, odd, s)[0] for s in range(20)]
+    assert np.mean(gain) > 2.0  # five directions fewer to pay for
+    assert np.median(cost) == pytest.approx(
+        -np.log(2.0), abs=0.3
+    )  # unusual sizes are seen, at half the belief
+    assert scored(known, usual, 0)[1] < 1.1
+    assert 4.0 < scored(unknown, usual, 0)[1] <= 6.0
+
+
+def of_hidden(effect: Effect, robot_name: str = "ur10") -> tuple[Assembly, Array]:
+    """A noise-free experiment on a robot with masses, and what a hidden effect adds to its rows."""
+    robot = load(robot_name)
+    rng = np.random.default_rng(5)
+    poses, steps = 20, (0.4, 0.7, 1.0)
+    limits = np.array([j.range for j in robot.joint])
+    q = np.repeat(rng.uniform(limits[:, 0], limits[:, 1], (poses, robot.dof)), len(steps), axis=0)
+    wrench = np.repeat(rng.normal(size=(poses, 6)) * [60, 60, 60, 8, 8, 8], len(steps), axis=0)
+    wrench *= np.tile(steps, poses)[:, None]
+    pose = np.repeat(np.arange(poses), len(steps))
+    table = measurements(q, wrench, pose=pose, kind="deflection")
+    values = {n: v * 1e-3 for n, v in nominal_truth(robot).items()}  # stiff: no second-order geometry
+    context = {"kind": table.kind, **{n: getattr(table, n) for n in (
+        "points", "point", "labels", "pose", "time", "temperature", "branch")}}  # fmt: skip
+    without = clean_response(Truth(robot, values, ()), q, wrench, context)
+    signal = clean_response(Truth(robot, values, (effect,)), q, wrench, context) - without
+    without[:, 3:], signal[:, 3:] = np.nan, np.nan
+    model = StiffnessModel.of(reduce(robot, "wrench"))
+    assembly = assemble(model, replace(table, values=without), effects=())
+    view = assembly.situation.view
+    return assembly, signal[view.state, view.component]
+
+
+@pytest.mark.parametrize(
+    ("effect", "law"),
+    [
+        (Effect("load_product", {"joints": [2, 3], "joint": 2}, "product", {"c": 1e-9}), "tau*tau[joint 3]"),
+        (Effect("load_product", {"joints": [2, 3], "joint": 2}, "magnitude", {"c": 1e-9}), "tau*|tau[joint 3]|"),
+        (Effect("force_sensor_gain", None, "axes", {"gain": [0.01, 0, 0, 0, 0, 0]}), "gain"),
+        (Effect("device_scale", None, "axes", {"scale": [0.0, 0.01, 0.0]}), "gain"),
+    ],
+)  # fmt: skip
+def test_what_the_catalogue_lacks_is_described_by_a_law_without_a_name(effect: Effect, law: str) -> None:
+    assembly, signal = of_hidden(effect)
+    problem = assembly.problem
+    basis = column_space(problem.A)
+    signal = signal - basis @ (basis.T @ signal)
+    left = {}
+    for candidate in unnamed_laws(problem):
+        block = candidate.columns({})
+        own = column_space(block - basis @ (basis.T @ block), 1e-7)
+        left[candidate.where["at"], candidate.where["law"]] = float(
+            np.sum((signal - own @ (own.T @ signal)) ** 2) / (signal @ signal)
+        )
+    best = min(left, key=lambda key: left[key])
+    assert best[1] == law
+    assert left[best] < 1e-3
+
+
+def test_a_law_of_a_link_that_turns_about_a_joints_axis_has_the_joints_place() -> None:
+    assembly, _ = of_hidden(Effect("device_scale", None, "axes", {"scale": [0.0, 0.01, 0.0]}), "kuka_kr270")
+    bank = build(assembly.problem, (), unnamed_laws(assembly.problem))
+    places = {
+        str(c.where["at"]): place
+        for c, place in zip(bank.candidates, bank.place, strict=True)
+        if c.where["law"] == "tau*|tau|"
+    }
+    assert {at: p for at, p in places.items() if at.startswith("link") and p} != {}
+    assert all(places[f"joint {j}"] == f"joint {j}" for j in range(1, 7))
+    crossed = [
+        p for c, p in zip(bank.candidates, bank.place, strict=True) if "tau[joint" in str(c.where["law"])
+    ]
+    assert crossed
+    assert not any(crossed)
+
+
+def test_a_soft_spot_is_one_law_that_averages_over_where_it_is() -> None:
+    assembly, _ = of_hidden(Effect("device_scale", None, "axes", {"scale": [0.0, 0.01, 0.0]}))
+    spots = [c for c in unnamed_laws(assembly.problem) if c.where["law"] == "tau near one q2"]
+    assert [c.where["at"] for c in spots] == ["joint 2"]
+    assert len(spots[0].shapes) > 3
+    for shape in spots[0].shapes:
+        assert spots[0].columns(shape).shape == (assembly.problem.rows, 1)
+        assert spots[0].parameters_at(shape)[0].name.startswith("tau*exp(-((q2")
