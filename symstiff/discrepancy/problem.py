@@ -128,9 +128,9 @@ class Candidate:
 class Options:
     """Settings of a diagnosis; the defaults are those of the benchmark."""
 
-    alpha: float = 0.035
+    alpha: float = 0.03
     """Family-wise level of the candidate tests."""
-    alpha_strata: float = 0.005
+    alpha_strata: float = 0.004
     """Level of the tests that name nothing (strata, smooth laws outside the catalogue)."""
     alpha_sufficient: float = 0.0015
     """Level at which laws without a name in what is left after adding a candidate make it insufficient."""

@@ -261,19 +261,25 @@ class Null:
 
 
 def null(scan: Scan, draws: int, seed: int, allowed: Array | None = None) -> Null:
-    """Parametric bootstrap of the maximum over candidates and shapes at the likeliest noise.
+    """Parametric bootstrap of the maximum over candidates and shapes.
 
+    Each draw has a ratio of approach error to noise by its likelihood: the likeliest alone would claim to know it.
     ``allowed`` (candidates,) masks candidates out of both maxima.
     """
     rng = np.random.default_rng(seed)
-    best = scan.best
-    rows = len(best.y)
+    rows = len(scan.best.y)
+    weight = np.exp(scan.log_likelihood - scan.log_likelihood.max())
     mask = np.ones(len(scan.bank.candidates), bool) if allowed is None else allowed.astype(bool)
     named, generic = [], []
     chunk = max(1, min(draws, int(3e7 // max(len(scan.bank.start), rows, 1))))
     for begin in range(0, draws, chunk):
-        z = rng.standard_normal((rows, min(chunk, draws - begin)))
-        score = simulated_scores(scan, scan.noise.apply(best.colour, z))
+        counts = rng.multinomial(min(chunk, draws - begin), weight / weight.sum())
+        errors = [
+            scan.noise.apply(layer.colour, rng.standard_normal((rows, n)))
+            for layer, n in zip(scan.layers, counts, strict=True)
+            if n
+        ]
+        score = simulated_scores(scan, np.hstack(errors))
         named.append(_maximum(score, mask & ~scan.bank.generic))
         generic.append(_maximum(score, mask & scan.bank.generic))
     return Null(np.sort(np.concatenate(named)), np.sort(np.concatenate(generic)))

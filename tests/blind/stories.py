@@ -13,9 +13,12 @@ from typing import Any
 import numpy as np
 
 from symstiff.calibration.simulation import Effect
+from symstiff.errors import UserError
 from symstiff.robot import Robot
 
 Where = dict[str, Any]
+LOADED = 0.02
+"""Share of the largest joint load from which a joint counts as loaded."""
 
 
 @dataclass(frozen=True)
@@ -40,7 +43,7 @@ class Draw:
         loaded = [
             j + 1
             for j in range(self.robot.dof)
-            if self.torque[j] > 0.02 * self.torque.max() and not (turning and self.robot.joint[j].prismatic)
+            if self.torque[j] > LOADED * self.torque.max() and not (turning and self.robot.joint[j].prismatic)
         ]
         fits = [j + 1 for j in range(self.robot.dof) if not (turning and self.robot.joint[j].prismatic)]
         return int(self.rng.choice([j for j in loaded if j != but] or [j for j in fits if j != but]))
@@ -299,6 +302,8 @@ def other(effect: str, shape: str, values: Callable[[Draw, int, int], dict[str, 
     def make(d: Draw) -> Made:
         j = d.joint(turning=True, but=but)
         k = d.joint(turning=True, but=j)
+        if d.load(k) <= LOADED * d.torque.max():
+            raise UserError("no second joint carries a load")
         return Effect(effect, {"joints": [j, k], "joint": j}, shape, values(d, j, k)), {}
 
     return make
