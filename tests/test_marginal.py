@@ -159,3 +159,14 @@ def test_a_soft_spot_is_one_law_that_averages_over_where_it_is() -> None:
     for shape in spots[0].shapes:
         assert spots[0].columns(shape).shape == (assembly.problem.rows, 1)
         assert spots[0].parameters_at(shape)[0].name.startswith("tau*exp(-((q2")
+
+
+def test_a_column_of_rounding_is_no_direction_of_a_block() -> None:
+    problem = arm().problem
+    rng = np.random.default_rng(8)
+    block = rng.normal(size=(problem.rows, 3)) * [1.0, 1.0, 1e-15]
+    parameters = tuple(Parameter(f"k{i}", typical=1.0) for i in range(3))
+    bank = build(problem, [Candidate("block", {"link": 1}, parameters, lambda shape: block)], ())
+    scan = open_scan(bank, start(problem), problem.y, problem.A)
+    assert scan.best.rank[0] == 2
+    assert not np.any(bank.columns[:, 2])

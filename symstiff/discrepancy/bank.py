@@ -11,6 +11,8 @@ from symstiff.discrepancy.problem import Array, Candidate, Index, Parameter, Pro
 
 NUMERIC_ZERO = 1e-9
 """Share of a column's squared length below which nothing of it is left outside the model."""
+ROUNDING = 1e-10
+"""Length of a parameter's column, at usual sizes, against the longest below which it is rounding and nothing else."""
 _LEAST_SIZE = 0.02
 """Usual size, against the largest of an effect's, below which no parameter is taken to be."""
 
@@ -101,7 +103,10 @@ def build(
     length = np.linalg.norm(columns, axis=0)
     length[length == 0] = 1.0
     mask = np.array(is_generic, dtype=bool)
-    usual, sized = _usual(kept, owner, shape, width, length)
+    relative = [
+        _usual(kept[c].parameters_at(kept[c].shapes[k]), block)
+        for c, k, block in zip(owner, shape, blocks, strict=True)
+    ]
     return Bank(
         tuple(kept),
         mask,
@@ -112,28 +117,28 @@ def build(
         width,
         np.array(owner, dtype=np.intp),
         np.array(shape, dtype=np.intp),
-        usual,
-        sized,
+        np.concatenate([r for r, _ in relative]) if relative else length,
+        np.array([known for _, known in relative], dtype=bool),
         tuple(_place(problem, blocks[owner.index(i)]) if c.at is None else c.at for i, c in enumerate(kept)),
     )
 
 
-def _usual(
-    kept: Sequence[Candidate], owner: Sequence[int], shape: Sequence[int], width: Index, length: Array
-) -> tuple[Array, NDArrayBool]:
-    """Relative lengths of each entry's columns at the parameters' usual sizes; one where they are not known."""
-    usual = np.ones(len(length))
-    sized = np.zeros(len(width), dtype=bool)
-    begin = 0
-    for e, n in enumerate(width):
-        candidate = kept[owner[e]]
-        sizes = np.array([p.typical for p in candidate.parameters_at(candidate.shapes[shape[e]])])
-        if n > 1 and len(sizes) == n and np.all(sizes > 0):
-            found = sizes * length[begin : begin + n]
-            usual[begin : begin + n] = np.maximum(found / found.max(), _LEAST_SIZE)
-            sized[e] = True
-        begin += int(n)
-    return usual, sized
+def _usual(parameters: Sequence[Parameter], block: Array) -> tuple[Array, bool]:
+    """Relative lengths (k,) of columns at the parameters' usual sizes; ones and False where sizes are not known."""
+    sizes = np.array([p.typical for p in parameters])
+    if block.shape[1] < 2 or len(sizes) != block.shape[1] or not np.all(sizes > 0):
+        return np.ones(block.shape[1]), False
+    found = sizes * np.linalg.norm(block, axis=0)
+    return np.maximum(found / found.max(), _LEAST_SIZE), True
+
+
+def _without_rounding(parameters: Sequence[Parameter], block: Array) -> Array:
+    """The block with zeros where a column is nothing beside the others but the rounding of its computation."""
+    sizes = np.array([p.typical if p.typical > 0 else 1.0 for p in parameters])
+    if len(sizes) != block.shape[1]:
+        return block
+    found = sizes * np.linalg.norm(block, axis=0)
+    return np.where(found > ROUNDING * found.max(), block, 0.0)
 
 
 def _place(problem: Problem, block: Array) -> str:
@@ -163,7 +168,7 @@ def _blocks(problem: Problem, candidate: Candidate) -> list[tuple[int, Array]]:
         block = np.asarray(candidate.columns(shape), dtype=float)
         block = block.reshape(problem.rows, -1)
         if block.shape[1] and np.all(np.isfinite(block)) and np.any(block):
-            out.append((number, block))
+            out.append((number, _without_rounding(candidate.parameters_at(shape), block)))
     return out
 
 

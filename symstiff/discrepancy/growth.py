@@ -9,6 +9,7 @@ import numpy as np
 
 from symstiff.calibration.measurements import Measurements
 from symstiff.discrepancy.assemble import Assembly, assemble
+from symstiff.discrepancy.bank import ROUNDING
 from symstiff.discrepancy.prepare import prepare
 from symstiff.discrepancy.problem import Array, Problem
 from symstiff.discrepancy.scan import coefficients
@@ -74,7 +75,7 @@ def fit(model: StiffnessModel, table: Measurements, rounds: int = 2) -> Fitted:
     for _ in range(1 if model.is_linear and table.kind != "absolute" else rounds):
         assembly = assemble(known, table, effects=())
         problem, names = assembly.problem, assembly.names
-        kept = independent(problem, len(names))
+        kept = independent(problem, [model.steps[n] for n in names])
         own = [names[k] for k in kept if k < len(names)]
         ready = prepare(replace(problem, A=problem.A[:, kept]), ())
         value, std, fitted = coefficients(ready.scan, problem.A[:, kept], problem.y, ())
@@ -86,15 +87,21 @@ def fit(model: StiffnessModel, table: Measurements, rounds: int = 2) -> Fitted:
     return Fitted(known, absorbed, problem.y - fitted, problem.y, assembly)
 
 
-def independent(problem: Problem, named: int) -> list[int]:
-    """Columns that say something of their own: the device's placement first, then the model's in order."""
+def independent(problem: Problem, sizes: Sequence[float]) -> list[int]:
+    """Columns that say something of their own: the device's placement first, then the model's in order.
+
+    ``sizes`` are usual ones of the model's parameters, whose columns come first.
+    """
+    named = len(sizes)
     sigma = np.ones(problem.rows) if problem.sigma is None else problem.sigma
     A = problem.A / sigma[:, None]
     length = np.linalg.norm(A, axis=0)
+    shown = length[:named] * np.array(sizes)
+    vanishes = shown <= ROUNDING * np.max(shown, initial=0.0)
     basis = np.zeros((problem.rows, 0))
     kept: list[int] = []
     for k in (*range(named, A.shape[1]), *range(named)):
-        if length[k] == 0.0:
+        if length[k] == 0.0 or (k < named and vanishes[k]):
             continue
         left = A[:, k] / length[k]
         for _ in range(2):  # once more against rounding
