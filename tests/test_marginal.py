@@ -13,11 +13,12 @@ from symstiff.calibration.measurements import measurements
 from symstiff.calibration.simulation import Effect, Truth, clean_response, nominal_truth
 from symstiff.discrepancy.assemble import Assembly, assemble
 from symstiff.discrepancy.bank import build
+from symstiff.discrepancy.beside import evidence_beside
 from symstiff.discrepancy.laws import unnamed_laws
 from symstiff.discrepancy.marginal import EXPECTED, log_bayes, of_sizes
 from symstiff.discrepancy.noise import start
 from symstiff.discrepancy.problem import Array, Candidate, Parameter
-from symstiff.discrepancy.scan import column_space, effective_rank, evidence, open_scan
+from symstiff.discrepancy.scan import column_space, effective_rank, evidence, extend, open_scan
 from symstiff.model import StiffnessModel
 from symstiff.reduction.reduce import reduce
 from symstiff.robot import load
@@ -170,3 +171,23 @@ def test_a_column_of_rounding_is_no_direction_of_a_block() -> None:
     scan = open_scan(bank, start(problem), problem.y, problem.A)
     assert scan.best.rank[0] == 2
     assert not np.any(bank.columns[:, 2])
+
+
+def test_the_evidence_beside_a_set_is_that_of_the_scan_that_holds_it() -> None:
+    problem = arm().problem
+    rng = np.random.default_rng(4)
+    given_data = replace(
+        problem, y=problem.y + 1e-4 * rng.normal(size=problem.rows), sigma=np.full(problem.rows, 1e-4)
+    )
+    wide = rng.normal(size=(problem.rows, 5))
+    wide[:, 4] = wide[:, 0] + wide[:, 1]
+    block = Candidate(
+        "block", {"link": 1}, tuple(Parameter(f"k{i}", typical=0.5**i) for i in range(5)), lambda s: wide
+    )
+    bank = build(given_data, [*arm().candidates, block], unnamed_laws(given_data))
+    scan = open_scan(bank, start(given_data), given_data.y, given_data.A)
+    others = np.arange(len(bank.start)) > 5
+    for entries in ((0,), (1, 5), (len(arm().candidates) + 2, 2)):
+        quick, whole = evidence_beside(scan, entries), evidence(extend(scan, entries))
+        away = others & ~np.isin(np.arange(len(bank.start)), entries)
+        assert quick.entry[away] == pytest.approx(whole.entry[away], abs=1e-5)

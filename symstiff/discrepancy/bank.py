@@ -191,29 +191,25 @@ def orthonormal(bank: Bank, projected: Array, reference: Array) -> tuple[Array, 
     Returns Q (M, K), with zero columns for directions of which nothing is left; the share (K,) of each direction
     in the square of a signal by parameters of usual size; and the rank of each entry (S,).
     """
-    Q = np.zeros_like(projected)
+    length2 = np.einsum("mk,mk->k", projected, projected)
+    shown = length2 > NUMERIC_ZERO * np.maximum(reference, 1e-300)
+    Q = projected * np.where(shown, 1.0 / np.sqrt(np.where(shown, length2, 1.0)), 0.0)
     variance = np.ones(projected.shape[1])
-    rank = np.zeros(len(bank.start), dtype=float)
+    rank = shown[bank.start].astype(float)
     for width, cols in bank.batches():
+        if width == 1:
+            continue
         members = np.flatnonzero(bank.width == width)
         block = projected[:, cols.ravel()].reshape(len(projected), len(cols), width)
-        unit = np.sqrt(np.maximum(reference[cols], 1e-300))
-        block = block / unit
-        if width == 1:
-            left = np.einsum("mnw,mnw->n", block, block)
-            ok = left > NUMERIC_ZERO
-            Q[:, cols[:, 0]] = np.where(ok, block[:, :, 0] / np.sqrt(np.where(ok, left, 1.0)), 0.0)
-            rank[members] = ok
-            continue
-        gram = np.einsum("mnw,mnv->nwv", block, block, optimize=True)
-        value, vector = np.linalg.eigh(gram)
+        block = (block / np.sqrt(np.maximum(reference[cols], 1e-300))).transpose(1, 0, 2)
+        value, vector = np.linalg.eigh(np.matmul(np.swapaxes(block, 1, 2), block))
         ok = value > NUMERIC_ZERO
         root = np.sqrt(np.where(ok, value, 1.0))
         turned = vector * np.where(ok, 1.0 / root, 0.0)[:, None, :]
         # the usual sizes seen along the eigenvectors, and turned to where they are independent
         seen = np.where(ok, root, 0.0)[:, :, None] * np.swapaxes(vector, 1, 2) * bank.usual[cols][:, None, :]
         share, axes = np.linalg.eigh(np.matmul(seen, np.swapaxes(seen, 1, 2)))
-        made = np.matmul(block.transpose(1, 0, 2), np.matmul(turned, axes))
+        made = np.matmul(block, np.matmul(turned, axes))
         Q[:, cols.ravel()] = made.transpose(1, 0, 2).reshape(len(projected), -1)
         share = np.maximum(share, 0.0)
         variance[cols.ravel()] = (share / np.maximum(share.sum(axis=1, keepdims=True), 1e-300)).ravel()

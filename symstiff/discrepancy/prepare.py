@@ -9,9 +9,10 @@ import numpy as np
 
 from symstiff.discrepancy import noise as noises
 from symstiff.discrepancy.bank import Bank, build
+from symstiff.discrepancy.beside import evidence_beside
 from symstiff.discrepancy.laws import unnamed_laws
 from symstiff.discrepancy.problem import Array, Candidate, Problem
-from symstiff.discrepancy.scan import Scan, at_ratios, evidence, extend, likely, open_scan
+from symstiff.discrepancy.scan import Scan, at_ratios, extend, likely, open_scan
 
 SAME_SHARE = 0.1
 """Change of the markers' own share of the approach error up to which its size is looked for near the last one."""
@@ -71,12 +72,16 @@ def _near(grid: tuple[float, ...], kept: list[float]) -> tuple[float, ...]:
 
 def _without_the_obvious(scan: Scan, most: int = 3, least: float = 4.0) -> Scan:
     """The scan after the few candidates that stand out beyond doubt, named or not."""
+    entries: tuple[int, ...] = ()
     for _ in range(most):
-        found = evidence(scan)
-        if not len(found.score) or found.score.max() < least:
+        found = evidence_beside(scan, entries)
+        score = np.where(
+            np.isin(scan.bank.owner[found.best_entry], scan.bank.owner[list(entries)]), -np.inf, found.score
+        )
+        if not len(score) or score.max() < least:
             break
-        scan = extend(scan, (int(found.best_entry[int(np.argmax(found.score))]),))
-    return scan
+        entries = (*entries, int(found.best_entry[int(np.argmax(score))]))
+    return extend(scan, entries)
 
 
 def _data_residual(scan: Scan) -> Array:

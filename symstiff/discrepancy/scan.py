@@ -7,6 +7,7 @@ stated sigma changes nothing here.
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 from scipy import linalg, optimize, stats
@@ -43,6 +44,11 @@ class Layer:
     rss: float
     determinant: float
     """log|V| + log|A' V^-1 A| (restricted likelihood)."""
+
+    @cached_property
+    def alive(self) -> Mask:
+        """(K,) whether a direction of Q is there."""
+        return np.asarray(np.einsum("mk,mk->k", self.Q, self.Q) > 0.5)
 
 
 @dataclass(frozen=True)
@@ -98,7 +104,8 @@ def _layer(
     y: Array, A: Array, columns: Array, determinant: float,
 ) -> Layer:  # fmt: skip
     basis, s, _ = np.linalg.svd(A, full_matrices=False)
-    outside = columns - basis @ (basis.T @ columns)
+    outside = basis @ (basis.T @ columns)
+    np.subtract(columns, outside, out=outside)
     residual = y - basis @ (basis.T @ y)
     length2 = np.einsum("mk,mk->k", columns, columns)
     Q, variance, rank = orthonormal(bank, outside, length2)
@@ -109,6 +116,13 @@ def _layer(
     )
 
 
+def directions(bank: Bank, layer: Layer, entries: tuple[int, ...]) -> tuple[Array, Array]:
+    """Orthonormal directions (M, p) that entries add to the model, and their sizes (p,)."""
+    added = np.hstack([layer.outside[:, bank.slice(e)] for e in entries])
+    U, s, _ = np.linalg.svd(added, full_matrices=False)
+    return U[:, s > 1e-7 * s[0]], s[s > 1e-7 * s[0]]
+
+
 def extend(scan: Scan, entries: tuple[int, ...]) -> Scan:
     """The scan after the columns of some entries have joined the model."""
     if not entries:
@@ -116,10 +130,9 @@ def extend(scan: Scan, entries: tuple[int, ...]) -> Scan:
     layers = []
     gained = 0
     for layer in scan.layers:
-        added = np.hstack([layer.outside[:, scan.bank.slice(e)] for e in entries])
-        U, s, _ = np.linalg.svd(added, full_matrices=False)
-        U, s = U[:, s > 1e-7 * s[0]], s[s > 1e-7 * s[0]]
-        outside = layer.outside - U @ (U.T @ layer.outside)
+        U, s = directions(scan.bank, layer, entries)
+        outside = U @ (U.T @ layer.outside)
+        np.subtract(layer.outside, outside, out=outside)
         residual = layer.y - U @ (U.T @ layer.y)
         Q, variance, rank = orthonormal(scan.bank, outside, layer.length2)
         layers.append(
@@ -231,9 +244,13 @@ class Evidence:
 
 def evidence(scan: Scan) -> Evidence:
     """Evidence for every candidate given the data."""
-    squares = np.stack([(layer.Q.T @ layer.y)[:, None] ** 2 for layer in scan.layers])
+    return of_squares(scan, np.stack([(layer.Q.T @ layer.y) ** 2 for layer in scan.layers]))
+
+
+def of_squares(scan: Scan, squares: Array) -> Evidence:
+    """Evidence from what each direction explains at each ratio, (R, K)."""
     rss = np.array([[layer.rss] for layer in scan.layers])
-    entry = entry_evidence(scan, squares, rss)
+    entry = entry_evidence(scan, squares[:, :, None], rss)
     candidate = candidate_evidence(scan.bank, entry)[:, 0]
     entry = entry[:, 0]
     first = scan.bank.first_entry

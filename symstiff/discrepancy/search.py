@@ -6,14 +6,17 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from symstiff.discrepancy.beside import evidence_beside
 from symstiff.discrepancy.laws import of_load
 from symstiff.discrepancy.problem import Array, Options
-from symstiff.discrepancy.scan import Evidence, Null, Scan, evidence, explained, extend, null
+from symstiff.discrepancy.scan import Evidence, Null, Scan, explained, extend, null
 
 ONE_MORE = float(np.log(0.2))
 """Log prior weight of one more effect against none more."""
 SAME_SIGNAL = 0.85
 """Share of an unnamed law's signal inside a set's space from which both describe the same thing."""
+_SCANS = 8
+"""Scans that a search keeps: a large table's takes tens of megabytes."""
 SAME_PLACE = 0.5
 """The same share for a law at the virtual joint where the set's member sits: another shape of one effect."""
 
@@ -59,23 +62,32 @@ class Workshop:
     start: Scan
     allowed: Array
     options: Options
-    scans: dict[tuple[int, ...], tuple[Scan, Evidence]] = field(default_factory=dict)
+    scans: dict[tuple[int, ...], Scan] = field(default_factory=dict)
+    found: dict[tuple[int, ...], Evidence] = field(default_factory=dict)
     nulls: dict[tuple[tuple[int, ...], tuple[int, ...]], Null] = field(default_factory=dict)
 
-    def look(self, entries: tuple[int, ...]) -> tuple[Scan, Evidence]:
-        """The scan with some entries in the model, and the evidence of everything else."""
+    def scan(self, entries: tuple[int, ...]) -> Scan:
+        """The scan with some entries in the model; the latest are kept, as each holds all columns."""
         key = tuple(sorted(entries))
         if key not in self.scans:
-            scan = extend(self.start, key)
-            self.scans[key] = (scan, evidence(scan))
+            if len(self.scans) >= _SCANS:
+                del self.scans[next(iter(self.scans))]
+            self.scans[key] = extend(self.start, key)
         return self.scans[key]
+
+    def evidence(self, entries: tuple[int, ...]) -> Evidence:
+        """The evidence of everything else with some entries in the model."""
+        key = tuple(sorted(entries))
+        if key not in self.found:
+            self.found[key] = evidence_beside(self.start, key)
+        return self.found[key]
 
     def null(self, members: tuple[int, ...], entries: tuple[int, ...]) -> Null:
         """Null distribution of the maximum over all candidates that are not in the set."""
         key = (tuple(sorted(members)), tuple(sorted(entries)))
         if key not in self.nulls:
             draws = self.options.draws * (1 if members else 2)
-            self.nulls[key] = null(self.look(entries)[0], draws, self.options.seed, self.free(members))
+            self.nulls[key] = null(self.scan(entries), draws, self.options.seed, self.free(members))
         return self.nulls[key]
 
     def free(self, members: tuple[int, ...]) -> Array:
@@ -86,7 +98,7 @@ class Workshop:
 
     def score(self, members: tuple[int, ...], entries: tuple[int, ...], generic: bool) -> Array:
         """Scores (candidates,) of the named or the unnamed ones that may still be added, -inf for the others."""
-        found = self.look(entries)[1]
+        found = self.evidence(entries)
         bank = self.start.bank
         return np.where(self.free(members) & (bank.generic == generic), found.score, -np.inf)
 
@@ -96,7 +108,7 @@ def proposals(shop: Workshop, bases: list[Proposal], breadth: int = 24) -> list[
     made: dict[frozenset[int], Proposal] = {}
     for base in bases:
         score = shop.score(base.members, base.entries, False)
-        best = shop.look(base.entries)[1].best_entry
+        best = shop.evidence(base.entries).best_entry
         for candidate in np.argsort(score)[::-1][:breadth]:
             if not np.isfinite(score[candidate]):
                 break
@@ -115,13 +127,15 @@ def polish(shop: Workshop, proposal: Proposal) -> Proposal:
     entries = list(proposal.entries)
     for place, member in enumerate(proposal.members):
         others = tuple(e for i, e in enumerate(entries) if i != place)
-        entries[place] = int(shop.look(others)[1].best_entry[member])
+        entries[place] = int(shop.evidence(others).best_entry[member])
     score = proposal.score
     for place, member in enumerate(proposal.members):
         others = tuple(e for i, e in enumerate(entries) if i != place)
         if len(others) == 1:
             first = proposal.members[1 - place]
-            path = float(shop.look(())[1].score[first]) + float(shop.look(others)[1].score[member]) + ONE_MORE
+            path = (
+                float(shop.evidence(()).score[first]) + float(shop.evidence(others).score[member]) + ONE_MORE
+            )
             score = max(score, path)
     return Proposal(proposal.members, tuple(entries), score)
 
@@ -130,7 +144,7 @@ def judge(shop: Workshop, proposal: Proposal) -> Judged:
     """Is the set sufficient, is each member needed, and does an unnamed law do better?"""
     options = shop.options
     members, entries = proposal.members, proposal.entries
-    scan, left = shop.look(entries)
+    scan, left = shop.scan(entries), shop.evidence(entries)
     named = float(np.max(shop.score(members, entries, False), initial=-np.inf))
     unnamed = float(np.max(shop.score(members, entries, True), initial=-np.inf))
     # the null of the start decides clear cases; draws for this set are made where it could tip the balance
@@ -183,7 +197,7 @@ def _shape_explains(shop: Workshop, proposal: Proposal, further: float) -> bool:
     here = np.array([p in places for p in bank.place]) & driven
     if not np.any(here):
         return False
-    found = shop.look(proposal.entries)[1].candidate[here]
+    found = shop.evidence(proposal.entries).candidate[here]
     return float(np.max(found)) + float(np.log(0.5 / np.sum(here))) >= further + ONE_MORE
 
 
@@ -209,15 +223,15 @@ def _rival(shop: Workshop, proposal: Proposal) -> tuple[float, int]:
         base = 0.0
         if kept:
             place = next(k for k in range(n) if k not in kept)
-            base = proposal.score - float(shop.look(entries)[1].score[proposal.members[place]])
+            base = proposal.score - float(shop.evidence(entries).score[proposal.members[place]])
         base = base if np.isfinite(base) else 0.0
         score = shop.score(members, entries, True) + base - proposal.score
         replaced = tuple(proposal.entries[k] for k in range(n) if k not in kept)
-        found = shop.look(entries)
+        found = shop.evidence(entries)
         for candidate in np.argsort(score)[::-1][:10]:
             if not np.isfinite(score[candidate]) or score[candidate] < max(best, -10.0):
                 break
-            if not _same(found[0], int(found[1].best_entry[candidate]), replaced):
+            if not _same(shop.scan(entries), int(found.best_entry[candidate]), replaced):
                 best, who = float(score[candidate]), int(candidate)
                 break
     return best, who
@@ -241,5 +255,5 @@ def _same(scan: Scan, law: int, entries: tuple[int, ...]) -> bool:
 def _needed(shop: Workshop, proposal: Proposal, place: int) -> float:
     """Backward check: family-wise p-value of one member given the others, by the null of the start."""
     entries = tuple(e for i, e in enumerate(proposal.entries) if i != place)
-    score = float(shop.look(entries)[1].score[proposal.members[place]])
+    score = float(shop.evidence(entries).score[proposal.members[place]])
     return shop.null((), ()).p_named(score)

@@ -53,7 +53,7 @@ def decide(
     """Detect, then try sets of one, two and three effects until the leading set is sufficient."""
     shop = Workshop(start, allowed, options)
     distribution = shop.null((), ())
-    found = shop.look(())[1]
+    found = shop.evidence(())
     p_named = distribution.p_named(float(np.max(shop.score((), (), False), initial=-np.inf)))
     p_unnamed = distribution.p_generic(float(np.max(shop.score((), (), True), initial=-np.inf)))
     tests = (distribution, found, p_named, p_unnamed)
