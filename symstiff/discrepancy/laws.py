@@ -8,7 +8,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
-from itertools import islice
 
 import numpy as np
 
@@ -40,12 +39,12 @@ class Law:
         return self.family or " + ".join(self.text)
 
 
-def unnamed_laws(problem: Problem, limit: int = 1600) -> tuple[Candidate, ...]:
+def unnamed_laws(problem: Problem) -> tuple[Candidate, ...]:
     """Candidates for what the catalogue does not hold; none where the context is missing."""
     families: dict[tuple[str, str], list[tuple[Array, Law]]] = {}
     for place, column, law in _everywhere(problem):
         families.setdefault((place, law.title), []).append((column, law))
-    return tuple(_candidate(*key, laws) for key, laws in islice(families.items(), limit))
+    return tuple(_candidate(*key, laws) for key, laws in families.items())
 
 
 def _candidate(place: str, title: str, laws: list[tuple[Array, Law]]) -> Candidate:
@@ -104,11 +103,20 @@ class _Load:
 
 
 def _load(problem: Problem, v: int) -> _Load:
+    total, own = _with_weight(problem, v)
+    largest = largest_load(problem, v)
+    return _Load(total / largest, own / largest)
+
+
+def _with_weight(problem: Problem, v: int) -> tuple[Array, Array]:
     assert problem.tau is not None
     own = np.zeros(problem.rows) if problem.weight is None else problem.weight[:, v]
-    total = problem.tau[:, v] + own
-    largest = max(float(np.max(np.abs(total))), _TINY)
-    return _Load(total / largest, own / largest)
+    return problem.tau[:, v] + own, own
+
+
+def largest_load(problem: Problem, v: int) -> float:
+    """Size of the largest load on a virtual joint, links' weight included: the unit of tau in the laws."""
+    return max(float(np.max(np.abs(_with_weight(problem, v)[0]))), _TINY)
 
 
 def _unit(x: Array) -> Array:
@@ -142,7 +150,7 @@ def _laws_of_load(problem: Problem, v: int) -> list[Law]:
     ]
     for u, j in enumerate(problem.joint_of):
         if j >= 0 and u != v:
-            other, name = _load(problem, u), f"tau[{problem.virtual_joints[u]}]"
+            other, name = _load(problem, u), f"tau{j + 1}"
             product = t.total * other.total - t.before * other.before
             size = t.total * np.abs(other.total) - t.before * np.abs(other.before)
             out.append(Law((name,), other.law(lambda x: x), own=False))
@@ -156,7 +164,7 @@ def _laws_of_angle(problem: Problem, v: int) -> list[Law]:
     assert problem.tau is not None
     if problem.q is None:
         return []
-    t = _unit(problem.tau[:, v])
+    t = problem.tau[:, v] / largest_load(problem, v)
     out = []
     for j in range(problem.q.shape[1]):
         own = j == problem.joint_of[v]
@@ -187,7 +195,7 @@ def _soft_spots(angle: Array, joint: int, t: Array) -> list[Law]:
 def _laws_of_time(problem: Problem, v: int) -> list[Law]:
     """Of time, temperature, the order of the load cases and the branch, with the load and without."""
     assert problem.tau is not None
-    t = _unit(problem.tau[:, v])
+    t = problem.tau[:, v] / largest_load(problem, v)
     out = []
     if problem.time is not None and np.ptp(problem.time) > 0:
         s = (problem.time - problem.time.min()) / np.ptp(problem.time)

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.special import logsumexp
 
-from symstiff.discrepancy.laws import Law, joint_laws
+from symstiff.discrepancy.laws import Law, joint_laws, largest_load
 from symstiff.discrepancy.problem import Array, Index, Problem
 from symstiff.discrepancy.scan import Evidence, Scan
 
@@ -36,7 +36,7 @@ class FittedLaw:
 
     virtual_joint: str
     expression: str
-    """In tau (divided by ``tau_scale``), q, time, branch."""
+    """In tau (divided by ``tau_scale``), tau3 (joint 3's load, divided by its own largest), q, time, branch."""
     tau_scale: float
     explained: float
     """Share of the residual's sum of squares outside the model."""
@@ -160,14 +160,13 @@ def _validated(blocks: list[Array], y: Array, fold: Array | Index) -> float:
 def _written(
     problem: Problem, v: int, laws: list[Law], blocks: list[Array], y: Array, validated: float
 ) -> FittedLaw:
-    assert problem.tau is not None
     X = np.hstack(blocks)
     beta = np.linalg.lstsq(X, y, rcond=1e-9)[0]
     text = [t for law in laws for t in law.text]
     expression = " ".join(f"{b:+.4g}*{t}" for b, t in zip(beta, text, strict=True)).lstrip("+")
     residual = y - X @ beta
     return FittedLaw(
-        problem.virtual_joints[v], expression, float(np.max(np.abs(problem.tau[:, v]))),
+        problem.virtual_joints[v], expression, largest_load(problem, v),
         1.0 - float(residual @ residual) / max(float(y @ y), 1e-300), validated,
         np.hstack([law.values for law in laws]) @ beta,
     )  # fmt: skip

@@ -1,6 +1,7 @@
 """Friction lags behind the load: Δθ_j = −branch·width/2·h(τ), less deflection on the way up than down.
 
-h is a smooth sign of the load, times |τ/τ₀|^power, or times 1 − (τ/τ₀)² where the loop closes at its ends.
+h is a smooth sign of the load, times |τ/τ₀|^power, or times 1 − (τ/τ₀)² where the loop closes at its ends. The load
+is the one that the experiment adds, or with ``weights`` in the shape the total one, the links' weight included.
 """
 
 from __future__ import annotations
@@ -15,6 +16,7 @@ from symstiff.effects.common import (
     load_of,
     parameter,
     smooth_sign,
+    weight_load,
 )
 from symstiff.robot.schema import Robot
 from symstiff.symbolic.terms import BRANCH, Term, actuated_joint
@@ -26,6 +28,8 @@ WIDTHS, POWERS = (0.02, 0.15), (0.0, 0.5, 1.0)
 def _realise(robot: Robot, where: Where, shape: Shape) -> Realisation:
     j = int(where["joint"])
     load, width = load_of(j), exact(shape.get("width", 5.0))
+    if shape.get("weights"):
+        load = load + weight_load(robot, j)
     loop = parameter(NAME, where, "width", angle_unit(robot, j), 0.0, 5e-3, 5e-5)
     law = -BRANCH * smooth_sign(load, width) / 2
     if shape.get("power"):
@@ -40,7 +44,10 @@ def _shapes(robot: Robot, where: Where, scales: Scales) -> tuple[Shape, ...]:
     top = scales.of(actuated_joint(int(where["joint"])))
     widths = [float(f"{f * top:.3g}") for f in WIDTHS]
     found: list[Shape] = [{"width": s, "load": top, "power": p} for s in widths for p in POWERS]
-    return (*found, {"width": widths[0], "loop": float(f"{1.05 * top:.3g}")})
+    found.append({"width": widths[0], "loop": float(f"{1.05 * top:.3g}")})
+    if scales.kind == "deflection" and weight_load(robot, int(where["joint"])) != 0:
+        found += [{**s, "weights": 1.0} for s in found if "loop" not in s]
+    return tuple(found)
 
 
 EFFECT = Effect(

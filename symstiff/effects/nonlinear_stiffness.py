@@ -20,6 +20,7 @@ from symstiff.effects.common import (
     parameter,
     size,
     weighed,
+    weight_load,
 )
 from symstiff.robot.schema import Robot
 from symstiff.symbolic.terms import Term, actuated_joint
@@ -67,11 +68,17 @@ def _bend(x: sp.Expr, shape: Shape) -> sp.Expr:
 
 
 def _shapes(robot: Robot, where: Where, scales: Scales) -> tuple[Shape, ...]:
-    top, kind = scales.of(actuated_joint(int(where["joint"]))), weighed(scales.kind)
-    found = [{"load": top, "power": p, **kind} for p in POWERS]
-    found += [{"load": float(f"{f * top:.3g}"), "knee": 1.0, **kind} for f in KNEES]
-    found += [{"load": float(f"{f * top:.3g}"), "saturation": 1.0, **kind} for f in SATURATIONS]
-    return tuple(found)
+    joint = int(where["joint"])
+    top = scales.of(actuated_joint(joint))
+    found = [{"load": top, "power": p} for p in POWERS]
+    found += [{"load": float(f"{f * top:.3g}"), "knee": 1.0} for f in KNEES]
+    found += [{"load": float(f"{f * top:.3g}"), "saturation": 1.0} for f in SATURATIONS]
+    readings = [weighed(scales.kind)]
+    if scales.kind == "deflection" and weight_load(robot, joint) != 0:
+        readings.append(
+            {"weights": 0.0}
+        )  # a balancer may carry the weight: the gear then sees the load alone
+    return tuple({**shape, **reading} for reading in readings for shape in found)
 
 
 EFFECT = Effect(
