@@ -2,7 +2,8 @@
 
 Without a shape the polynomial with c₂ and c₃. Profiled shapes have one parameter c, Δθ_j = c·τ₀·h(τ/τ₀),
 with h = sign(x)|x|^power (smooth near zero), x − clip(x, −1, 1) beyond a knee at τ₀, or tanh x; c is a slope
-in rad/(N·m) whatever the shape.
+in rad/(N·m) whatever the shape. Where masses are known, τ is the total load and what its weight does alone is
+taken away; with ``weights = 0`` in the shape τ is the load that the experiment adds.
 """
 
 from __future__ import annotations
