@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import json
 import os
 from pathlib import Path
 
@@ -22,7 +23,11 @@ def main() -> None:
     parser.add_argument("--kind", choices=CLASSES, help="only cases of one class")
     parser.add_argument("--alone", action="store_true", help="leave out BIC, AIC, lasso and cross-validation")
     parser.add_argument("--json", type=Path, help="keep cases and results")
+    parser.add_argument("--pool", type=Path, nargs="+", help="no new cases: the table of results kept before")
     given = parser.parse_args()
+    if given.pool:
+        print(report([row for path in given.pool for row in json.loads(path.read_text())["cases"]]))
+        return
     options = Options(seed=given.seed)
     if given.kind:
         options = Options(seed=given.seed, classes=(given.kind,), shares=(1.0,))

@@ -240,7 +240,8 @@ def report(rows: Sequence[dict[str, Any]]) -> str:
     for name, b in bars(rows).items():
         value = "-" if b["share"] is None else f"{b['share']:.3f}"
         text.append(f"{name:58s} {b['n']:4d} {value:>7s}   {b['low']:.3f} - {b['high']:.3f}")
-    if rows and "others" in rows[0]:
+    rows = [r for r in rows if "others" in r]
+    if rows:
         text.append(
             f"\n{'on the same data':30s} {'false alarms':>14s} {'right name':>12s} {'named outside':>14s}"
         )
