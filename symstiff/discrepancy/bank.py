@@ -202,16 +202,30 @@ def orthonormal(bank: Bank, projected: Array, reference: Array) -> tuple[Array, 
         members = np.flatnonzero(bank.width == width)
         block = projected[:, cols.ravel()].reshape(len(projected), len(cols), width)
         block = (block / np.sqrt(np.maximum(reference[cols], 1e-300))).transpose(1, 0, 2)
-        value, vector = np.linalg.eigh(np.matmul(np.swapaxes(block, 1, 2), block))
-        ok = value > NUMERIC_ZERO
-        root = np.sqrt(np.where(ok, value, 1.0))
-        turned = vector * np.where(ok, 1.0 / root, 0.0)[:, None, :]
-        # the usual sizes seen along the eigenvectors, and turned to where they are independent
-        seen = np.where(ok, root, 0.0)[:, :, None] * np.swapaxes(vector, 1, 2) * bank.usual[cols][:, None, :]
-        share, axes = np.linalg.eigh(np.matmul(seen, np.swapaxes(seen, 1, 2)))
-        made = np.matmul(block, np.matmul(turned, axes))
+        gram = np.matmul(np.swapaxes(block, 1, 2), block)
+        mix, share, found = turned(gram, bank.usual[cols], NUMERIC_ZERO)
+        made = np.matmul(block, mix)
         Q[:, cols.ravel()] = made.transpose(1, 0, 2).reshape(len(projected), -1)
-        share = np.maximum(share, 0.0)
-        variance[cols.ravel()] = (share / np.maximum(share.sum(axis=1, keepdims=True), 1e-300)).ravel()
-        rank[members] = ok.sum(axis=1)
+        variance[cols.ravel()] = share.ravel()
+        rank[members] = found
     return Q, variance, rank
+
+
+def turned(gram: Array, usual: Array, zero: float) -> tuple[Array, Array, Array]:
+    """How to mix the columns of entries so that they are orthonormal, and independent at their usual sizes.
+
+    From products ``gram`` (n, w, w) and sizes ``usual`` (n, w): the mixes (n, w, w), the share (n, w) of every
+    direction in the square of a signal of usual size, and the number (n,) of directions longer than ``zero``.
+    """
+    value, vector = np.linalg.eigh(gram)
+    ok = value > zero
+    root = np.sqrt(np.where(ok, value, 1.0))
+    along = vector * np.where(ok, 1.0 / root, 0.0)[:, None, :]
+    seen = np.where(ok, root, 0.0)[:, :, None] * np.swapaxes(vector, 1, 2) * usual[:, None, :]
+    share, axes = np.linalg.eigh(np.matmul(seen, np.swapaxes(seen, 1, 2)))
+    share = np.maximum(share, 0.0)
+    return (
+        np.matmul(along, axes),
+        share / np.maximum(share.sum(axis=1, keepdims=True), 1e-300),
+        ok.sum(axis=1),
+    )

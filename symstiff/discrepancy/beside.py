@@ -10,7 +10,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from symstiff.discrepancy.bank import Bank
+from symstiff.discrepancy.bank import Bank, turned
 from symstiff.discrepancy.problem import Array
 from symstiff.discrepancy.scan import Evidence, Layer, Scan, directions, evidence, of_squares
 
@@ -51,16 +51,8 @@ def _left(bank: Bank, layer: Layer, inside: Array, along: Array) -> tuple[Array,
             continue
         V, alive = inside[:, cols], layer.alive[cols]
         gram = alive[:, :, None] * np.eye(width) - np.einsum("pnw,pnv->nwv", V, V)
-        value, vector = np.linalg.eigh(gram)
-        ok = value > _NOTHING
-        root = np.sqrt(np.where(ok, value, 1.0))
-        turned = vector * np.where(ok, 1.0 / root, 0.0)[:, None, :]
-        usual = np.sqrt(layer.variance[cols] * alive)
-        seen = np.where(ok, root, 0.0)[:, :, None] * np.swapaxes(vector, 1, 2) * usual[:, None, :]
-        share, axes = np.linalg.eigh(np.matmul(seen, np.swapaxes(seen, 1, 2)))
-        mixed = np.matmul(turned, axes)
-        squares[cols.ravel()] = (np.einsum("nwi,nw->ni", mixed, along[cols]) ** 2).ravel()
-        share = np.maximum(share, 0.0)
-        variance[cols.ravel()] = (share / np.maximum(share.sum(axis=1, keepdims=True), 1e-300)).ravel()
-        rank[np.flatnonzero(bank.width == width)] = ok.sum(axis=1)
+        mix, share, found = turned(gram, np.sqrt(layer.variance[cols] * alive), _NOTHING)
+        squares[cols.ravel()] = (np.einsum("nwi,nw->ni", mix, along[cols]) ** 2).ravel()
+        variance[cols.ravel()] = share.ravel()
+        rank[np.flatnonzero(bank.width == width)] = found
     return squares, variance, rank
