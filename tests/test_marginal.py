@@ -20,6 +20,7 @@ from symstiff.discrepancy.marginal import EXPECTED, log_bayes, of_sizes
 from symstiff.discrepancy.noise import start
 from symstiff.discrepancy.problem import Array, Candidate, Parameter
 from symstiff.discrepancy.scan import column_space, effective_rank, evidence, extend, open_scan
+from symstiff.effects.base import find
 from symstiff.model import StiffnessModel
 from symstiff.reduction.reduce import reduce
 from symstiff.robot import load
@@ -87,17 +88,21 @@ def test_a_block_whose_usual_sizes_lie_in_one_direction_is_seen_like_one_paramet
     assert 4.0 < scored(unknown, usual, 0)[1] <= 6.0
 
 
-def of_hidden(effect: Effect, robot_name: str = "ur10") -> tuple[Assembly, Array]:
-    """A noise-free experiment on a robot with masses, and what a hidden effect adds to its rows."""
+def of_hidden(effect: Effect, robot_name: str = "ur10", *known: str) -> tuple[Assembly, Array]:
+    """A noise-free experiment on a robot with masses, and what a hidden effect adds to its rows.
+
+    The assembly has the candidates of the ``known`` effects.
+    """
     robot = load(robot_name)
     rng = np.random.default_rng(5)
-    poses, steps = 20, (0.4, 0.7, 1.0)
+    poses, steps = 20, (0.4, 0.7, 1.0, 0.7, 0.4)
     limits = np.array([j.range for j in robot.joint])
     q = np.repeat(rng.uniform(limits[:, 0], limits[:, 1], (poses, robot.dof)), len(steps), axis=0)
     wrench = np.repeat(rng.normal(size=(poses, 6)) * [60, 60, 60, 8, 8, 8], len(steps), axis=0)
     wrench *= np.tile(steps, poses)[:, None]
     pose = np.repeat(np.arange(poses), len(steps))
-    table = measurements(q, wrench, pose=pose, kind="deflection")
+    branch = np.tile([1.0, 1.0, 1.0, -1.0, -1.0], poses)
+    table = measurements(q, wrench, pose=pose, kind="deflection", branch=branch)
     values = {n: v * 1e-3 for n, v in nominal_truth(robot).items()}  # stiff: no second-order geometry
     context = {"kind": table.kind, **{n: getattr(table, n) for n in (
         "points", "point", "labels", "pose", "time", "temperature", "branch")}}  # fmt: skip
@@ -105,7 +110,7 @@ def of_hidden(effect: Effect, robot_name: str = "ur10") -> tuple[Assembly, Array
     signal = clean_response(Truth(robot, values, (effect,)), q, wrench, context) - without
     without[:, 3:], signal[:, 3:] = np.nan, np.nan
     model = StiffnessModel.of(reduce(robot, "wrench"))
-    assembly = assemble(model, replace(table, values=without), effects=())
+    assembly = assemble(model, replace(table, values=without), [find(name) for name in known])
     view = assembly.situation.view
     return assembly, signal[view.state, view.component]
 
@@ -194,3 +199,23 @@ def test_the_evidence_beside_a_set_is_that_of_the_scan_that_holds_it() -> None:
         quick, whole = evidence_beside(scan, entries), evidence(extend(scan, entries))
         away = others & ~np.isin(np.arange(len(bank.start)), entries)
         assert quick.entry[away] == pytest.approx(whole.entry[away], abs=1e-5)
+
+
+def test_hysteresis_follows_the_total_load_where_the_robot_has_masses() -> None:
+    hidden = Effect("hysteresis", {"joint": 2}, "constant", {"width": 1e-4, "knee": 2.0})
+    assembly, signal = of_hidden(hidden, "ur10", "hysteresis")
+    problem = assembly.problem
+    basis = column_space(problem.A)
+    signal = signal - basis @ (basis.T @ signal)
+    candidate = next(c for c in assembly.candidates if c.where == {"joint": 2})
+    left = {0.0: 1.0, 1.0: 1.0}
+    for shape in candidate.shapes:
+        block = candidate.columns(shape)
+        own = column_space(block - basis @ (basis.T @ block), 1e-7)
+        rest = signal - own @ (own.T @ signal)
+        reading = float(shape.get("weights", 0.0))
+        left[reading] = min(left[reading], float(rest @ rest / (signal @ signal)))
+    assert left[1.0] < 0.05
+    assert left[0.0] > 0.2
+    without_masses, _ = of_hidden(hidden, "kuka_kr270", "hysteresis")
+    assert {s.get("weights") for c in without_masses.candidates for s in c.shapes} == {None}
