@@ -7,7 +7,7 @@ columns and fitted deflections → problem → candidates of the whole catalogue
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 from threadpoolctl import threadpool_limits
@@ -99,15 +99,13 @@ def _weight(view: View) -> Array | None:
 
 def _gains(situation: Situation) -> dict[str, Array]:
     """What the force sensor and the measuring device add that read one axis too large."""
-    terms = {f"force sensor axis {c}": Term("", VirtualJoint("load", 0, c), w(c)) for c in AXES}
-    terms |= {
-        f"reading of axis {c}": Term("", VirtualJoint("measure", 0, c), deflection(c))
+    places = {f"force sensor axis {c}": (VirtualJoint("load", 0, c), w(c)) for c in AXES}
+    places |= {
+        f"reading of axis {c}": (VirtualJoint("measure", 0, int(c)), deflection(int(c)))
         for c in np.unique(situation.view.component) + 1
     }
-    columns = {
-        name: situation.columns([replace(t, parameter=name)], [name])[:, 0] for name, t in terms.items()
-    }
-    return {name: column for name, column in columns.items() if np.any(column)}
+    block = situation.columns([Term(name, *place) for name, place in places.items()], list(places))
+    return {name: column for name, column in zip(places, block.T, strict=True) if np.any(column)}
 
 
 def _title(v: VirtualJoint) -> str:

@@ -75,9 +75,8 @@ def _without_the_obvious(scan: Scan, most: int = 3, least: float = 4.0) -> Scan:
     entries: tuple[int, ...] = ()
     for _ in range(most):
         found = evidence_beside(scan, entries)
-        score = np.where(
-            np.isin(scan.bank.owner[found.best_entry], scan.bank.owner[list(entries)]), -np.inf, found.score
-        )
+        score = np.array(found.score)
+        score[scan.bank.owner[list(entries)]] = -np.inf
         if not len(score) or score.max() < least:
             break
         entries = (*entries, int(found.best_entry[int(np.argmax(score))]))

@@ -259,9 +259,5 @@ def law_text(finding: Finding, law: FittedLaw) -> str:
         text = text.replace(plain, written)
     text = text.strip().removeprefix("+").strip()
     text = re.sub(r"^− ", "−", text)
-    others = (
-        "; t with a number is that joint's load in units of its own largest"
-        if re.search(r"t\d", text)
-        else ""
-    )
+    others = "".join(f" and t{j} = τ{j}/max|τ{j}|" for j in sorted(set(re.findall(r"\bt(\d+)", text))))
     return f"({text}) {unit} with t = τ/({number(law.tau_scale, 4)} {load}){others}"
