@@ -6,8 +6,8 @@ columns and fitted deflections → problem → candidates of the whole catalogue
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 from threadpoolctl import threadpool_limits
@@ -18,11 +18,16 @@ from symstiff.discrepancy.candidates import candidates as candidates_of
 from symstiff.discrepancy.candidates import grouped
 from symstiff.discrepancy.current import Current, settled, sigma_of
 from symstiff.discrepancy.problem import Array, Candidate, Problem
-from symstiff.discrepancy.situation import Situation, View, has_weights, under_weights
-from symstiff.effects.base import Effect, catalogue
+from symstiff.discrepancy.situation import Situation, View, has_weights, loads_of, under_weights
+from symstiff.effects.base import Effect, EffectInstance, catalogue
 from symstiff.errors import UserError
 from symstiff.model import StiffnessModel
 from symstiff.symbolic.terms import AXES, Term, VirtualJoint, deflection, w
+
+_UNLOADED = 1e-9
+"""Load on a virtual joint, against the largest, that is rounding."""
+Believed = Sequence[tuple[EffectInstance, Mapping[str, float]]]
+"""Effects with the values of their parameters."""
 
 
 @dataclass(frozen=True)
@@ -41,9 +46,13 @@ class Assembly:
     fitted: dict[str, float]
 
 
-def assemble(model: StiffnessModel, table: Measurements, effects: Sequence[Effect] | None = None) -> Assembly:
+def assemble(
+    model: StiffnessModel, table: Measurements, effects: Sequence[Effect] | None = None,
+    believed: Believed = (),
+) -> Assembly:  # fmt: skip
     """Put the problem and the candidates of the catalogue (or of ``effects``) together.
 
+    ``believed`` are effects that are not in the model, with values: candidates' laws see the loads that they add.
     Raises UserError where table and robot do not fit, or nothing was measured.
     """
     from symstiff.calibration.checks import check_robot
@@ -54,10 +63,28 @@ def assemble(model: StiffnessModel, table: Measurements, effects: Sequence[Effec
     found = catalogue().values() if effects is None else effects
     with threadpool_limits(1):  # small matrices: threads cost more than they give
         current = settled(model, table)
-        problem = _problem(current.situation, current)
-        candidates = grouped(problem, tuple(candidates_of(model, current, problem, found)))
+        situation = _loaded(current.situation, believed)
+        problem = _problem(situation, current)
+        candidates = grouped(problem, tuple(candidates_of(model, situation, problem, found)))
     fitted = {n: current.fitted[n] for n in model.parameters if n in current.fitted}
-    return Assembly(problem, candidates, current.situation, current.names, fitted)
+    return Assembly(problem, candidates, situation, current.names, fitted)
+
+
+def added_loads(view: View, instance: EffectInstance, values: Mapping[str, float]) -> Array | float:
+    """(N, V) loads that an effect adds on the virtual joints; 0 where it acts on no load."""
+    loads = loads_of(view, instance.realise(view.robot).terms)
+    return sum((values.get(name, 0.0) * load for name, load in loads.items()), 0.0)
+
+
+def _loaded(situation: Situation, believed: Believed) -> Situation:
+    """The situation with the loads of believed effects, where the table has loads, on top of the model's own."""
+    view = situation.view
+    added = sum((added_loads(view, instance, values) for instance, values in believed), 0.0)
+    if not isinstance(added, np.ndarray):
+        return situation
+    largest = np.max(np.abs(view.tau), axis=0)
+    seen = np.where(largest > _UNLOADED * np.max(largest), added, 0.0)
+    return replace(situation, view=replace(view, more=view.more + seen))
 
 
 def _problem(situation: Situation, current: Current) -> Problem:
@@ -77,7 +104,7 @@ def _problem(situation: Situation, current: Current) -> Problem:
         sigma=sigma_of(view),
         load=load_factor(table)[state],
         J=view.J,
-        tau=view.tau[state],
+        tau=(view.tau + view.more)[state],
         weight=_weight(view),
         gains=_gains(situation),
         virtual_joints=tuple(_title(v) for v in view.joints),

@@ -9,7 +9,7 @@ import numpy as np
 
 from symstiff.calibration.loading import load_factor
 from symstiff.calibration.measurements import Measurements
-from symstiff.discrepancy.current import Current, sigma_of, spread_of
+from symstiff.discrepancy.current import sigma_of, spread_of
 from symstiff.discrepancy.problem import Array, Candidate, Parameter, Problem, Shape
 from symstiff.discrepancy.scan import column_space
 from symstiff.discrepancy.situation import Situation, View
@@ -27,10 +27,9 @@ _SAME_ANGLE = 2e-3
 
 
 def candidates(
-    model: StiffnessModel, current: Current, problem: Problem, effects: Iterable[Effect]
+    model: StiffnessModel, situation: Situation, problem: Problem, effects: Iterable[Effect]
 ) -> Iterator[Candidate]:
     """Every effect at every place, those that the data cannot show with the reason why."""
-    situation = current.situation
     table = situation.view.table
     scales = scales_of(situation.view)
     taken = set(model.parameters)

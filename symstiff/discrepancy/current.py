@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from symstiff.calibration.measurements import Measurements
 from symstiff.discrepancy.placement import placed, placement_columns
 from symstiff.discrepancy.problem import Array, Shape
-from symstiff.discrepancy.situation import Laws, Situation, View, has_weights, look, under_weights
+from symstiff.discrepancy.situation import Laws, Situation, View, has_weights, loads_of, look, under_weights
 from symstiff.discrepancy.whole import whole
 from symstiff.effects.base import Realisation, Where, find
 from symstiff.model import StiffnessModel
@@ -68,10 +68,11 @@ def _current(
     fit = dict(known)
     laws = Laws(view, terms, {**fit, **nominal})
     for _ in range(2):  # terms of loads and of the device lean on the fitted compliances
+        view = _under(view, laws)
         situation = Situation(view, laws)
         A = situation.columns(terms, free)
         place = {n: k for k, n in enumerate(free)}
-        target = np.array(y)
+        target = y + _bent(situation)
         for effect, realised in zip(model.effects, model.realisations, strict=True):
             for name, column in _own_columns(situation, effect.effect, effect.where, effect.shape, realised):
                 if name in place:
@@ -83,10 +84,27 @@ def _current(
         fit = dict(zip(free, solution, strict=True))
         own = [k for k, n in enumerate(free) if n in {p.name for p in model.effect_parameters}]
         laws = whole(model, view, np.hstack([A[:, own], extra]), {**fit, **nominal}, target, left)
-    situation = Situation(view, laws)
+    situation = Situation(_under(view, laws), laws)
     keep = np.any(A != 0, axis=0)
     names = tuple(n for n, k in zip(named, keep, strict=False) if k)
     return Current(situation, names, np.hstack([A[:, keep], extra]), target, fit | nominal)
+
+
+def _under(view: View, laws: Laws) -> View:
+    """The view with the loads that the model's effects add by their values."""
+    loads = loads_of(view, laws.terms)
+    if not loads:
+        return view
+    return replace(view, more=sum(laws.numbers.get(name, 0.0) * load for name, load in loads.items()))
+
+
+def _bent(situation: Situation) -> Array:
+    """(M,) by which columns of added loads exceed their share: laws that are not linear are seen under all loads."""
+    view, more = situation.view, situation.view.more
+    if not isinstance(more, np.ndarray):
+        return np.zeros(len(view.state))
+    bend = situation.slope(more) - situation.laws.linear(more)
+    return np.asarray(np.einsum("mv,mv->m", view.J, bend[view.state]))
 
 
 def _own_columns(

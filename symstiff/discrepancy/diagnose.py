@@ -10,18 +10,20 @@ from dataclasses import replace
 
 import numpy as np
 
+from symstiff.discrepancy.bank import Bank
 from symstiff.discrepancy.localise import FittedLaw, Localisation, best_law, localise
 from symstiff.discrepancy.noise import Noise, NoiseReport
 from symstiff.discrepancy.prepare import Prepared, prepare
 from symstiff.discrepancy.problem import Array, Candidate, Options, Problem
 from symstiff.discrepancy.proof import held_out
-from symstiff.discrepancy.result import Diagnosis, Rms
+from symstiff.discrepancy.result import Diagnosis, Name, Rms
 from symstiff.discrepancy.scan import Scan, coefficients, column_space
 from symstiff.discrepancy.search import Proposal
 from symstiff.discrepancy.strata import Stratum, strata
 from symstiff.discrepancy.tables import (
     candidate_table,
     confusion,
+    leading,
     named_effects,
     noise_floor,
     steps,
@@ -43,10 +45,12 @@ def diagnose(
     candidates: Sequence[Candidate],
     options: Options | None = None,
     progress: Callable[[str], None] | None = None,
+    given: Sequence[Name] = (),
 ) -> Diagnosis:
     """Say whether something is missing from the model, where, what it is called and how sure that is.
 
-    ``candidates`` is the catalogue at all its places; ``progress`` is told each stage. Data in which nothing can
+    ``candidates`` is the catalogue at all its places; ``progress`` is told each stage; effects that are ``given``
+    belong to every explanation. Data in which nothing can
     be tested give the verdict ``untestable``. The same input gives the same answer: all draws come from
     ``options.seed``.
     """
@@ -62,12 +66,20 @@ def diagnose(
     allowed = testable(problem, ready)
     tell("candidates")
     outcome = decide(
-        ready.scan, allowed, options, lambda p: plausible(problem, ready, p), _least(parts), tell
-    )
+        ready.scan, allowed, options, lambda p: plausible(problem, ready, p), _least(parts), tell,
+        numbers(ready.bank, given),
+    )  # fmt: skip
     outcome = against_sigma(outcome, ready.report)
     tell("place")
     place = localise(problem, ready.scan, outcome.found, ready.residual)
     return _written(problem, candidates, ready, parts, allowed, outcome, place, options, tell)
+
+
+def numbers(bank: Bank, names: Sequence[Name]) -> list[int]:
+    """Numbers of named candidates in the bank; names that it does not hold are left out."""
+    place = {(c.effect, repr(dict(c.where))): k for k, c in enumerate(bank.candidates)}
+    found = [place.get((n.effect, repr(dict(n.where)))) for n in names]
+    return [k for k in found if k is not None]
 
 
 def untestable(problem: Problem) -> str:
@@ -138,7 +150,7 @@ def _written(
         candidate_table(problem, candidates, ready, allowed, outcome, options),
         outcome.p_named, outcome.p_unnamed, ready.report, parts, place, law, growth,
         Rms(growth[0].rms, growth[-1].rms, proof.before if proof else None, proof.after if proof else None, floor),
-        proof, None, D, names,
+        proof, None, D, names, leading(problem, ready, outcome),
     )  # fmt: skip
 
 

@@ -18,6 +18,8 @@ from symstiff.discrepancy.threads import one_thread
 from symstiff.effects.base import EffectInstance, find
 from symstiff.model import StiffnessModel
 
+_ROUNDS, _SETTLED = 8, 1e-3
+"""Most linearisations of a fit, and the change of what is left, as a share of it, at which it has settled."""
 _INSIDE = 1e-5
 """Share of a column's length outside the columns before it below which it says nothing of its own."""
 
@@ -64,15 +66,15 @@ def of_robot(model: StiffnessModel) -> StiffnessModel:
 
 
 @one_thread
-def fit(model: StiffnessModel, table: Measurements, rounds: int = 2) -> Fitted:
+def fit(model: StiffnessModel, table: Measurements) -> Fitted:
     """Identify all parameters of a model jointly, with the noise as the data show it.
 
     The device's placement in absolute data is estimated along. Loads and readings that lean on the
-    compliances (a wrong load, a turned frame) are linearised anew in every round. Raises UserError for data
-    that do not fit the robot.
+    compliances (a wrong load, a turned frame), and laws under such loads, are linearised anew until what is left
+    settles. Raises UserError for data that do not fit the robot.
     """
-    known = model
-    for _ in range(1 if model.is_linear and table.kind != "absolute" else rounds):
+    known, left = model, np.zeros(0)
+    for _ in range(1 if model.is_linear and table.kind != "absolute" else _ROUNDS):
         assembly = assemble(known, table, effects=())
         problem, names = assembly.problem, assembly.names
         kept = independent(problem, [model.steps[n] for n in names])
@@ -83,8 +85,11 @@ def fit(model: StiffnessModel, table: Measurements, rounds: int = 2) -> Fitted:
         values |= dict(zip(own, value[: len(own)].tolist(), strict=True))
         deviations = {n: float(s) for n, s in zip(own, std[: len(own)], strict=True) if np.isfinite(s)}
         known = model.with_values(values, deviations)
+        left, before = problem.y - fitted, left
+        if before.size and np.linalg.norm(left - before) < _SETTLED * np.linalg.norm(left):
+            break
     absorbed = tuple(n for n in model.parameters if n not in own and n not in _nominal(model))
-    return Fitted(known, absorbed, problem.y - fitted, problem.y, assembly)
+    return Fitted(known, absorbed, left, problem.y, assembly)
 
 
 def independent(problem: Problem, sizes: Sequence[float]) -> list[int]:

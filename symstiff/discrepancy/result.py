@@ -130,3 +130,5 @@ class Diagnosis:
     confusability: Array
     """(n, n) D_ij of the leading candidates, in the order of ``confusability_names``."""
     confusability_names: tuple[Name, ...]
+    leading: tuple[tuple[Name, Shape, Mapping[str, Estimate]], ...] = ()
+    """The effects of the set that explains most, whether the verdict names it or not."""

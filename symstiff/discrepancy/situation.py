@@ -6,7 +6,7 @@ component.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -37,6 +37,8 @@ Floats = NDArray[np.float64]
 Ints = NDArray[np.intp]
 GRAVITY = 9.80665
 _ALGEBRA = NumpyAlgebra()
+_STEP = 1e-4
+"""Change of the largest load over which a slope is taken."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -55,8 +57,10 @@ class View:
     state: Ints
     component: Ints
     tau: Floats
-    """(N, V)"""
+    """(N, V) by the wrenches of the table, in absolute data by the links' weight as well."""
     turn: Floats
+    more: Floats | float = 0.0
+    """(N, V) loads that the model's effects add by their fitted values: every law but a compliance's sees them."""
 
     @cached_property
     def joints(self) -> tuple[VirtualJoint, ...]:
@@ -87,7 +91,8 @@ class View:
     @cached_property
     def values(self) -> dict[sp.Symbol, Floats]:
         """Numbers (N,) for the symbols of a factor."""
-        known: dict[sp.Symbol, Floats] = {tau(v): self.tau[:, k] for k, v in enumerate(self.joints)}
+        acting = self.tau + self.more
+        known: dict[sp.Symbol, Floats] = {tau(v): acting[:, k] for k, v in enumerate(self.joints)}
         known |= {q(j + 1): self.table.q[:, j] for j in range(self.table.dof)}
         known |= {w(c): self.table.w[:, c - 1] for c in AXES}
         frames = self.found.R.shape[1]
@@ -120,6 +125,16 @@ class View:
             0.0  # a body's weight acts on what is before it, its own springs included
         )
         return np.asarray(load * factor[:, None])
+
+
+def loads_of(view: View, terms: Iterable[Term]) -> dict[str, Floats]:
+    """Loads (N, V) on the virtual joints by one unit of each parameter whose terms act on the wrench or on bodies."""
+    loads: dict[str, Floats] = {}
+    for term in terms:
+        if term.at.kind in ("load", "body"):
+            load = view.load_of(term.at, view.factor(term.factor))
+            loads[term.parameter] = loads.get(term.parameter, 0.0) + load
+    return loads
 
 
 def look(robot: Robot, table: Measurements, turn: Floats | None = None) -> View:
@@ -190,25 +205,35 @@ class Laws:
                 rest.append((at, term.factor, number))
         return matrix, rest
 
+    def linear(self, loads: Floats) -> Floats:
+        """Δθ (N, V) under loads (N, V) by the compliances alone."""
+        return np.asarray(loads @ self._parts[0].T)
+
     def __call__(self, loads: Floats) -> Floats:
         """Δθ (N, V) under loads (N, V)."""
-        matrix, rest = self._parts
-        theta = loads @ matrix.T
+        rest = self._parts[1]
+        theta = self.linear(loads)
         if rest:
-            moved = replace(self.view, tau=loads)
+            moved = replace(self.view, tau=loads, more=0.0)
             for at, factor, number in rest:
                 theta[:, at] += number * moved.factor(factor)
         return np.asarray(theta)
 
 
 def linear_columns(view: View, terms: Sequence[Term], names: Sequence[str]) -> Floats:
-    """(M, len(names)) columns of terms at links and joints; other terms are left out."""
+    """(M, len(names)) columns of terms at links and joints; other terms are left out.
+
+    A compliance is a column of the table's loads alone: what it answers to further loads is in their columns.
+    """
     columns = np.zeros((len(view.state), len(names)))
     place = {n: k for k, n in enumerate(names)}
+    own = {tau(v): k for k, v in enumerate(view.joints)}
     for term in terms:
         if term.at.kind in ("link", "joint") and term.parameter in place:
             v = view.index[term.at]
-            columns[:, place[term.parameter]] += view.J[:, v] * view.factor(term.factor)[view.state]
+            plain = own.get(term.factor)
+            factor = view.factor(term.factor) if plain is None else view.tau[:, plain]
+            columns[:, place[term.parameter]] += view.J[:, v] * factor[view.state]
     return columns
 
 
@@ -259,11 +284,16 @@ class Situation:
     @cached_property
     def theta(self) -> Floats:
         """(N, V) deflections by the current model."""
-        return self.laws(self.view.tau)
+        return self.laws(self.view.tau + self.view.more)
 
     def respond(self, loads: Floats) -> Floats:
         """(N, V) further deflections under further loads (N, V)."""
-        return np.asarray(self.laws(self.view.tau + loads) - self.theta)
+        return np.asarray(self.laws(self.view.tau + self.view.more + loads) - self.theta)
+
+    def slope(self, loads: Floats) -> Floats:
+        """(N, V) change of the deflections by each unit of further loads (N, V), where the loads are now."""
+        step = _STEP * float(np.abs(self.view.tau).max()) / max(float(np.abs(loads).max()), 1e-300)
+        return self.respond(step * loads) / step if step > 0 else self.respond(loads)
 
     def rows(self, twists: Floats) -> Floats:
         """Rows (M,) of twists (N, 6) of the measured points, base axes."""
@@ -281,17 +311,11 @@ class Situation:
         view = self.view
         total = linear_columns(view, terms, names)
         place = {n: k for k, n in enumerate(names)}
-        loads: dict[int, Floats] = {}
         for term in terms:
-            if term.parameter not in place:
-                continue
-            k = place[term.parameter]
-            if term.at.kind == "measure":
+            if term.parameter in place and term.at.kind == "measure":
                 hit = view.component == term.at.axis - 1
-                total[:, k] += hit * view.factor(term.factor, self.reading)[view.state]
-            elif term.at.kind in ("load", "body"):
-                load = view.load_of(term.at, view.factor(term.factor))
-                loads[k] = loads.get(k, 0.0) + load
-        for k, load in loads.items():
-            total[:, k] += np.einsum("mv,mv->m", view.J, self.respond(load)[view.state])
+                factor = view.factor(term.factor, self.reading)[view.state]
+                total[:, place[term.parameter]] += hit * factor
+        for name, load in loads_of(view, (t for t in terms if t.parameter in place)).items():
+            total[:, place[name]] += np.einsum("mv,mv->m", view.J, self.slope(load)[view.state])
         return total

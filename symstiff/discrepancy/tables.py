@@ -9,7 +9,7 @@ import numpy as np
 from symstiff.discrepancy.bank import Bank
 from symstiff.discrepancy.design import confusability, needed, share_left, smallest_detectable
 from symstiff.discrepancy.prepare import Prepared
-from symstiff.discrepancy.problem import Array, Candidate, Options, Problem
+from symstiff.discrepancy.problem import Array, Candidate, Options, Problem, Shape
 from symstiff.discrepancy.result import CandidateResult, Estimate, Name, NamedEffect, Step
 from symstiff.discrepancy.scan import coefficients, critical, evidence, extend
 from symstiff.discrepancy.search import Judged
@@ -68,6 +68,19 @@ def named_effects(problem: Problem, ready: Prepared, outcome: Outcome) -> tuple[
                 )
             )  # fmt: skip
     return tuple(out)
+
+
+def leading(
+    problem: Problem, ready: Prepared, outcome: Outcome
+) -> tuple[tuple[Name, Shape, Mapping[str, Estimate]], ...]:
+    """The effects of the leading set with their shapes and estimates, none where nothing was found."""
+    if outcome.chosen is None:
+        return ()
+    entries = outcome.chosen.entries
+    found = _fitted(problem, ready, entries)[3]
+    return tuple(
+        (name, ready.bank.shape_of(e), values) for e, (name, values) in zip(entries, found, strict=True)
+    )
 
 
 def _confidences(outcome: Outcome) -> list[Mapping[int, float]]:

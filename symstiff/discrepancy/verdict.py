@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -48,9 +48,12 @@ class Outcome:
 
 def decide(
     start: Scan, allowed: Array, options: Options, plausible: Plausible, strata_p: float,
-    progress: Callable[[str], None],
+    progress: Callable[[str], None], given: Sequence[int] = (),
 ) -> Outcome:  # fmt: skip
-    """Detect, then try sets of one, two and three effects until the leading set is sufficient."""
+    """Detect, then try sets of one, two and three effects until the leading set is sufficient.
+
+    Candidates that are ``given`` are members of every set.
+    """
     shop = Workshop(start, allowed, options)
     distribution = shop.null((), ())
     found = shop.evidence(())
@@ -62,10 +65,11 @@ def decide(
         return Outcome(NOTHING, "no test rejects", *tests, None, (), (), ())
     tried: list[Judged] = []
     weighed: list[Proposal] = []
-    bases = [Proposal((), (), 0.0)]
-    for size in range(1, options.max_effects + 1 if seen else 1):
+    base = _together(shop, given)
+    bases = [base]
+    for size in range(max(len(given), 1), options.max_effects + 1 if seen else 1):
         progress(f"sets of {size}")
-        ranked = _ranked(shop, bases, plausible)
+        ranked = [base] if size == len(given) else _ranked(shop, bases, plausible)
         if not ranked:
             break
         weighed += ranked
@@ -75,6 +79,17 @@ def decide(
             break
         bases = ranked[:8]
     return _conclude(tried, weighed, tests, options)
+
+
+def _together(shop: Workshop, members: Sequence[int]) -> Proposal:
+    """A set of candidates, each at its best shape beside those before it."""
+    entries: tuple[int, ...] = ()
+    score = 0.0
+    for place, member in enumerate(members):
+        found = shop.evidence(entries)
+        score += float(found.score[member]) + (ONE_MORE if place else 0.0)
+        entries = (*entries, int(found.best_entry[member]))
+    return Proposal(tuple(members), entries, score)
 
 
 def _ranked(shop: Workshop, bases: list[Proposal], plausible: Plausible) -> list[Proposal]:
