@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
@@ -47,6 +48,12 @@ class Bank:
     def first_entry(self) -> Index:
         """First entry of every candidate (reduceat offsets)."""
         return np.searchsorted(self.owner, np.arange(len(self.candidates)))
+
+    @cached_property
+    def twin(self) -> tuple[int, ...]:
+        """For each candidate the first whose columns are the same by structure: itself where there is no other."""
+        first: dict[str, int] = {}
+        return tuple(first.setdefault(c.group or c.key, k) for k, c in enumerate(self.candidates))
 
     def parameters(self, entry: int) -> tuple[Parameter, ...]:
         """Parameters of an entry, one a column."""

@@ -46,6 +46,8 @@ class NamedEffect:
     confounded_with: tuple[Name, ...]
     set_number: int
     """Effects of one set stand together; an ambiguous verdict has several sets, best first."""
+    twins: tuple[Name, ...] = ()
+    """Other names for the same columns: nothing that can be measured tells them from this one."""
 
 
 @dataclass(frozen=True)

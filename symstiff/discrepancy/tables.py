@@ -65,6 +65,7 @@ def named_effects(problem: Problem, ready: Prepared, outcome: Outcome) -> tuple[
                     candidate.effect, candidate.where, bank.shape_of(entry), effects[i][1],
                     judged.p_members[i], float(np.clip(sure[number][member], 0.0, 1.0)),
                     max(gained - float(without.best.rank[entry]), 0.0), _confused(ready, entry), number,
+                    _twins(bank, member),
                 )
             )  # fmt: skip
     return tuple(out)
@@ -96,6 +97,11 @@ def _confidences(outcome: Outcome) -> list[Mapping[int, float]]:
         share = min(w * own, (1.0 - own) * w / sum(weight[1:]))
         out.append({m: sure.get(m, share) for m in judged.members})
     return out
+
+
+def _twins(bank: Bank, member: int) -> tuple[Name, ...]:
+    own = bank.twin[member]
+    return tuple(_name(c) for k, c in enumerate(bank.candidates) if k != member and bank.twin[k] == own)
 
 
 def _confused(ready: Prepared, entry: int) -> tuple[Name, ...]:

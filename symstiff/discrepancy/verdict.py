@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -135,30 +135,40 @@ def _named(
     good: list[Judged], tried: list[Judged], weighed: list[Proposal],
     tests: tuple[Null, Evidence, float, float], options: Options,
 ) -> Outcome:  # fmt: skip
-    accepted = {frozenset(j.members) for j in good}
-    judged = {frozenset(j.members) for j in tried}
-    # sets that were not judged (they trail) keep their weight; judged and refused ones lose it
-    rest = [p for p in weighed if frozenset(p.members) in accepted or frozenset(p.members) not in judged]
-    share = _shares({frozenset(p.members): p.score for p in rest})
     leader = good[0]
-    own = share[frozenset(leader.members)]
+    known = leader.scan.bank.twin
+    accepted = {_set(j, known) for j in good}
+    judged = {_set(j, known) for j in tried}
+    # sets that were not judged (they trail) keep their weight; judged and refused ones lose it
+    rest = [p for p in weighed if _set(p, known) in accepted or _set(p, known) not in judged]
+    share = _shares([(_set(p, known), p.score) for p in rest])
+    own = share[_set(leader, known)]
     same_places = [p for p in rest if _places(p, leader) == _places(leader, leader)]
-    at_best = _shares({frozenset(p.members): p.score + _spared(p, tests[1]) for p in same_places})
+    at_best = _shares([(_set(p, known), p.score + _spared(p, tests[1])) for p in same_places])
     confidence = tuple(
-        _calibrated(sum(w for members, w in share.items() if m in members), leader, p)
+        _calibrated(sum(w for members, w in share.items() if known[m] in members), leader, p)
         for m, p in zip(leader.members, leader.p_members, strict=True)
     )
-    kept = tuple(j for j in good if share[frozenset(j.members)] > 0.05 * own)
-    ahead = own >= options.name_at and at_best[frozenset(leader.members)] >= 0.5
+    first = {_set(j, known): j for j in reversed(good)}
+    kept = tuple(j for j in good if share[_set(j, known)] > 0.05 * own and first[_set(j, known)] is j)
+    ahead = own >= options.name_at and at_best[_set(leader, known)] >= 0.5
     verdict = NAMED if ahead or len(kept) < 2 else AMBIGUOUS
     reason = "sufficient, plausible and ahead" if verdict == NAMED else "several sets account for the data"
     return Outcome(verdict, reason, *tests, leader, kept, confidence, tuple(tried))
 
 
-def _shares(scores: Mapping[frozenset[int], float]) -> dict[frozenset[int], float]:
+def _set(found: Proposal | Judged, twin: Sequence[int]) -> frozenset[int]:
+    """The members, those whose columns are the same by structure as one."""
+    return frozenset(twin[m] for m in found.members)
+
+
+def _shares(scored: Sequence[tuple[frozenset[int], float]]) -> dict[frozenset[int], float]:
     """Scores of rival sets as shares of all their evidence."""
-    total = float(logsumexp(list(scores.values())))
-    return {members: float(np.exp(score - total)) for members, score in scores.items()}
+    best: dict[frozenset[int], float] = {}
+    for members, score in scored:
+        best[members] = max(score, best.get(members, -np.inf))
+    total = float(logsumexp(list(best.values())))
+    return {members: float(np.exp(score - total)) for members, score in best.items()}
 
 
 def _places(found: Proposal | Judged, judged: Judged) -> list[str]:

@@ -65,6 +65,8 @@ class Found:
     confidence: float
     confounded_with: tuple[Name, ...]
     set_number: int = 0
+    twins: tuple[Name, ...] = ()
+    """Other names for the same columns."""
 
     @property
     def instance(self) -> EffectInstance:
@@ -259,7 +261,15 @@ def _finding(
 ) -> Finding:  # fmt: skip
     named = tuple(
         Found(
-            e.effect, e.where, e.shape, e.parameters, e.p_value, e.confidence, e.confounded_with, e.set_number
+            e.effect,
+            e.where,
+            e.shape,
+            e.parameters,
+            e.p_value,
+            e.confidence,
+            e.confounded_with,
+            e.set_number,
+            e.twins,
         )
         for e in last.effects
     )

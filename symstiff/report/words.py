@@ -169,10 +169,17 @@ def _told(group: list[Found]) -> list[str]:
         count = sum(len(e.parameters) for e in group)
         return [f"{names(group)} ({count} parameters, confidence {100 * sure:.0f} %)"]
     return [
-        f"{named(e.effect, e.where)} "
+        f"{named(e.effect, e.where)}{_or_else(e)} "
         f"({', '.join(t for t in (main_parameter(e), f'confidence {100 * e.confidence:.0f} %') if t)})"
         for e in group
     ]
+
+
+def _or_else(effect: Found) -> str:
+    """Other names for the same columns."""
+    if not effect.twins:
+        return ""
+    return f" (or {' or '.join(name_text(n) for n in effect.twins[:3])}: the same columns, no data tell them apart)"
 
 
 def gap(finding: Finding) -> str:
