@@ -11,7 +11,7 @@ from dataclasses import replace
 import numpy as np
 
 from symstiff.discrepancy.bank import Bank
-from symstiff.discrepancy.localise import FittedLaw, Localisation, best_law, localise
+from symstiff.discrepancy.localise import FittedLaw, Localisation, best_law, device_law, localise
 from symstiff.discrepancy.noise import Noise, NoiseReport
 from symstiff.discrepancy.prepare import Prepared, prepare
 from symstiff.discrepancy.problem import Array, Candidate, Options, Problem
@@ -143,12 +143,14 @@ def _written(
     if options.held_out:
         tell("proof")
         proof = held_out(problem, ready.bank, one_ratio(scan), floor, entries, allowed, options)
-    law = _law(problem, scan, place) if outcome.verdict == UNEXPLAINED else None
+    open_end = outcome.verdict == UNEXPLAINED
+    law = _law(problem, scan, place) if open_end else None
+    device = device_law(problem, scan, outcome.found, place.accused) if open_end else None
     names, D = confusion(ready, outcome)
     return Diagnosis(
         outcome.verdict, outcome.reason, named_effects(problem, ready, outcome),
         candidate_table(problem, candidates, ready, allowed, outcome, options),
-        outcome.p_named, outcome.p_unnamed, ready.report, parts, place, law, growth,
+        outcome.p_named, outcome.p_unnamed, ready.report, parts, place, law, device, growth,
         Rms(growth[0].rms, growth[-1].rms, proof.before if proof else None, proof.after if proof else None, floor),
         proof, None, D, names, leading(problem, ready, outcome),
     )  # fmt: skip
@@ -156,6 +158,8 @@ def _written(
 
 def _law(problem: Problem, scan: Scan, place: Localisation) -> FittedLaw | None:
     """The best smooth law at the accused virtual joint; at the next best ones where there is none."""
+    if any(place.accused == at for at, _ in problem.device):
+        return None
     names = dict.fromkeys([place.accused, *(b.virtual_joint for b in place.back_projections[:4])])
     return next((law for law in (best_law(problem, scan, n) for n in names) if law is not None), None)
 
@@ -164,6 +168,6 @@ def _untestable(problem: Problem, candidates: Sequence[Candidate], reason: str) 
     ready = prepare(problem, ())
     rms = float(np.sqrt(np.mean(ready.residual**2)))
     return Diagnosis(
-        UNTESTABLE, reason, (), unavailable(candidates, reason), 1.0, 1.0, ready.report, (), None, None, (),
+        UNTESTABLE, reason, (), unavailable(candidates, reason), 1.0, 1.0, ready.report, (), None, None, None, (),
         Rms(rms, rms, None, None, ready.report.sigma), None, None, np.zeros((0, 0)), (),
     )  # fmt: skip

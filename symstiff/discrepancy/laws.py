@@ -17,6 +17,8 @@ EFFECT = "unnamed_law"
 _TINY = 1e-300
 _SLIPS = (0.2, 0.4, 0.65)
 """Shares of the largest load at which a link's law without a name begins: a foot that slips, a bolt that opens."""
+_LAGS = (0.01, 0.05, 0.25)
+"""Time constants, as shares of the session, with which a joint without a name may follow its load."""
 _SPOTS = 6
 """Widths of a soft spot that a joint's range holds."""
 
@@ -79,15 +81,17 @@ class _Columns:
 
 def _everywhere(problem: Problem) -> Iterator[tuple[str, Array, Law]]:
     if problem.J is not None and problem.tau is not None:
-        for v, j in enumerate(problem.joint_of):
-            for law in joint_laws(problem, v) if j >= 0 else _link_laws(problem, v):
+        for v in range(len(problem.joint_of)):
+            for law in laws_at(problem, v):
                 yield problem.virtual_joints[v], problem.J[:, v], law
     for axis in np.unique(problem.axis):
         indicator = (problem.axis == axis).astype(float)
         for law in _frame_laws(problem):
-            yield f"measurement axis {axis}", indicator, law
-    for name, column in problem.gains.items():
-        yield name, column, Law(("gain",), np.ones((problem.rows, 1)))
+            yield f"measurement axis {axis + 1}", indicator, law
+    ones = np.ones(problem.rows)
+    for (place, title), block in problem.device.items():
+        text = (title,) if block.shape[1] == 1 else tuple(f"{title}: {axis}" for axis in "xyz")
+        yield place, ones, Law(text, block, family=title)
 
 
 @dataclass(frozen=True)
@@ -129,13 +133,33 @@ def _link_laws(problem: Problem, v: int) -> list[Law]:
     out = [Law(("tau*|tau|",), t.law(lambda x: x * np.abs(x))), Law(("|tau|",), t.law(np.abs))]
     for slip in _SLIPS:
         beyond = t.law(lambda x, knee=slip: x - np.clip(x, -knee, knee))  # type: ignore[misc]
-        out.append(Law((f"tau beyond {slip} of the largest",), beyond, family="tau beyond a threshold"))
+        out.append(Law((f"beyond(tau,{slip})",), beyond, family="tau beyond a threshold"))
+    along = _along(problem, v)
+    if along is not None:
+        out.append(Law(("tau*taux",), (t.total * along)[:, None], own=False))
+        out.append(Law(("tau*|taux|",), (t.total * np.abs(along))[:, None], own=False))
     return out
 
 
-def joint_laws(problem: Problem, v: int) -> list[Law]:
-    """The dictionary at one virtual joint of an actuated joint, simplest first."""
-    return [*_laws_of_load(problem, v), *_laws_of_angle(problem, v), *_laws_of_time(problem, v)]
+def _along(problem: Problem, v: int) -> Array | None:
+    """Load along the axis of the link that a virtual joint belongs to, in units of its largest; none at that axis."""
+    name = problem.virtual_joints[v]
+    first = name[: name.rindex(" ") + 1] + "1"
+    if name == first or not name.startswith("link") or first not in problem.virtual_joints:
+        return None
+    load = _load(problem, problem.virtual_joints.index(first))
+    return load.total if np.any(load.total) else None
+
+
+def laws_at(problem: Problem, v: int) -> list[Law]:
+    """The laws that compete at one virtual joint, simplest first: a few at a link's, all at an actuated joint's."""
+    return _link_laws(problem, v) if problem.joint_of[v] < 0 else every_law(problem, v)
+
+
+def every_law(problem: Problem, v: int) -> list[Law]:
+    """The whole dictionary at one virtual joint."""
+    own = _link_laws(problem, v)[2:] if problem.joint_of[v] < 0 else []
+    return [*own, *_laws_of_load(problem, v), *_laws_of_angle(problem, v), *_laws_of_time(problem, v)]
 
 
 def _laws_of_load(problem: Problem, v: int) -> list[Law]:
@@ -174,7 +198,9 @@ def _laws_of_angle(problem: Problem, v: int) -> list[Law]:
             out.append(Law((f"tau*sin({name})", f"tau*cos({name})"), t[:, None] * wave, own))
             if n <= 2:
                 out.append(Law((f"sin({name})", f"cos({name})"), wave, own))
-    return out + _soft_spots(problem.q[:, problem.joint_of[v]], problem.joint_of[v] + 1, t)
+    if problem.joint_of[v] >= 0:
+        out += _soft_spots(problem.q[:, problem.joint_of[v]], problem.joint_of[v] + 1, t)
+    return out
 
 
 def _soft_spots(angle: Array, joint: int, t: Array) -> list[Law]:
@@ -192,14 +218,32 @@ def _soft_spots(angle: Array, joint: int, t: Array) -> list[Law]:
     return out
 
 
+def _clock(problem: Problem) -> tuple[str, Array]:
+    """The session from 0 to 1, by time where it is told, else in the order of the rows; and its name in laws."""
+    if problem.time is not None and np.ptp(problem.time) > 0:
+        return "time", (problem.time - problem.time.min()) / np.ptp(problem.time)
+    return "order", np.arange(problem.rows) / max(problem.rows - 1, 1)
+
+
+def _lagging(clock: Array, t: Array, constant: float) -> Array:
+    """A load (M,) that is followed with a time constant, as a share of the session."""
+    out = np.zeros_like(t)
+    z = last = 0.0
+    for row in np.argsort(clock, kind="stable"):
+        z = t[row] + (z - t[row]) * float(np.exp(-(clock[row] - last) / constant))
+        last, out[row] = clock[row], z
+    return out
+
+
 def _laws_of_time(problem: Problem, v: int) -> list[Law]:
     """Of time, temperature, the order of the load cases and the branch, with the load and without."""
     assert problem.tau is not None
     t = problem.tau[:, v] / largest_load(problem, v)
-    out = []
-    if problem.time is not None and np.ptp(problem.time) > 0:
-        s = (problem.time - problem.time.min()) / np.ptp(problem.time)
-        out += [Law(("time",), s[:, None]), Law(("tau*time",), (t * s)[:, None])]
+    name, s = _clock(problem)
+    out = [Law((name,), s[:, None]), Law((f"tau*{name}",), (t * s)[:, None])]
+    for constant in _LAGS:
+        text = f"late(tau,{constant:g})"
+        out.append(Law((text,), _lagging(s, t, constant)[:, None], family="tau, late"))
     if problem.temperature is not None and np.ptp(problem.temperature) > 0:
         warm = _unit(problem.temperature - problem.temperature.min())
         out.append(Law(("tau*temperature",), (t * warm)[:, None]))
@@ -218,12 +262,11 @@ def _frame_laws(problem: Problem) -> list[Law]:
     if problem.load is not None and np.ptp(problem.load) > 0:
         f = problem.load
         out += [Law(("load",), f[:, None]), Law(("load^2",), (f**2)[:, None])]
-    if problem.time is not None and np.ptp(problem.time) > 0:
-        s = (problem.time - problem.time.min()) / np.ptp(problem.time)
-        out += [Law(("time",), s[:, None]), Law(("time^2",), (s**2)[:, None])]
-        for n in (0.5, 1, 1.5, 2, 2.5, 3, 4, 5):
-            wave = np.column_stack([np.sin(2 * np.pi * n * s), np.cos(2 * np.pi * n * s)])
-            out.append(Law((f"sin({n} turns of time)", f"cos({n} turns of time)"), wave))
+    name, s = _clock(problem)
+    out += [Law((name,), s[:, None]), Law((f"{name}^2",), (s**2)[:, None])]
+    for n in (0.5, 1, 1.5, 2, 2.5, 3, 4, 5):
+        wave = np.column_stack([np.sin(2 * np.pi * n * s), np.cos(2 * np.pi * n * s)])
+        out.append(Law((f"sin({n} turns of {name})", f"cos({n} turns of {name})"), wave))
     if problem.temperature is not None and np.ptp(problem.temperature) > 0:
         out.append(Law(("temperature",), _unit(problem.temperature - problem.temperature.mean())[:, None]))
     if problem.branch is not None and np.ptp(problem.branch) > 0:

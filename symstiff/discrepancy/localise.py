@@ -7,9 +7,9 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.special import logsumexp
 
-from symstiff.discrepancy.laws import Law, joint_laws, largest_load
+from symstiff.discrepancy.laws import Law, every_law, largest_load
 from symstiff.discrepancy.problem import Array, Index, Problem
-from symstiff.discrepancy.scan import Evidence, Scan
+from symstiff.discrepancy.scan import Evidence, Scan, coefficients
 
 
 @dataclass(frozen=True)
@@ -44,6 +44,17 @@ class FittedLaw:
     """The same on poses that were left out."""
     values: Array
     """(M,) deflection of the virtual joint by the law."""
+
+
+@dataclass(frozen=True)
+class DeviceLaw:
+    """What a sensor, the measuring device or a marker adds, by the best law without a name."""
+
+    place: str
+    terms: tuple[tuple[str, float, float], ...]
+    """Law, coefficient and its standard deviation: lengths in m, angles in rad, gains as they are."""
+    explained: float
+    """Share of the residual's sum of squares outside the model."""
 
 
 @dataclass(frozen=True)
@@ -114,6 +125,21 @@ def _accused(scan: Scan, found: Evidence) -> str:
     return max(places, key=lambda p: (float(logsumexp(places[p])), p))
 
 
+def device_law(problem: Problem, scan: Scan, found: Evidence, place: str) -> DeviceLaw | None:
+    """The best law at a place that is no virtual joint; None where there is none."""
+    bank, layer = scan.bank, scan.best
+    here = [k for k in np.flatnonzero(bank.generic) if bank.candidates[k].where["at"] == place]
+    if not here or place in problem.virtual_joints:
+        return None
+    entry = int(found.best_entry[max(here, key=lambda k: found.score[k])])
+    value, std, _ = coefficients(scan, problem.A, problem.y, (entry,))
+    P = problem.A.shape[1]
+    names = [p.name for p in bank.parameters(entry)]
+    explained = float(np.sum((layer.Q[:, bank.slice(entry)].T @ layer.y) ** 2)) / max(layer.rss, 1e-300)
+    numbers = zip(names, value[P:].tolist(), std[P:].tolist(), strict=True)
+    return DeviceLaw(place, tuple(numbers), explained)
+
+
 def best_law(
     problem: Problem, scan: Scan, virtual_joint: str, terms: int = 3, folds: int = 5
 ) -> FittedLaw | None:
@@ -121,7 +147,9 @@ def best_law(
     if problem.J is None or problem.tau is None or virtual_joint not in problem.virtual_joints:
         return None
     v = problem.virtual_joints.index(virtual_joint)
-    laws = joint_laws(problem, v)
+    laws = every_law(problem, v)
+    if not problem.tau[:, v].any():
+        return None
     J = problem.J[:, v][:, None]
     layer = scan.best
     blocks = []

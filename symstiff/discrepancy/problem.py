@@ -45,8 +45,8 @@ class Problem:
     """(M, V) load on the virtual joints."""
     weight: Array | None = None
     """(M, V) what the links' weight puts on the virtual joints beside ``tau``, in deflection data."""
-    gains: Mapping[str, Array] = field(default_factory=dict)
-    """(M,) columns by name: what a device adds that reads one of its axes too large."""
+    device: Mapping[tuple[str, str], Array] = field(default_factory=dict)
+    """(M, k) columns by place and law: what a sensor adds that reads an axis too large, a marker that gives way."""
     virtual_joints: tuple[str, ...] = ()
     """V names, such as ``joint 3`` or ``link 2 axis 4``."""
     joint_of: tuple[int, ...] = ()
@@ -136,6 +136,10 @@ class Options:
     """Level at which laws without a name in what is left after adding a candidate make it insufficient."""
     alpha_further: float = 0.002
     """The same level for a further effect of the catalogue: beside the real ones many small misfits look for a name."""
+    alpha_notable: float = 0.008
+    """Both levels where more is left than shapes that are only close would leave."""
+    notable: float = 0.03
+    """Share of the signal from which that holds for a further effect; for unnamed laws it is ``tolerated_shape``."""
     draws: int = 400
     folds: int = 10
     """Folds of the held-out proof; five are made where there are more than twenty poses."""

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 
-from symstiff.discrepancy.localise import FittedLaw, Localisation
+from symstiff.discrepancy.localise import DeviceLaw, FittedLaw, Localisation
 from symstiff.discrepancy.noise import NoiseReport
 from symstiff.discrepancy.problem import Array, Shape
 from symstiff.discrepancy.proof import HeldOut
@@ -125,6 +125,8 @@ class Diagnosis:
     localisation: Localisation | None
     law: FittedLaw | None
     """For `unexplained`: the best smooth law at the accused virtual joint."""
+    device_law: DeviceLaw | None
+    """The same where a sensor, the device or a marker is accused."""
     growth: tuple[Step, ...]
     rms: Rms
     held_out: HeldOut | None

@@ -150,7 +150,7 @@ def judge(shop: Workshop, proposal: Proposal) -> Judged:
     # the null of the start decides clear cases; draws for this set are made where it could tip the balance
     distribution = shop.null((), ())
     p_named, p_unnamed = distribution.p_named(named), distribution.p_generic(unnamed)
-    close = 10.0 * max(options.alpha_sufficient, options.alpha_further)
+    close = 10.0 * max(options.alpha_sufficient, options.alpha_further, options.alpha_notable)
     if min(p_named, p_unnamed) < close and max(p_named, p_unnamed) > 1e-5:
         distribution = shop.null(members, entries)
         p_named, p_unnamed = distribution.p_named(named), distribution.p_generic(unnamed)
@@ -159,8 +159,10 @@ def judge(shop: Workshop, proposal: Proposal) -> Judged:
     gained = (before - scan.best.rss) / max(scale2, 1e-300)
     missed = _missed_share(shop, proposal, scan, gained)
     rival, who = _rival(shop, proposal)
-    lack_named = p_named < options.alpha_further and missed > _tolerated(shop, proposal, False)
-    lack_unnamed = p_unnamed < options.alpha_sufficient and missed > _tolerated(shop, proposal, True)
+    further = options.alpha_notable if missed > options.notable else options.alpha_further
+    other = options.alpha_notable if missed > options.tolerated_shape else options.alpha_sufficient
+    lack_named = p_named < further and missed > _tolerated(shop, proposal, False)
+    lack_unnamed = p_unnamed < other and missed > _tolerated(shop, proposal, True)
     p_members = tuple(_needed(shop, proposal, i) for i in range(len(members)))
     return Judged(
         members, entries, proposal.score, scan, left, gained, p_named, p_unnamed, missed, rival, who,

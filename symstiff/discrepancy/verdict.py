@@ -15,6 +15,9 @@ from symstiff.discrepancy.search import ONE_MORE, Judged, Proposal, Workshop, ju
 NOTHING, NAMED, AMBIGUOUS = "nothing_missing", "named", "ambiguous"
 INSUFFICIENT, UNEXPLAINED, UNTESTABLE = "named_insufficient", "unexplained", "untestable"
 
+NOT_ALONE = "effects of the catalogue account for the data, and a law without a name does so as well"
+"""Reason for a verdict that names nothing although something suffices."""
+
 CALIBRATION = (0.0, 0.7, 4.5)
 """Offset, slope and limit of the confidence's logit, fitted on simulated benchmarks."""
 
@@ -104,8 +107,8 @@ def _ranked(shop: Workshop, bases: list[Proposal], plausible: Plausible) -> list
     return sorted(out, key=lambda p: -p.score)
 
 
-def _admissible(judged: Judged, options: Options) -> bool:
-    ahead = judged.rival < -LEAD * len(judged.members)
+def _admissible(judged: Judged, options: Options, lead: float = LEAD) -> bool:
+    ahead = judged.rival < -lead * len(judged.members)
     return judged.sufficient and max(judged.p_members) < options.alpha and ahead
 
 
@@ -115,6 +118,9 @@ def _conclude(
     good = sorted((j for j in tried if _admissible(j, options)), key=lambda j: -j.score)
     refused = max((j.score for j in tried if not _admissible(j, options)), default=-np.inf)
     if good and good[0].score > refused - 1.0:
+        # a set that explains more and is only just ahead of the unnamed laws is an explanation too
+        close = [j for j in tried if _admissible(j, options, 0.0) and j.score > good[0].score]
+        good = sorted([*close, *good], key=lambda j: -j.score)
         return _named(good, tried, weighed, tests, options)
     if good and good[0].score > refused - CLOSE:
         leader = good[0]
@@ -122,11 +128,14 @@ def _conclude(
         half = tuple(0.5 for _ in leader.members)
         return Outcome(INSUFFICIENT, reason, *tests, leader, (leader,), half, tuple(tried))
     needed = [j for j in tried if max(j.p_members) < options.alpha]
+    enough = max((j for j in needed if j.sufficient), key=lambda j: j.score, default=None)
     best = max(needed, key=lambda j: j.score, default=None)
     if best is not None and best.rival < -3.0 and best.missed_share < 0.3:
         confidence = tuple(0.5 for _ in best.members)
         reason = "the leader explains most, but not all"
         return Outcome(INSUFFICIENT, reason, *tests, best, (best,), confidence, tuple(tried))
+    if enough is not None and enough.rival < CLOSE:
+        return Outcome(UNEXPLAINED, NOT_ALONE, *tests, enough, (), (), tuple(tried))
     reason = "no set of the catalogue accounts for the data"
     return Outcome(UNEXPLAINED, reason, *tests, best, (), (), tuple(tried))
 

@@ -35,6 +35,8 @@ from symstiff.robot.schema import Robot
 Tell = Callable[[str], None]
 _WORTH = 0.01
 """Load that an effect adds, against the largest, from which other laws are looked at again under it."""
+_UNCONFIRMED = 0.75
+"""Most confidence in what poses that were not used do not confirm."""
 MOST_POSES = 200
 """Poses of absolute data that are used unless more are asked for: the time of a diagnosis grows with them."""
 
@@ -282,6 +284,12 @@ def _finding(
         verdict, reason = NAMED, "the links give way; beyond the complete model no test rejects"
     testable = verdict != UNTESTABLE
     remarks = [*remarks, *_of_sigma(last.noise)]
+    if unconfirmed(last.rms):
+        named = tuple(replace(e, confidence=min(e.confidence, _UNCONFIRMED)) for e in named)
+        remarks.append(
+            "poses that were not used do not confirm what was found: there the residual does not fall. "
+            "Measure more poses before relying on it"
+        )
     if climbed:  # every admissible set holds them
         sets = sorted({e.set_number for e in named}) or [0]
         named = tuple(e for s in sets for e in (*(replace(c, set_number=s) for c in climbed),
@@ -293,6 +301,13 @@ def _finding(
         counted, tuple(e for e in named if e not in counted),
         _steps(first, last, start, base, before, bool(climbed)), _rms(first, last), tuple(remarks),
     )  # fmt: skip
+
+
+def unconfirmed(rms: Rms) -> bool:
+    """Whether something was found and poses that were not used are predicted no better with it."""
+    if rms.held_out_before is None or rms.held_out_after is None or rms.after == rms.before:
+        return False
+    return rms.held_out_after >= rms.held_out_before
 
 
 def _of_sigma(noise: NoiseReport) -> list[str]:

@@ -240,13 +240,14 @@ def _laws(finding: Finding) -> list[dict[str, Any]]:
 def _unnamed(finding: Finding) -> dict[str, Any] | None:
     if finding.verdict not in ("unexplained", "named_insufficient") or not finding.testable:
         return None
-    where, law = finding.last.localisation, finding.last.law
+    where, law, device = finding.last.localisation, finding.last.law, finding.last.device_law
     top = [] if where is None else [
         (b.virtual_joint, f"{100 * b.explained:.0f} %") for b in where.back_projections[:6]
     ]  # fmt: skip
     return {
         "accused": where.accused if where else "",
         "picture": _marked(law_plots.draw_unnamed(finding)),
+        "device": device and words.device_text(device),
         "law": None
         if law is None
         else {

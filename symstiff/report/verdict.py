@@ -53,6 +53,7 @@ def verdict_table(finding: Finding) -> dict[str, Any]:
         ],
         "accused": last.localisation.accused if last.localisation else None,
         "law": _law(finding),
+        "device_law": _device_law(finding),
         "confusability": {
             "names": [_name(n) for n in last.confusability_names],
             "noncentrality": np.asarray(last.confusability).tolist(),
@@ -165,3 +166,11 @@ def _law(finding: Finding) -> dict[str, Any] | None:
         "explained": plain(law.explained),
         "cross_validated": plain(law.cross_validated),
     }
+
+
+def _device_law(finding: Finding) -> dict[str, Any] | None:
+    law = finding.last.device_law
+    if law is None:
+        return None
+    terms = [{"law": t, "value": plain(v), "std": plain(d)} for t, v, d in law.terms]
+    return {"place": law.place, "terms": terms, "explained": plain(law.explained)}

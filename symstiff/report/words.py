@@ -7,10 +7,11 @@ import re
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-from symstiff.discrepancy.localise import FittedLaw
+from symstiff.discrepancy.localise import DeviceLaw, FittedLaw
 from symstiff.discrepancy.result import Estimate, Name
 from symstiff.discrepancy.speech import named, place, spoken
-from symstiff.discrepancy.workflow import Finding, Found
+from symstiff.discrepancy.verdict import NOT_ALONE
+from symstiff.discrepancy.workflow import Finding, Found, unconfirmed
 from symstiff.report.tables import rotates
 
 _SHOWN = {"m": ("mm", 1e3), "rad": ("mrad", 1e3), "1": ("", 1.0)}
@@ -191,6 +192,7 @@ def gap(finding: Finding) -> str:
             f", on poses that were not used from {millimetres(r.held_out_before)} "
             f"to {millimetres(r.held_out_after)}"
         )
+        text += ", which does not confirm it" if unconfirmed(r) else ""
     return f"{text} (noise {millimetres(r.noise)})"
 
 
@@ -243,9 +245,14 @@ def _insufficient(finding: Finding) -> str:
 def _unexplained(finding: Finding) -> str:
     accused = finding.last.localisation.accused if finding.last.localisation else ""
     text = "No effect of the catalogue accounts for the data"
+    if finding.reason == NOT_ALONE:
+        told = "; ".join(named(name.effect, name.where) for name, _, _ in finding.last.leading)
+        text = f"{told[:1].upper()}{told[1:]} accounts for the data, but a law without a name does so as well"
     text += f"; the evidence is strongest at {accused}" if accused else ""
+    if finding.last.device_law is not None:
+        text += f", where {device_text(finding.last.device_law)}"
     law = finding.last.law
-    if law is not None:
+    if law is not None and finding.last.device_law is None:
         where = "" if law.virtual_joint == accused else f" at {law.virtual_joint}"
         text += (
             f", where the smooth law{where} Δθ = {law_text(finding, law)} explains "
@@ -257,9 +264,23 @@ def _unexplained(finding: Finding) -> str:
     )
 
 
+def device_text(law: DeviceLaw) -> str:
+    """What a sensor, the device or a marker adds, with sizes."""
+    parts: dict[str, list[str]] = {}
+    for text, value, deviation in law.terms:
+        name, _, axis = text.partition(": ")
+        factor = 100.0 if name.startswith("gain") else 1e3
+        parts.setdefault(name, []).append(f"{axis} {factor * value:.3g} ± {factor * deviation:.1g}".strip())
+    told = ", ".join(
+        f"{name} ({', '.join(sizes)} {'%' if name.startswith('gain') else 'mm'})"
+        for name, sizes in parts.items()
+    )
+    return f"{told} explains {100 * law.explained:.0f} % of what the model leaves"
+
+
 def law_text(finding: Finding, law: FittedLaw) -> str:
     """A fitted law as one reads it, with t for the load in units of the largest."""
-    text = re.sub(r"[-+]?\d[\d.]*e[-+]\d+", lambda m: f"{float(m.group()):+.4f}", law.expression)
+    text = re.sub(r"[-+]?\d[\d.]*e[-+]\d+", lambda m: f"{float(m.group()):+.9f}", law.expression)
     factor, unit, load = (1e3, "mrad", "N·m") if rotates(finding, law.virtual_joint) else (1e3, "mm", "N")
     text = re.sub(r"(?<![\w.(*^])[-+]?\d[\d.]*(?=\*)", lambda m: f"{factor * float(m.group()):+.3g}", text)
     for plain, written in (("tau", "t"), ("*", "·"), (" ", ""), ("+", " + "), ("-", " − ")):
@@ -267,4 +288,10 @@ def law_text(finding: Finding, law: FittedLaw) -> str:
     text = text.strip().removeprefix("+").strip()
     text = re.sub(r"^− ", "−", text)
     others = "".join(f" and t{j} = τ{j}/max|τ{j}|" for j in sorted(set(re.findall(r"\bt(\d+)", text))))
+    if "tx" in text:
+        others += " and tx = the load along the link, by its largest"
+    if "beyond(" in text:
+        others += " and beyond(t, s) the part of t above s"
+    if "late(" in text:
+        others += " and late(t, s) following t with the time constant s of the session"
     return f"({text}) {unit} with t = τ/({number(law.tau_scale, 4)} {load}){others}"
