@@ -8,13 +8,19 @@ import numpy as np
 import pytest
 
 from symstiff.calibration.measurements import Measurements
+from symstiff.discrepancy.assemble import assemble
 from symstiff.discrepancy.laws import _lagging
 from symstiff.discrepancy.localise import FittedLaw
 from symstiff.discrepancy.result import Rms
+from symstiff.discrepancy.situation import look
 from symstiff.discrepancy.workflow import Finding, Task, run, unconfirmed
 from symstiff.report import words
 from symstiff.robot import load
+from symstiff.robot.schema import Marker
 from tests.diagnosis_data import ROBOT, design, measured
+from tests.test_assemble import complete, truth_of
+from tests.test_assemble import design as experiment
+from tests.test_assemble import measured as exact
 
 
 def _diagnosed(table: Measurements) -> Finding:
@@ -49,6 +55,25 @@ def test_a_force_sensor_that_reads_too_little_at_large_loads_is_accused() -> Non
     assert found.last.localisation is not None
     assert found.last.localisation.accused.startswith("force sensor")
     assert "%" in words.sentence(found)
+
+
+def test_a_marker_that_sits_elsewhere_moves_with_the_tool() -> None:
+    """Against the offset of a robot file that has the marker at the other place."""
+    robot, table = load("ur10"), experiment("ur10", "absolute")
+    found = assemble(complete("ur10"), exact(truth_of("ur10"), table), effects=())
+    shift = np.array([2e-3, -1e-3, 3e-3])
+    moved = [
+        m
+        if m.name != "p2"
+        else Marker(name="p2", xyz=[str(float(x) + d) for x, d in zip(m.xyz, shift, strict=True)])
+        for m in robot.marker
+    ]
+    other = robot.model_copy(update={"marker": tuple(moved)})
+    expected = look(other, table).offset - look(robot, table).offset
+    view = found.situation.view
+    block = found.problem.device["marker p2", "shift in the tool's axes"]
+    assert block @ shift == pytest.approx((expected @ view.turn.T)[view.state, view.component], abs=1e-9)
+    assert np.any(expected[table.point == 1])
 
 
 def test_a_load_that_is_followed_late_rises_as_an_exponential() -> None:
