@@ -162,8 +162,9 @@ def _diagnosed(
     tell("columns")
     assembly = assemble(model, table)
     found = diagnose(assembly.problem, assembly.candidates, options, tell)
-    believed = believed_loads(model, table, assembly, found.leading)
-    if not believed or found.verdict == AMBIGUOUS or (found.verdict == NAMED and len(found.leading) == 1):
+    settled = found.verdict == AMBIGUOUS or (found.verdict == NAMED and len(found.leading) == 1)
+    believed = [] if settled else believed_loads(model, table, assembly, found.leading)
+    if not believed:
         return assembly, found
     tell("columns under the loads found")
     under = assemble(model, table, believed=believed)
