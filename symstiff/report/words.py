@@ -246,9 +246,11 @@ def _unexplained(finding: Finding) -> str:
     accused = finding.last.localisation.accused if finding.last.localisation else ""
     text = "No effect of the catalogue accounts for the data"
     if finding.reason == NOT_ALONE:
-        told = "; ".join(named(name.effect, name.where) for name, _, _ in finding.last.leading)
-        text = f"{told[:1].upper()}{told[1:]} accounts for the data, but a law without a name does so as well"
-    text += f"; the evidence is strongest at {accused}" if accused else ""
+        told = [named(name.effect, name.where) for name, _, _ in finding.last.leading]
+        sets, verb = ", ".join(told), "account" if len(told) > 1 else "accounts"
+        text = f"{sets[:1].upper()}{sets[1:]} {verb} for the data, but a law without a name does so as well"
+    the = "the " if accused.startswith(("reading", "force")) else ""
+    text += f"; the evidence is strongest at {the}{accused}" if accused else ""
     if finding.last.device_law is not None:
         text += f", where {device_text(finding.last.device_law)}"
     law = finding.last.law
@@ -270,12 +272,31 @@ def device_text(law: DeviceLaw) -> str:
     for text, value, deviation in law.terms:
         name, _, axis = text.partition(": ")
         factor = 100.0 if name.startswith("gain") else 1e3
-        parts.setdefault(name, []).append(f"{axis} {factor * value:.3g} ± {factor * deviation:.1g}".strip())
+        parts.setdefault(name, []).append(
+            f"{axis} {_with_deviation(factor * value, factor * deviation)}".strip()
+        )
     told = ", ".join(
-        f"{name} ({', '.join(sizes)} {'%' if name.startswith('gain') else 'mm'})"
+        f"{_DEVICE.get(name, f'a term in {name}')} ({', '.join(sizes)} {'%' if name.startswith('gain') else 'mm'})"
         for name, sizes in parts.items()
     )
     return f"{told} explains {100 * law.explained:.0f} % of what the model leaves"
+
+
+_DEVICE = {
+    "gain": "a gain error",
+    "gain*load": "a gain error that grows with the load",
+    "shift with the load": "a shift with the load",
+    "shift in the tool's axes": "a shift in the tool's axes",
+    "shift with the load in the tool's axes": "a shift with the load in the tool's axes",
+}
+
+
+def _with_deviation(value: float, deviation: float) -> str:
+    """Value ± deviation with two digits of the deviation."""
+    if not 0 < deviation < math.inf:
+        return f"{value:.3g}"
+    digits = max(0, 1 - math.floor(math.log10(deviation)))
+    return f"{value:.{digits}f} ± {deviation:.{digits}f}"
 
 
 def law_text(finding: Finding, law: FittedLaw) -> str:
