@@ -220,6 +220,17 @@ def test_effects_that_add_the_same_columns_share_a_group() -> None:
     assert of(found, "link_asymmetry", {"link": 1}).group != base.group
 
 
+def test_columns_that_are_the_same_at_these_poses_alone_share_no_group() -> None:
+    """With joint 3 always at one angle, drifts of the links before and behind it look the same, but only there."""
+    table = design("ur10", "deflection")
+    still = replace(table, q=np.where(np.arange(6) == 2, 0.7, table.q))
+    found = assemble(complete("ur10"), measured(truth_of("ur10"), still))
+    before, behind = (of(found, "thermal_drift", {"link": i}) for i in (2, 3))
+    space = [c.columns(c.shapes[1]) for c in (before, behind)]
+    assert np.linalg.norm(outside(space[1], space[0])) < 1e-6 * np.linalg.norm(space[1])
+    assert before.group != behind.group
+
+
 def test_a_model_of_joints_is_offered_the_compliance_of_links() -> None:
     data = measured(truth_of("kuka_kr270"), design("kuka_kr270", "deflection"))
     found = assemble(joints_only(load("kuka_kr270")), data)

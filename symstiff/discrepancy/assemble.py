@@ -15,7 +15,7 @@ from threadpoolctl import threadpool_limits
 from symstiff.calibration.loading import load_factor
 from symstiff.calibration.measurements import Measurements
 from symstiff.discrepancy.candidates import candidates as candidates_of
-from symstiff.discrepancy.candidates import grouped
+from symstiff.discrepancy.candidates import grouped, structural
 from symstiff.discrepancy.current import Current, settled, sigma_of
 from symstiff.discrepancy.problem import Array, Candidate, Problem
 from symstiff.discrepancy.situation import Situation, View, has_weights, loads_of, under_weights
@@ -66,6 +66,7 @@ def assemble(
         situation = _loaded(current.situation, believed)
         problem = _problem(situation, current)
         candidates = grouped(problem, tuple(candidates_of(model, situation, problem, found)))
+        candidates = structural(model, situation, candidates)
     fitted = {n: current.fitted[n] for n in model.parameters if n in current.fitted}
     return Assembly(problem, candidates, situation, current.names, fitted)
 

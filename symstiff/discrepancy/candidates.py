@@ -10,9 +10,10 @@ import numpy as np
 from symstiff.calibration.loading import load_factor
 from symstiff.calibration.measurements import Measurements
 from symstiff.discrepancy.current import sigma_of, spread_of
+from symstiff.discrepancy.placement import placement_columns
 from symstiff.discrepancy.problem import Array, Candidate, Parameter, Problem, Shape
 from symstiff.discrepancy.scan import column_space
-from symstiff.discrepancy.situation import Situation, View
+from symstiff.discrepancy.situation import Situation, View, linear_columns, look, under_weights
 from symstiff.effects.base import Effect, Realisation, Scales, Where
 from symstiff.model import StiffnessModel
 from symstiff.robot.schema import Robot
@@ -166,6 +167,44 @@ def grouped(problem: Problem, candidates: Sequence[Candidate]) -> tuple[Candidat
         known.append((name, shadow, size))
         out.append(replace(candidate, group=name))
     return tuple(out)
+
+
+def structural(
+    model: StiffnessModel, situation: Situation, candidates: Sequence[Candidate]
+) -> tuple[Candidate, ...]:
+    """Keep the groups that hold at other poses too: these poses alone may make columns look the same."""
+    names = [c.group for c in candidates]
+    several = [c for c in candidates if c.group and names.count(c.group) > 1]
+    if not several:
+        return tuple(candidates)
+    elsewhere = _elsewhere(model.robot, situation)
+    moved = [replace(c, columns=replace(c.columns, situation=elsewhere, _seen={})) for c in several]  # type: ignore[type-var]
+    compliances = list(dict.fromkeys(t.parameter for t in situation.laws.terms))
+    A = np.hstack([
+        linear_columns(elsewhere.view, situation.laws.terms, compliances), placement_columns(elsewhere.view)
+    ])  # fmt: skip
+    rows = len(A)
+    blank = np.zeros(rows, dtype=np.intp)
+    there = grouped(Problem(np.zeros(rows), A, blank, blank, blank, blank), moved)
+    both = {c.key: (c.group, found.group) for c, found in zip(several, there, strict=True)}
+    first: dict[tuple[str, str], str] = {}
+    return tuple(
+        replace(c, group=first.setdefault(both[c.key], c.key)) if c.key in both else c for c in candidates
+    )
+
+
+def _elsewhere(robot: Robot, situation: Situation) -> Situation:
+    """The same experiment at random poses within the joints' limits."""
+    view = situation.view
+    poses, back = np.unique(view.table.pose, return_inverse=True)
+    limits = np.array([j.range for j in robot.joint])
+    q = np.random.default_rng(0).uniform(limits[:, 0], limits[:, 1], (len(poses), len(limits)))
+    moved = look(robot, replace(view.table, q=q[back.reshape(-1)]), view.turn)
+    if view.table.kind == "absolute":
+        values = np.array(view.table.values)
+        values[:, :3] = (moved.found.T[:, :3, 3] + moved.offset) @ view.turn.T
+        moved = under_weights(replace(moved, table=replace(moved.table, values=values)))
+    return Situation(moved, replace(situation.laws, view=moved))
 
 
 def _shadow(block: Array, basis: Array, probe: Array) -> Array:
