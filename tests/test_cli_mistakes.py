@@ -75,6 +75,28 @@ def test_a_bad_option_is_one_line_and_nothing_is_written(
     assert list(tmp_path.iterdir()) == []
 
 
+BAD_USAGE = [
+    (("frob",), ("no such command 'frob'", "symstiff --help")),
+    (("generate",), ("missing argument 'robot'", "symstiff generate --help")),
+    (("diagnose", "planar2r"), ("missing argument 'data'", "symstiff diagnose --help")),
+    (("generate", "planar2r", "--frob", "1", "-o", "x"), ("--frob", "symstiff generate --help")),
+    (("plan", "planar2r", "--poses", "few", "-o", "x"), ("--poses", "symstiff plan --help")),
+]
+
+
+@pytest.mark.parametrize(("arguments", "words"), BAD_USAGE, ids=lambda a: " ".join(a))
+def test_a_wrong_call_is_one_line_that_points_to_help(
+    run: Run, arguments: tuple[str, ...], words: tuple[str, ...]
+) -> None:
+    assert_users_mistake(run(*arguments), *words)
+
+
+def test_no_arguments_show_help(run: Run) -> None:
+    result = run()
+    assert "diagnose" in result.out
+    assert result.err == ""
+
+
 def test_a_model_of_another_robot_or_class_is_refused(run: Run, tmp_path: Path) -> None:
     from symstiff.model import joints_only
     from symstiff.robot import load

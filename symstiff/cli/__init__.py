@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import sys
+from typing import Any
 
 
 def main() -> None:
@@ -11,7 +12,7 @@ def main() -> None:
     from symstiff.errors import UserError
 
     try:
-        app()
+        raise SystemExit(app(prog_name="symstiff", standalone_mode=False) or 0)
     except UserError as error:
         print(f"symstiff: {error}", file=sys.stderr)
         raise SystemExit(2) from None
@@ -21,6 +22,8 @@ def main() -> None:
     except BrokenPipeError:
         raise SystemExit(1) from None
     except Exception as error:
+        if hasattr(error, "format_message"):
+            raise SystemExit(_usage(error)) from None
         import os
         import traceback
 
@@ -33,3 +36,15 @@ def main() -> None:
             file=sys.stderr,
         )
         raise SystemExit(1) from None
+
+
+def _usage(error: Any) -> int:
+    """Say in one line what is wrong with the arguments (typer's own error), and where help is; the exit code."""
+    context = getattr(error, "ctx", None)
+    if context is not None and "NoArgs" in type(error).__name__:
+        print(context.get_help())
+        return int(error.exit_code)
+    said = " ".join(error.format_message().split()).rstrip(".?").replace(". Did", "; did")
+    command = context.command_path if context is not None else "symstiff"
+    print(f"symstiff: {said[:1].lower()}{said[1:]}: see {command} --help", file=sys.stderr)
+    return int(error.exit_code)
