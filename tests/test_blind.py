@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from dataclasses import asdict
+from dataclasses import asdict, replace
 from pathlib import Path
 
 import numpy as np
@@ -12,6 +12,7 @@ import pytest
 from symstiff.calibration.table import read_measurements, write_table
 from symstiff.discrepancy.assemble import assemble
 from symstiff.discrepancy.scan import column_space
+from tests.blind.apart import LEVEL, _weight, apart, limit, outside
 from tests.blind.generate import Options, case
 from tests.blind.run import benchmark, keep, one, report
 from tests.blind.score import bars, calibration, outcome, same, wilson
@@ -58,6 +59,36 @@ def test_the_hidden_signal_has_the_noncentrality_that_the_label_says() -> None:
     left = (signal - basis @ (basis.T @ signal)) / (problem.sigma / hidden.label.stated)
     # the approach error and the noise's growth, which the label counts, make this an upper estimate
     assert 0.7 * hidden.label.wanted < left @ left < 2.5 * hidden.label.wanted
+
+
+def test_a_judge_who_knows_the_noise_names_what_is_large_and_only_that() -> None:
+    hidden = next(
+        c for c in (case(n, SMALL) for n in range(30)) if c.label.kind == "one" and c.label.wanted == 600.0
+    )
+    found = assemble(hidden.model, hidden.table)
+    groups = {c.key: c.group for c in found.candidates if c.group}
+    large, small = (
+        limit(hidden, found, groups),
+        limit(replace(hidden, signal=0.02 * hidden.signal), found, groups),
+    )
+    assert large is not None
+    assert small is not None
+    assert large > 0.8
+    assert small <= LEVEL + 0.02
+    D = apart(hidden, found, groups)
+    assert D is not None
+    assert 0.0 <= D <= hidden.label.wanted * 1.1
+
+
+def test_the_judges_weights_are_likelihood_ratios() -> None:
+    hidden = case(0, SMALL)
+    found = assemble(hidden.model, hidden.table)
+    space = outside(hidden, found)
+    noise = np.random.default_rng(5).standard_normal((3 * len(hidden.signal), 40000))
+    there = [c for c in found.candidates if not c.unavailable]
+    for candidate in there[:: max(len(there) // 6, 1)]:
+        ratio = np.exp(_weight(candidate, space, 2.0, noise))
+        assert np.mean(ratio) == pytest.approx(1.0, abs=5 * np.std(ratio) / 200)  # under noise alone: one
 
 
 def test_scores_follow_their_definitions() -> None:

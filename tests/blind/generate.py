@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
-from functools import lru_cache
+from functools import lru_cache, partial
 from typing import Any
 
 import numpy as np
@@ -71,8 +71,10 @@ class Case:
     model: StiffnessModel
     signal: np.ndarray = field(repr=False)
     """(rows, 6) what the hidden effects add to the noise-free values: for the oracle."""
-    parts: tuple[np.ndarray, ...] = field(default=(), repr=False)
+    parts: tuple[np.ndarray, ...] = field(repr=False)
     """The same for each effect alone."""
+    whitened: Callable[[np.ndarray], np.ndarray] = field(repr=False)
+    """(rows, 3, …) -> the same in units of the noise, the error that a pose's rows share included."""
 
 
 @dataclass(frozen=True)
@@ -168,7 +170,8 @@ def _case(
         _described(scene, size), stated,
     )  # fmt: skip
     parts = tuple(_values(scene, base, (e,)) - clean for e in effects)
-    return Case(label, table, scene.model, _values(scene, base, effects) - clean, parts)
+    signal = _values(scene, base, effects) - clean
+    return Case(label, table, scene.model, signal, parts, partial(_whitened, scene))
 
 
 def _described(scene: _Scene, size: float) -> dict[str, Any]:

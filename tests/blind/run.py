@@ -22,6 +22,7 @@ from symstiff.discrepancy.problem import Problem
 from symstiff.discrepancy.scan import column_space
 from symstiff.discrepancy.workflow import Finding, Task
 from symstiff.discrepancy.workflow import run as diagnose
+from tests.blind.apart import apart, limit
 from tests.blind.generate import Case, Options, case
 from tests.blind.score import bars, outcome, points, same, share
 
@@ -75,7 +76,8 @@ def _one(number: int, options: Options, others: bool) -> dict[str, Any]:
         "confidences": _confidences(finding, label.truth, groups),
         "p_values": [e.p_value for e in finding.named], "rms": asdict(finding.rms),
         "closure": _closure(hidden, assembly, finding), "seconds": seconds,
-        "apart": _apart(hidden, assembly, groups), "needed": _needed(finding, label.truth, groups),
+        "apart": apart(hidden, assembly, groups), "limit": limit(hidden, assembly, groups),
+        "needed": _needed(finding, label.truth, groups),
     }  # fmt: skip
     if others:
         row["others"] = _others(assembly, label.truth, groups)
@@ -103,63 +105,6 @@ def _confidences(finding: Finding, truth: Any, groups: Any) -> list[tuple[float,
     return [
         (float(e.confidence), any(same((e.effect, e.where), t, groups) for t in truth)) for e in finding.named
     ]
-
-
-def _apart(hidden: Case, assembly: Assembly, groups: Any) -> float | None:
-    """D: what of a hidden effect's λ the nearest candidate of another name leaves; small means inseparable.
-
-    For an effect outside of the catalogue: what the nearest candidate leaves, of any name. Of two hidden effects
-    the smaller D, with the other one's candidate beside the model.
-    """
-    truth = hidden.label.truth
-    if not np.any(hidden.signal) or len(hidden.parts) > 2 or (len(hidden.parts) == 2) != (len(truth) == 2):
-        return None
-    if len(hidden.parts) < 2:
-        lam = max(hidden.label.noncentrality, default=0.0)
-        return lam * _least_left(hidden.signal, assembly, groups, truth, ())
-    found = []
-    for k, (signal, lam) in enumerate(zip(hidden.parts, hidden.label.noncentrality, strict=True)):
-        beside = _nearest(hidden.parts[1 - k], assembly, groups, truth[1 - k])
-        found.append(lam * _least_left(signal, assembly, groups, truth, beside))
-    return min(found)
-
-
-def _least_left(
-    hidden: np.ndarray, assembly: Assembly, groups: Any, truth: Any, beside: tuple[np.ndarray, ...]
-) -> float:
-    """Share of a signal outside the model that the nearest candidate which is not the truth leaves."""
-    problem, view = assembly.problem, assembly.situation.view
-    sigma = np.ones(problem.rows) if problem.sigma is None else problem.sigma
-    basis = column_space(np.column_stack([problem.A, *beside]) / sigma[:, None])
-    signal = hidden[view.state, view.component] / sigma
-    signal = signal - basis @ (basis.T @ signal)
-    least = 1.0
-    for candidate in assembly.candidates:
-        name = (candidate.effect, candidate.where)
-        if candidate.unavailable or any(same(name, t, groups) for t in truth):
-            continue
-        for shape in candidate.shapes:
-            block = candidate.columns(shape) / sigma[:, None]
-            own = column_space(block - basis @ (basis.T @ block), 1e-6)
-            rest = signal - own @ (own.T @ signal)
-            least = min(least, float(rest @ rest / max(signal @ signal, 1e-300)))
-    return least
-
-
-def _nearest(hidden: np.ndarray, assembly: Assembly, groups: Any, truth: Any) -> tuple[np.ndarray, ...]:
-    """Columns of the true candidate's shape that is nearest to a signal; none where the catalogue lacks it."""
-    problem, view = assembly.problem, assembly.situation.view
-    signal = hidden[view.state, view.component]
-    best: tuple[float, tuple[np.ndarray, ...]] = (np.inf, ())
-    for candidate in assembly.candidates:
-        if candidate.unavailable or not same((candidate.effect, candidate.where), truth, groups):
-            continue
-        for shape in candidate.shapes:
-            block = candidate.columns(shape)
-            left = _left(problem, block, of=signal)
-            if left < best[0]:
-                best = (left, (block,))
-    return best[1]
 
 
 def _needed(finding: Finding, truth: Any, groups: Any) -> float | None:

@@ -96,6 +96,12 @@ def bars(rows: Sequence[Row]) -> dict[str, dict[str, Any]]:
     def testable(lam: float) -> Select:
         return lambda r: apart(lam)(r) and (r["needed"] or math.inf) <= lam
 
+    def judged(lam: float) -> Select:
+        return lambda r: one(lam)(r) and r.get("limit") is not None
+
+    def limit(row: Row) -> float:
+        return float(row["limit"])
+
     def two(least: float, most: float = math.inf) -> Select:
         return lambda r: r["kind"] == "two" and least <= r["wanted"] <= most
 
@@ -118,6 +124,8 @@ def bars(rows: Sequence[Row]) -> dict[str, dict[str, Any]]:
         "right name at lambda 60, told apart by the data": share(rows, apart(60.0), points),
         "right name at lambda 25, apart and seen in 80 %": share(rows, testable(25.0), points),
         "right name at lambda 60, apart and seen in 80 %": share(rows, testable(60.0), points),
+        "right name at lambda 25, by a judge who knows the noise": share(rows, judged(25.0), limit),
+        "right name at lambda 60, by a judge who knows the noise": share(rows, judged(60.0), limit),
         "right name at lambda 150": share(rows, one(150.0), points),
         "right name at lambda 600": share(rows, one(600.0), points),
         "bad pose": share(rows, lambda r: r["kind"] == "bad_pose", points),
