@@ -11,6 +11,7 @@ from symstiff.calibration.measurements import Measurements
 from symstiff.discrepancy.assemble import assemble
 from symstiff.discrepancy.laws import _lagging
 from symstiff.discrepancy.localise import FittedLaw
+from symstiff.discrepancy.problem import Problem
 from symstiff.discrepancy.result import Rms
 from symstiff.discrepancy.situation import look
 from symstiff.discrepancy.workflow import Finding, Task, run, unconfirmed
@@ -41,7 +42,7 @@ def test_a_marker_that_gives_way_is_accused_with_its_size() -> None:
     law = found.last.device_law
     assert law is not None
     assert law.place == "marker p2"
-    assert [value for _, value, _ in law.terms] == pytest.approx([1e-4, -0.5e-4, 0.2e-4], abs=1.5e-5)
+    assert [value for _, value, _, _ in law.terms] == pytest.approx([1e-4, -0.5e-4, 0.2e-4], abs=1.5e-5)
     assert "marker p2" in words.sentence(found)
     assert "mm)" in words.device_text(law)
 
@@ -71,9 +72,58 @@ def test_a_marker_that_sits_elsewhere_moves_with_the_tool() -> None:
     other = robot.model_copy(update={"marker": tuple(moved)})
     expected = look(other, table).offset - look(robot, table).offset
     view = found.situation.view
-    block = found.problem.device["marker p2", "shift in the tool's axes"]
+    block = _law(found.problem, "marker p2", "shift in the tool's axes")
     assert block @ shift == pytest.approx((expected @ view.turn.T)[view.state, view.component], abs=1e-9)
     assert np.any(expected[table.point == 1])
+
+
+def _law(problem: Problem, place: str, title: str) -> np.ndarray:
+    return next(law.values for law in problem.devices if (law.place, law.title) == (place, title))
+
+
+def test_a_device_that_reads_distances_too_long_is_accused_with_its_scale() -> None:
+    """Against the positions of a device whose millimetre is 80 ppm short."""
+    table = experiment("ur10", "absolute")
+    values = exact(truth_of("ur10"), table).values.copy()
+    far = values.copy()
+    far[:, :3] += [2.0, -1.0, 0.5]
+    found = assemble(complete("ur10"), replace(exact(truth_of("ur10"), table), values=far), effects=())
+    view = found.situation.view
+    grown = 80e-6 * far[:, :3]
+    assert 80.0 * _law(found.problem, "measuring device", "scale error")[:, 0] == pytest.approx(
+        grown[view.state, view.component], abs=1e-12
+    )
+    angle = np.arctan2(far[:, 1], far[:, 0])
+    turned = np.stack([np.cos(angle + 1e-6), np.sin(angle + 1e-6)], axis=1) * np.hypot(*far[:, :2].T)[:, None]
+    moved = np.column_stack([turned, far[:, 2]]) - far[:, :3]
+    waves = _law(found.problem, "measuring device", "azimuth error, 1 per turn")
+    rows = angle[view.state]
+    assert 1e-6 * (np.sin(rows) * waves[:, 0] + np.cos(rows) * waves[:, 1]) == pytest.approx(
+        moved[view.state, view.component], abs=1e-11
+    )
+
+
+def test_readings_that_hold_the_load_before_are_columns_of_what_it_made() -> None:
+    """Against predictions at loads of which each holds a tenth of the one before."""
+    table, truth = design(), complete(ROBOT)
+    found = assemble(truth, measured(), effects=())
+    assert np.any(_law(found.problem, "order of the loads", "late"))
+    view = found.situation.view
+    made = found.situation.view.read(
+        np.einsum("nrv,nv->nr", view.at_point, found.situation.laws(view.tau + view.more))
+    )
+    late = _law(found.problem, "order of the loads", "late")[:, 0]
+    key = [tuple(k) for k in np.column_stack([table.pose, table.point])[view.state]]
+    for row in range(0, len(late), 37):
+        same = [
+            r
+            for r in range(len(late))
+            if key[r] == key[row]
+            and view.component[r] == view.component[row]
+            and view.state[r] < view.state[row]
+        ]
+        before = made[same[-1]] if same else 0.0
+        assert late[row] == pytest.approx(before - made[row], abs=1e-15)
 
 
 def test_a_load_that_is_followed_late_rises_as_an_exponential() -> None:

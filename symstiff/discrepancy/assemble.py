@@ -17,12 +17,13 @@ from symstiff.calibration.measurements import Measurements
 from symstiff.discrepancy.candidates import candidates as candidates_of
 from symstiff.discrepancy.candidates import grouped, structural
 from symstiff.discrepancy.current import Current, settled, sigma_of
+from symstiff.discrepancy.devices import device_laws
 from symstiff.discrepancy.problem import Array, Candidate, Problem
 from symstiff.discrepancy.situation import Situation, View, has_weights, loads_of, under_weights
 from symstiff.effects.base import Effect, EffectInstance, catalogue
 from symstiff.errors import UserError
 from symstiff.model import StiffnessModel
-from symstiff.symbolic.terms import AXES, Term, VirtualJoint, deflection, w
+from symstiff.symbolic.terms import VirtualJoint
 
 _UNLOADED = 1e-9
 """Load on a virtual joint, against the largest, that is rounding."""
@@ -107,7 +108,7 @@ def _problem(situation: Situation, current: Current) -> Problem:
         J=view.J,
         tau=(view.tau + view.more)[state],
         weight=_weight(view),
-        device=_gains(situation) | _markers(view),
+        devices=device_laws(situation),
         virtual_joints=tuple(_title(v) for v in view.joints),
         joint_of=tuple(v.body - 1 if v.kind == "joint" else -1 for v in view.joints),
         q=table.q[state],
@@ -123,49 +124,6 @@ def _weight(view: View) -> Array | None:
     if view.table.kind != "deflection" or not has_weights(view.robot):
         return None
     return np.asarray((under_weights(view).tau - view.tau)[view.state])
-
-
-def _gains(situation: Situation) -> dict[tuple[str, str], Array]:
-    """What the force sensor and the measuring device add that read one axis too large, the more the larger it is."""
-    view = situation.view
-    places = {f"force sensor axis {c}": (VirtualJoint("load", 0, c), w(c)) for c in AXES}
-    places |= {
-        f"reading of axis {c}": (VirtualJoint("measure", 0, int(c)), deflection(int(c)))
-        for c in np.unique(view.component) + 1
-    }
-    block = situation.columns([Term(name, *place) for name, place in places.items()], list(places))
-    share = np.abs(load_factor(view.table))[view.state]
-    found = {
-        (name, "gain"): column[:, None]
-        for name, column in zip(places, block.T, strict=True)
-        if np.any(column)
-    }
-    if np.ptp(share) == 0:
-        return found
-    grown = {(name, "gain*load"): share[:, None] * column for (name, _), column in found.items()}
-    sensor = sum((c for (name, _), c in grown.items() if name.startswith("force")), np.zeros((len(share), 1)))
-    return found | grown | {("force sensor", "gain*load"): sensor}
-
-
-def _markers(view: View) -> dict[tuple[str, str], Array]:
-    """What a marker adds that is not where it was told to be, or that gives way under load."""
-    points = view.table.point[view.state]
-    if len(np.unique(points)) < 2:
-        return {}
-    share = np.abs(load_factor(view.table))[view.state][:, None]
-    fixed = (view.component[:, None] == np.arange(3)).astype(float)
-    turned = np.zeros((len(view.state), 3))
-    moved = view.component < 3
-    tool = view.turn @ view.found.R[:, -1]
-    turned[moved] = tool[view.state[moved], view.component[moved]]
-    found = {}
-    for k in np.unique(points):
-        own, name = (points == k)[:, None], f"marker {view.table.points[k]}"
-        if view.table.kind == "absolute":
-            found[name, "shift in the tool's axes"] = own * turned
-        found[name, "shift with the load"] = own * share * fixed
-        found[name, "shift with the load in the tool's axes"] = own * share * turned
-    return found
 
 
 def _title(v: VirtualJoint) -> str:

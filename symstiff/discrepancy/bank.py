@@ -139,13 +139,10 @@ def _usual(parameters: Sequence[Parameter], block: Array) -> tuple[Array, bool]:
     return np.maximum(found / found.max(), _LEAST_SIZE), True
 
 
-def _without_rounding(parameters: Sequence[Parameter], block: Array) -> Array:
-    """The block with zeros where a column is nothing beside the others but the rounding of its computation."""
-    sizes = np.array([p.typical if p.typical > 0 else 1.0 for p in parameters])
-    if len(sizes) != block.shape[1]:
-        return block
+def without_rounding(block: Array, sizes: Array) -> Array:
+    """The block (M, k) with zeros where a column, at its usual size (k,), is nothing but the others' rounding."""
     found = sizes * np.linalg.norm(block, axis=0)
-    return np.where(found > ROUNDING * found.max(), block, 0.0)
+    return np.asarray(np.where(found > ROUNDING * np.max(found, initial=0.0), block, 0.0))
 
 
 def _place(problem: Problem, block: Array) -> str:
@@ -175,7 +172,9 @@ def _blocks(problem: Problem, candidate: Candidate) -> list[tuple[int, Array]]:
         block = np.asarray(candidate.columns(shape), dtype=float)
         block = block.reshape(problem.rows, -1)
         if block.shape[1] and np.all(np.isfinite(block)) and np.any(block):
-            out.append((number, _without_rounding(candidate.parameters_at(shape), block)))
+            sizes = np.array([p.typical if p.typical > 0 else 1.0 for p in candidate.parameters_at(shape)])
+            sized = len(sizes) == block.shape[1]
+            out.append((number, without_rounding(block, sizes) if sized else block))
     return out
 
 

@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from symstiff.calibration.measurements import Measurements
+from symstiff.discrepancy.bank import without_rounding
 from symstiff.discrepancy.placement import placed, placement_columns
 from symstiff.discrepancy.problem import Array, Shape
 from symstiff.discrepancy.situation import Laws, Situation, View, has_weights, loads_of, look, under_weights
@@ -17,6 +18,9 @@ from symstiff.model import StiffnessModel
 from symstiff.reduction.physical import Parameter as Compliance
 from symstiff.reduction.physical import physical_stages, terms_of
 from symstiff.symbolic.terms import Term
+
+_COMPLIANCE = 1e-7
+"""Usual size of a compliance that the model leaves out."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -79,6 +83,7 @@ def _current(
                     A[:, place[name]] += column
                 else:
                     target -= nominal[name] * column
+        A = without_rounding(A, np.array([model.steps.get(n, _COMPLIANCE) for n in free]))
         extra = placement_columns(view)
         solution, left = _fitted(np.hstack([A, extra]), target, view, [known.get(n, 0.0) for n in free])
         fit = dict(zip(free, solution, strict=True))

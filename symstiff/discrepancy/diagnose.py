@@ -158,7 +158,7 @@ def _written(
 
 def _law(problem: Problem, scan: Scan, place: Localisation) -> FittedLaw | None:
     """The best smooth law at the accused virtual joint; at the next best ones where there is none."""
-    if any(place.accused == at for at, _ in problem.device):
+    if any(place.accused == law.place for law in problem.devices):
         return None
     names = dict.fromkeys([place.accused, *(b.virtual_joint for b in place.back_projections[:4])])
     return next((law for law in (best_law(problem, scan, n) for n in names) if law is not None), None)

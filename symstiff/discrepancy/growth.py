@@ -9,7 +9,7 @@ import numpy as np
 
 from symstiff.calibration.measurements import Measurements
 from symstiff.discrepancy.assemble import Assembly, assemble
-from symstiff.discrepancy.bank import ROUNDING
+from symstiff.discrepancy.bank import without_rounding
 from symstiff.discrepancy.prepare import prepare
 from symstiff.discrepancy.problem import Array, Problem
 from symstiff.discrepancy.scan import coefficients
@@ -100,13 +100,12 @@ def independent(problem: Problem, sizes: Sequence[float]) -> list[int]:
     named = len(sizes)
     sigma = np.ones(problem.rows) if problem.sigma is None else problem.sigma
     A = problem.A / sigma[:, None]
+    A[:, :named] = without_rounding(A[:, :named], np.array(sizes))
     length = np.linalg.norm(A, axis=0)
-    shown = length[:named] * np.array(sizes)
-    vanishes = shown <= ROUNDING * np.max(shown, initial=0.0)
     basis = np.zeros((problem.rows, 0))
     kept: list[int] = []
     for k in (*range(named, A.shape[1]), *range(named)):
-        if length[k] == 0.0 or (k < named and vanishes[k]):
+        if length[k] == 0.0:
             continue
         left = A[:, k] / length[k]
         for _ in range(2):  # once more against rounding

@@ -34,6 +34,8 @@ class Law:
     """Whether it depends on nothing of other joints: then it is another shape of what the catalogue has there."""
     family: str = ""
     """Laws of one family at one place compete as one, by their average."""
+    units: tuple[str, ...] = ()
+    """Of the coefficients, where they have one."""
 
     @property
     def title(self) -> str:
@@ -50,7 +52,10 @@ def unnamed_laws(problem: Problem) -> tuple[Candidate, ...]:
 
 
 def _candidate(place: str, title: str, laws: list[tuple[Array, Law]]) -> Candidate:
-    known = tuple(tuple(Parameter(t) for t in law.text) for _, law in laws)
+    known = tuple(
+        tuple(Parameter(t, u) for t, u in zip(law.text, law.units or [""] * len(law.text), strict=True))
+        for _, law in laws
+    )
     return Candidate(
         EFFECT,
         {"at": place, "law": title},
@@ -89,9 +94,9 @@ def _everywhere(problem: Problem) -> Iterator[tuple[str, Array, Law]]:
         for law in _frame_laws(problem):
             yield f"measurement axis {axis + 1}", indicator, law
     ones = np.ones(problem.rows)
-    for (place, title), block in problem.device.items():
-        text = (title,) if block.shape[1] == 1 else tuple(f"{title}: {axis}" for axis in "xyz")
-        yield place, ones, Law(text, block, family=title)
+    for added in problem.devices:
+        names, units = zip(*((c.name, c.unit) for c in added.columns), strict=True)
+        yield added.place, ones, Law(names, added.values, family=added.title, units=units)
 
 
 @dataclass(frozen=True)

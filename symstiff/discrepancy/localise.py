@@ -47,12 +47,12 @@ class FittedLaw:
 
 
 @dataclass(frozen=True)
-class DeviceLaw:
+class FittedDevice:
     """What a sensor, the measuring device or a marker adds, by the best law without a name."""
 
     place: str
-    terms: tuple[tuple[str, float, float], ...]
-    """Law, coefficient and its standard deviation: lengths in m, angles in rad, gains as they are."""
+    terms: tuple[tuple[str, float, float, str], ...]
+    """Law, coefficient, its standard deviation and its unit (1, ppm, m, rad, 1/m)."""
     explained: float
     """Share of the residual's sum of squares outside the model."""
 
@@ -125,7 +125,7 @@ def _accused(scan: Scan, found: Evidence) -> str:
     return max(places, key=lambda p: (float(logsumexp(places[p])), p))
 
 
-def device_law(problem: Problem, scan: Scan, found: Evidence, place: str) -> DeviceLaw | None:
+def device_law(problem: Problem, scan: Scan, found: Evidence, place: str) -> FittedDevice | None:
     """The best law at a place that is no virtual joint; None where there is none."""
     bank, layer = scan.bank, scan.best
     here = [k for k in np.flatnonzero(bank.generic) if bank.candidates[k].where["at"] == place]
@@ -134,10 +134,10 @@ def device_law(problem: Problem, scan: Scan, found: Evidence, place: str) -> Dev
     entry = int(found.best_entry[max(here, key=lambda k: found.score[k])])
     value, std, _ = coefficients(scan, problem.A, problem.y, (entry,))
     P = problem.A.shape[1]
-    names = [p.name for p in bank.parameters(entry)]
+    own = bank.parameters(entry)
     explained = float(np.sum((layer.Q[:, bank.slice(entry)].T @ layer.y) ** 2)) / max(layer.rss, 1e-300)
-    numbers = zip(names, value[P:].tolist(), std[P:].tolist(), strict=True)
-    return DeviceLaw(place, tuple(numbers), explained)
+    numbers = zip(own, value[P:].tolist(), std[P:].tolist(), strict=True)
+    return FittedDevice(place, tuple((p.name, v, d, p.unit) for p, v, d in numbers), explained)
 
 
 def best_law(

@@ -16,6 +16,28 @@ Shape = Mapping[str, float]
 
 
 @dataclass(frozen=True)
+class Column:
+    """A column of a law at no virtual joint: its law (with the part of it behind a colon), and its coefficient's unit.
+
+    Units are 1, ppm, m, rad and 1/m.
+    """
+
+    name: str
+    unit: str
+
+
+@dataclass(frozen=True)
+class DeviceLaw:
+    """What a sensor, the measuring device or a marker adds by one law."""
+
+    place: str
+    title: str
+    columns: tuple[Column, ...]
+    values: Array
+    """(M, k)"""
+
+
+@dataclass(frozen=True)
 class Problem:
     """Measured rows, the model's columns and the context of every row.
 
@@ -45,8 +67,8 @@ class Problem:
     """(M, V) load on the virtual joints."""
     weight: Array | None = None
     """(M, V) what the links' weight puts on the virtual joints beside ``tau``, in deflection data."""
-    device: Mapping[tuple[str, str], Array] = field(default_factory=dict)
-    """(M, k) columns by place and law: what a sensor adds that reads an axis too large, a marker that gives way."""
+    devices: tuple[DeviceLaw, ...] = ()
+    """What sensors and markers may add: an axis that reads too large, a marker that gives way."""
     virtual_joints: tuple[str, ...] = ()
     """V names, such as ``joint 3`` or ``link 2 axis 4``."""
     joint_of: tuple[int, ...] = ()

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 
-from symstiff.discrepancy.localise import DeviceLaw, FittedLaw, Localisation
+from symstiff.discrepancy.localise import FittedDevice, FittedLaw, Localisation
 from symstiff.discrepancy.noise import NoiseReport
 from symstiff.discrepancy.problem import Array, Shape
 from symstiff.discrepancy.proof import HeldOut
@@ -125,7 +125,7 @@ class Diagnosis:
     localisation: Localisation | None
     law: FittedLaw | None
     """For `unexplained`: the best smooth law at the accused virtual joint."""
-    device_law: DeviceLaw | None
+    device_law: FittedDevice | None
     """The same where a sensor, the device or a marker is accused."""
     growth: tuple[Step, ...]
     rms: Rms

@@ -172,5 +172,5 @@ def _device_law(finding: Finding) -> dict[str, Any] | None:
     law = finding.last.device_law
     if law is None:
         return None
-    terms = [{"law": t, "value": plain(v), "std": plain(d)} for t, v, d in law.terms]
+    terms = [{"law": t, "value": plain(v), "std": plain(d), "unit": u} for t, v, d, u in law.terms]
     return {"place": law.place, "terms": terms, "explained": plain(law.explained)}

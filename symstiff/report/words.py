@@ -7,7 +7,7 @@ import re
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-from symstiff.discrepancy.localise import DeviceLaw, FittedLaw
+from symstiff.discrepancy.localise import FittedDevice, FittedLaw
 from symstiff.discrepancy.result import Estimate, Name
 from symstiff.discrepancy.speech import named, place, spoken
 from symstiff.discrepancy.verdict import NOT_ALONE
@@ -249,7 +249,7 @@ def _unexplained(finding: Finding) -> str:
         told = [named(name.effect, name.where) for name, _, _ in finding.last.leading]
         sets, verb = ", ".join(told), "account" if len(told) > 1 else "accounts"
         text = f"{sets[:1].upper()}{sets[1:]} {verb} for the data, but a law without a name does so as well"
-    the = "the " if accused.startswith(("reading", "force")) else ""
+    the = "the " if accused.startswith(("reading", "force", "measuring", "order")) else ""
     text += f"; the evidence is strongest at {the}{accused}" if accused else ""
     if finding.last.device_law is not None:
         text += f", where {device_text(finding.last.device_law)}"
@@ -266,29 +266,31 @@ def _unexplained(finding: Finding) -> str:
     )
 
 
-def device_text(law: DeviceLaw) -> str:
+def device_text(law: FittedDevice) -> str:
     """What a sensor, the device or a marker adds, with sizes."""
     parts: dict[str, list[str]] = {}
-    for text, value, deviation in law.terms:
-        name, _, axis = text.partition(": ")
-        factor = 100.0 if name.startswith("gain") else 1e3
-        parts.setdefault(name, []).append(
-            f"{axis} {_with_deviation(factor * value, factor * deviation)}".strip()
-        )
-    told = ", ".join(
-        f"{_DEVICE.get(name, f'a term in {name}')} ({', '.join(sizes)} {'%' if name.startswith('gain') else 'mm'})"
-        for name, sizes in parts.items()
-    )
+    for text, value, deviation, unit in law.terms:
+        name, _, part = text.partition(": ")
+        factor, shown = _COEFFICIENTS[unit]
+        size = f"{_with_deviation(factor * value, factor * deviation)} {shown}"
+        parts.setdefault(name, []).append(f"{part} {size}".strip())
+    told = ", ".join(f"{_device(name)} ({', '.join(sizes)})" for name, sizes in parts.items())
     return f"{told} explains {100 * law.explained:.0f} % of what the model leaves"
 
 
+_COEFFICIENTS = {"1": (100.0, "%"), "ppm": (1.0, "ppm"), "m": (1e3, "mm"), "rad": (1e3, "mrad"), "1/m": (1.0, "1/m")}
 _DEVICE = {
     "gain": "a gain error",
     "gain*load": "a gain error that grows with the load",
-    "shift with the load": "a shift with the load",
-    "shift in the tool's axes": "a shift in the tool's axes",
-    "shift with the load in the tool's axes": "a shift with the load in the tool's axes",
+    "crosstalk": "crosstalk",
+    "late": "a reading that still holds a share of the load before",
 }
+
+
+def _device(name: str) -> str:
+    """A law of a device in words; ``^1`` is left unsaid."""
+    article = "an" if name[0] in "aeo" else "a"
+    return _DEVICE.get(name, f"{article} {name.removesuffix('^1')}")
 
 
 def _with_deviation(value: float, deviation: float) -> str:

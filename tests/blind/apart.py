@@ -114,26 +114,45 @@ def _nearest(
 
 
 def limit(hidden: Case, assembly: Assembly, groups: Any) -> float | None:
-    """Share of repetitions of a case with one effect in which a judge who knows noise and λ would name it.
+    """Share of repetitions of a case in which a judge who knows noise and λ would name what is hidden.
 
     The judge weighs the catalogue by exact likelihoods, every effect alike and its places alike, and speaks where the
     greatest is above what ``LEVEL`` of the tables without an effect reach: nobody with this catalogue can name
-    more at that level, and nobody has to learn the noise.
+    more at that level, and nobody has to learn the noise. Of two effects the judge is told one and names the other,
+    each in turn, without having to ask whether there is another.
     """
-    if len(hidden.parts) != 1 or len(hidden.label.truth) != 1 or not np.any(hidden.signal):
+    truth, parts = hidden.label.truth, hidden.parts
+    if len(parts) not in (1, 2) or len(parts) != len(truth) or not np.any(hidden.signal):
         return None
-    space = outside(hidden, assembly)
-    there = [c for c in assembly.candidates if not c.unavailable]
-    right = np.array([_true(c, hidden, groups) for c in there])
-    noise = np.random.default_rng(0).standard_normal((3 * len(hidden.signal), DRAWS))
-    signal = space.signal(hidden.signal)
+    errors = np.random.default_rng(0).standard_normal((3 * len(hidden.signal), DRAWS))
+    right = np.ones(DRAWS, bool)
+    for k, t in enumerate(truth):
+        told = [_nearest(p, assembly, groups, truth[i]) for i, p in enumerate(parts) if i != k]
+        right &= _judged(outside(hidden, assembly, *(c for found in told for c in found)), groups, t, errors)
+    return float(np.mean(right))
+
+
+def _judged(space: Outside, groups: Any, truth: tuple[str, Any], errors: np.ndarray) -> np.ndarray:
+    """(B,) whether the judge names an effect in the hidden signal and each of the errors (M, B)."""
+    told = [t for t in space.hidden.label.truth if t is not truth]
+    there = [
+        c
+        for c in space.assembly.candidates
+        if not c.unavailable and not any(same((c.effect, c.where), t, groups) for t in told)
+    ]
+    right = np.array([same((c.effect, c.where), truth, groups) for c in there])
+    signal = space.signal(space.hidden.signal)
     lam = float(signal @ signal)
-    silent, heard = (
-        np.stack([_weight(c, space, lam, errors) for c in there]) + _prior(there)[:, None]
-        for errors in (noise, noise + signal[:, None])
-    )
-    threshold = np.quantile(silent.max(axis=0), 1.0 - LEVEL)
-    return float(np.mean(right[heard.argmax(axis=0)] & (heard.max(axis=0) > threshold)))
+
+    def weights(data: np.ndarray) -> np.ndarray:
+        return np.stack([_weight(c, space, lam, data) for c in there]) + _prior(there)[:, None]
+
+    heard = weights(errors + signal[:, None])
+    named = right[heard.argmax(axis=0)]
+    if len(space.hidden.parts) > 1:
+        return np.asarray(named)
+    threshold = np.quantile(weights(errors).max(axis=0), 1.0 - LEVEL)
+    return np.asarray(named & (heard.max(axis=0) > threshold))
 
 
 def _true(candidate: Candidate, hidden: Case, groups: Any) -> bool:

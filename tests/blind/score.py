@@ -96,8 +96,8 @@ def bars(rows: Sequence[Row]) -> dict[str, dict[str, Any]]:
     def testable(lam: float) -> Select:
         return lambda r: apart(lam)(r) and (r["needed"] or math.inf) <= lam
 
-    def judged(lam: float) -> Select:
-        return lambda r: one(lam)(r) and r.get("limit") is not None
+    def judged(cases: Select) -> Select:
+        return lambda r: cases(r) and r.get("limit") is not None
 
     def limit(row: Row) -> float:
         return float(row["limit"])
@@ -124,8 +124,8 @@ def bars(rows: Sequence[Row]) -> dict[str, dict[str, Any]]:
         "right name at lambda 60, told apart by the data": share(rows, apart(60.0), points),
         "right name at lambda 25, apart and seen in 80 %": share(rows, testable(25.0), points),
         "right name at lambda 60, apart and seen in 80 %": share(rows, testable(60.0), points),
-        "right name at lambda 25, by a judge who knows the noise": share(rows, judged(25.0), limit),
-        "right name at lambda 60, by a judge who knows the noise": share(rows, judged(60.0), limit),
+        "right name at lambda 25, by a judge who knows the noise": share(rows, judged(one(25.0)), limit),
+        "right name at lambda 60, by a judge who knows the noise": share(rows, judged(one(60.0)), limit),
         "right name at lambda 150": share(rows, one(150.0), points),
         "right name at lambda 600": share(rows, one(600.0), points),
         "bad pose": share(rows, lambda r: r["kind"] == "bad_pose", points),
@@ -141,6 +141,8 @@ def bars(rows: Sequence[Row]) -> dict[str, dict[str, Any]]:
         "two right at lambda 150 and more >= 0.93": share(rows, two(150.0), points),
         "two right at lambda 60, told apart by the data": share(rows, two_apart(60.0, 60.0), points),
         "two right at lambda 150 and more, told apart": share(rows, two_apart(150.0), points),
+        "two right at lambda 60, by a judge who is told one": share(rows, judged(two(60.0, 60.0)), limit),
+        "two right at lambda 150 and more, by such a judge": share(rows, judged(two(150.0)), limit),
         "confounded: named or in the set": share(
             rows, lambda r: r["kind"] == "confounded", lambda r: float(r["outcome"] in ("right", "half"))
         ),

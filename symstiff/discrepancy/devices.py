@@ -1,0 +1,141 @@
+"""What the measurement itself may add without a name: force sensor, measuring device, markers, loads read late."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import numpy as np
+
+from symstiff.calibration.loading import load_factor
+from symstiff.discrepancy.problem import Array, Column, DeviceLaw
+from symstiff.discrepancy.situation import Situation, View
+from symstiff.symbolic.terms import AXES, Term, VirtualJoint, deflection, w
+
+SENSOR, DEVICE, ORDER = "force sensor", "measuring device", "order of the loads"
+_WRENCH = ("fx", "fy", "fz", "mx", "my", "mz")
+_GROWTH = (1, 2)
+"""Powers of the distance by which a reading may grow beyond its scale: refraction."""
+_TURNS = (1, 2)
+"""Waves per turn of an encoder of the measuring device that runs out of true."""
+
+
+def device_laws(situation: Situation) -> tuple[DeviceLaw, ...]:
+    """The laws that compete with the catalogue at no virtual joint; those without an influence are left out."""
+    view = situation.view
+    found = [*_gains(situation), *_crosstalk(situation), *_markers(view), *_late(situation)]
+    if view.table.kind == "absolute":
+        found += _readings(view)
+    return tuple(law for law in found if np.any(law.values))
+
+
+def _gains(situation: Situation) -> Iterator[DeviceLaw]:
+    """Force sensor and measuring device that read one axis too large, the more the larger the load is."""
+    view = situation.view
+    places = {f"{SENSOR} axis {c}": (VirtualJoint("load", 0, c), w(c)) for c in AXES}
+    places |= {
+        f"reading of axis {c}": (VirtualJoint("measure", 0, int(c)), deflection(int(c)))
+        for c in np.unique(view.component) + 1
+    }
+    block = situation.columns([Term(name, *place) for name, place in places.items()], list(places))
+    gain, grown = (Column("gain", "1"),), (Column("gain*load", "1"),)
+    share = np.abs(load_factor(view.table))[view.state]
+    for name, column in zip(places, block.T, strict=True):
+        yield DeviceLaw(name, "gain", gain, column[:, None])
+    if np.ptp(share) > 0:
+        for name, column in zip(places, block.T, strict=True):
+            yield DeviceLaw(name, "gain*load", grown, (share * column)[:, None])
+        yield DeviceLaw(SENSOR, "gain*load", grown, (share * block[:, : len(AXES)].sum(axis=1))[:, None])
+
+
+def _crosstalk(situation: Situation) -> Iterator[DeviceLaw]:
+    """A share of one axis of the force sensor in its other axes."""
+    loaded = [k for k in AXES if np.any(situation.view.table.w[:, k - 1])]
+    terms = [Term(f"{k}{c}", VirtualJoint("load", 0, c), w(k)) for k in loaded for c in AXES if c != k]
+    block = situation.columns(terms, [t.parameter for t in terms])
+    for n, k in enumerate(loaded):
+        source = _WRENCH[k - 1]
+        names = [_WRENCH[c - 1] for c in AXES if c != k]
+        columns = tuple(Column(f"crosstalk: {source} in {name}", _ratio(name, source)) for name in names)
+        yield DeviceLaw(SENSOR, f"crosstalk of {source}", columns, block[:, 5 * n : 5 * n + 5])
+
+
+def _ratio(of: str, to: str) -> str:
+    """Unit of one component of a wrench over another."""
+    return "1" if of[0] == to[0] else "m" if of[0] == "m" else "1/m"
+
+
+def _markers(view: View) -> Iterator[DeviceLaw]:
+    """A marker that is not where it was told to be, or that gives way under load."""
+    points = view.table.point[view.state]
+    if len(np.unique(points)) < 2:
+        return
+    share = np.abs(load_factor(view.table))[view.state][:, None]
+    fixed = (view.component[:, None] == np.arange(3)).astype(float)
+    turned = np.zeros((len(view.state), 3))
+    moved = view.component < 3
+    tool = view.turn @ view.found.R[:, -1]
+    turned[moved] = tool[view.state[moved], view.component[moved]]
+    laws = {
+        "shift with the load": share * fixed,
+        "shift with the load in the tool's axes": share * turned,
+    }
+    if view.table.kind == "absolute":
+        laws = {"shift in the tool's axes": turned, **laws}
+    for k in np.unique(points):
+        own = (points == k)[:, None]
+        for title, block in laws.items():
+            columns = tuple(Column(f"{title}: {axis}", "m") for axis in "xyz")
+            yield DeviceLaw(f"marker {view.table.points[k]}", title, columns, own * block)
+
+
+def _late(situation: Situation) -> Iterator[DeviceLaw]:
+    """Readings that still hold a share of what the load before made, pose by pose."""
+    view = situation.view
+    table = view.table
+    made = np.einsum("nrv,nv->nr", view.at_point, situation.laws(view.tau + view.more))
+    before = np.zeros_like(made) if table.kind == "deflection" else made.copy()
+    clock = table.time if np.isfinite(table.time).all() else np.arange(len(table), dtype=float)
+    for pose in np.unique(table.pose):
+        for point in np.unique(table.point[table.pose == pose]):
+            rows = np.flatnonzero((table.pose == pose) & (table.point == point))
+            rows = rows[np.argsort(clock[rows], kind="stable")]
+            before[rows[1:]] = made[rows[:-1]]
+    yield DeviceLaw(ORDER, "late", (Column("late", "1"),), view.read(before - made)[:, None])
+
+
+def _readings(view: View) -> Iterator[DeviceLaw]:
+    """Errors of a device that stands at the origin of its readings: scale, distance, azimuth and elevation.
+
+    Its z axis is taken for the one that it turns about.
+    """
+    seen = np.nan_to_num(view.table.values[:, :3])
+    distance = np.maximum(np.linalg.norm(seen, axis=1), 1e-9)
+    across = np.maximum(np.linalg.norm(seen[:, :2], axis=1), 1e-9)
+    x, y, z = seen.T
+    far = (distance / distance.max())[:, None]
+    ways = {
+        "azimuth": (np.arctan2(y, x), np.column_stack([-y, x, np.zeros_like(x)])),
+        "elevation": (np.arctan2(z, across), np.column_stack([-x * z / across, -y * z / across, across])),
+    }
+
+    def law(place: str, title: str, unit: str, *moves: Array) -> DeviceLaw:
+        names = [title] if len(moves) == 1 else [f"{title}: {part}" for part in ("sin", "cos")]
+        columns = tuple(Column(name, unit) for name in names)
+        return DeviceLaw(place, title, columns, np.column_stack([_read(view, move) for move in moves]))
+
+    yield law(DEVICE, "scale error", "ppm", 1e-6 * seen)
+    for k in range(3):
+        yield law(f"reading of axis {k + 1}", "scale error", "ppm", 1e-6 * seen * (np.arange(3) == k))
+    for n in _GROWTH:
+        yield law(DEVICE, f"scale error growing with distance^{n}", "ppm", 1e-6 * seen * far**n)
+    yield law(DEVICE, "offset of the distance", "m", seen / distance[:, None])
+    yield law(DEVICE, "offset of the elevation", "rad", ways["elevation"][1])
+    for name, (angle, way) in ways.items():
+        for n in _TURNS:
+            waves = (f(n * angle)[:, None] * way for f in (np.sin, np.cos))
+            yield law(DEVICE, f"{name} error, {n} per turn", "rad", *waves)
+
+
+def _read(view: View, moves: Array) -> Array:
+    """Rows (M,) of shifts (N, 3) of the measured points; attitudes are not moved."""
+    return view.read(np.column_stack([moves, np.zeros_like(moves)]))
