@@ -109,6 +109,7 @@ def _problem(situation: Situation, current: Current) -> Problem:
         tau=(view.tau + view.more)[state],
         weight=_weight(view),
         devices=device_laws(situation),
+        markers=tuple(table.points[k] for k in np.unique(table.point[state])),
         virtual_joints=tuple(_title(v) for v in view.joints),
         joint_of=tuple(v.body - 1 if v.kind == "joint" else -1 for v in view.joints),
         q=table.q[state],

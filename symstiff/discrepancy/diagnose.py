@@ -67,7 +67,7 @@ def diagnose(
     tell("candidates")
     outcome = decide(
         ready.scan, allowed, options, lambda p: plausible(problem, ready, p), _least(parts), tell,
-        numbers(ready.bank, given),
+        numbers(ready.bank, given), lambda scan: strata(problem, scan),
     )  # fmt: skip
     outcome = against_sigma(outcome, ready.report)
     tell("place")

@@ -69,6 +69,8 @@ class NoiseReport:
     homogeneity_p: float
     growth: dict[str, float]
     """Exponent of the noise in each quantity it may grow with."""
+    by_marker: dict[str, float]
+    """How much more each marker scatters than the others."""
     approach: float
     """Standard deviation of the error that a pose's load cases share."""
 
@@ -114,21 +116,25 @@ def with_split(problem: Problem, noise: Noise, own: float) -> Noise:
 
 def refine(
     problem: Problem, noise: Noise, residual: Array, dof: float, own: float
-) -> tuple[Noise, dict[str, float]]:
-    """Fit how the noise differs between axes and grows with ``problem.spread``, shrunk towards homogeneity.
+) -> tuple[Noise, dict[str, float], dict[str, float]]:
+    """Fit how the noise differs between axes and markers and grows with ``problem.spread``.
 
     ``residual`` (M,) in the data's unit after the model and whatever was found; ``dof`` its degrees of freedom.
-    Gamma regression of the squares on axis and log quantities with a ridge of 20 (axis) and of 15 observations.
+    Gamma regression of the squares on axis, marker and log quantities, shrunk towards homogeneity by a ridge of 20
+    observations (axis, marker) and of 4. Returns also the exponents and the markers' factors.
     """
     z = (residual / noise.spread) ** 2 * (problem.rows / max(dof, 1.0))
     z = np.minimum(z, 25.0 * np.mean(z))
-    axes = np.unique(problem.axis)
+    axes, points = np.unique(problem.axis), problem.points
+    markers = np.unique(points) if len(np.unique(points)) > 1 else points[:0]
     names = [k for k, v in problem.spread.items() if np.all(v > 0) and np.std(np.log(v)) > 0.02]
     X = [np.ones(problem.rows), *((problem.axis == a) - np.mean(problem.axis == a) for a in axes)]
+    X += [(points == m) - np.mean(points == m) for m in markers]
     X += [np.log(problem.spread[k]) - np.mean(np.log(problem.spread[k])) for k in names]
     design = np.column_stack(X)
     weight = 0.5 * dof / problem.rows
-    ridge = np.concatenate([[1e-9], np.full(len(axes), 10.0), np.full(len(names), 2.0)])
+    levels = len(axes) + len(markers)
+    ridge = np.concatenate([[1e-9], np.full(levels, 10.0), np.full(len(names), 2.0)])
     beta = np.zeros(design.shape[1])
     beta[0] = np.log(np.mean(z))
     for _ in range(12):
@@ -137,8 +143,12 @@ def refine(
         hessian = weight * design.T @ design + np.diag(ridge)
         beta = beta + np.linalg.solve(hessian, np.clip(gradient, -1e3, 1e3))
     spread = noise.spread * np.exp(0.5 * design[:, 1:] @ beta[1:])
-    growth = {k: float(0.5 * b) for k, b in zip(names, beta[1 + len(axes) :], strict=True)}
-    return Noise(spread, noise.ratios, _blocks(problem, spread, own)), growth
+    growth = {k: float(0.5 * b) for k, b in zip(names, beta[1 + levels :], strict=True)}
+    alone = beta[1 + len(axes) : 1 + levels]
+    others = (np.sum(alone) - alone) / max(len(alone) - 1, 1)
+    factor = np.exp(0.5 * (alone - others)).tolist()
+    by_marker = {problem.marker(int(m)): f for m, f in zip(markers, factor, strict=True)}
+    return Noise(spread, noise.ratios, _blocks(problem, spread, own)), growth, by_marker
 
 
 def pure_error(problem: Problem, spread: Array) -> tuple[float, int]:
@@ -161,6 +171,7 @@ def report(
     dof: float,
     ratio: float,
     growth: dict[str, float],
+    by_marker: dict[str, float],
 ) -> NoiseReport:
     """Compare the noise found with the noise stated.
 
@@ -186,7 +197,7 @@ def report(
     }
     return NoiseReport(
         sigma, stated, relative, interval, misstated, freedom, source, by_axis,
-        _homogeneity(problem, residual, dof), growth, sigma * float(np.sqrt(ratio)),
+        _homogeneity(problem, residual, dof), growth, by_marker, sigma * float(np.sqrt(ratio)),
     )  # fmt: skip
 
 

@@ -37,10 +37,11 @@ def prepare(problem: Problem, candidates: Sequence[Candidate]) -> Prepared:
     bank = build(problem, candidates, unnamed_laws(problem))
     noise, own = noises.start(problem), 0.0
     growth: dict[str, float] = {}
+    by_marker: dict[str, float] = {}
     scan, clean = _opened(problem, bank, noise)
     for _ in range(2):
         before, own = own, _own_share(problem, clean, _data_residual(clean))
-        noise, growth = noises.refine(
+        noise, growth, by_marker = noises.refine(
             problem, noises.start(problem), _within_residual(clean), clean.freedom, own
         )
         if abs(own - before) < SAME_SHARE:
@@ -48,7 +49,7 @@ def prepare(problem: Problem, candidates: Sequence[Candidate]) -> Prepared:
         scan, clean = _opened(problem, bank, noise)
     report = noises.report(
         problem, noise, _within_residual(clean), clean.best.rss / max(clean.freedom, 1), clean.freedom,
-        clean.best.ratio, growth,
+        clean.best.ratio, growth, by_marker,
     )  # fmt: skip
     return Prepared(scan, bank, report, _data_residual(scan))
 

@@ -69,6 +69,8 @@ class Problem:
     """(M, V) what the links' weight puts on the virtual joints beside ``tau``, in deflection data."""
     devices: tuple[DeviceLaw, ...] = ()
     """What sensors and markers may add: an axis that reads too large, a marker that gives way."""
+    markers: tuple[str, ...] = ()
+    """Names of the measured points, in their order in ``channel``."""
     virtual_joints: tuple[str, ...] = ()
     """V names, such as ``joint 3`` or ``link 2 axis 4``."""
     joint_of: tuple[int, ...] = ()
@@ -97,6 +99,17 @@ class Problem:
     def rows(self) -> int:
         """Number of rows M."""
         return len(self.y)
+
+    @property
+    def points(self) -> Index:
+        """(M,) a number for each measured point: what is left of the channel without the axis."""
+        return self.channel - self.axis
+
+    def marker(self, point: int) -> str:
+        """Name of one of the ``points``."""
+        known = np.unique(self.points)
+        place = int(np.searchsorted(known, point))
+        return self.markers[place] if len(self.markers) == len(known) else f"point {place + 1}"
 
     @property
     def poses(self) -> int:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -10,6 +11,7 @@ from symstiff.discrepancy.beside import evidence_beside
 from symstiff.discrepancy.laws import of_load
 from symstiff.discrepancy.problem import Array, Options
 from symstiff.discrepancy.scan import Evidence, Null, Scan, explained, extend, null
+from symstiff.discrepancy.strata import Stratum
 
 ONE_MORE = float(np.log(0.2))
 """Log prior weight of one more effect against none more."""
@@ -62,6 +64,8 @@ class Workshop:
     start: Scan
     allowed: Array
     options: Options
+    lack: Callable[[Scan], Sequence[Stratum]] = lambda scan: ()
+    """Lack of fit by strata with some entries in the model."""
     scans: dict[tuple[int, ...], Scan] = field(default_factory=dict)
     found: dict[tuple[int, ...], Evidence] = field(default_factory=dict)
     nulls: dict[tuple[tuple[int, ...], tuple[int, ...]], Null] = field(default_factory=dict)
@@ -166,8 +170,18 @@ def judge(shop: Workshop, proposal: Proposal) -> Judged:
     p_members = tuple(_needed(shop, proposal, i) for i in range(len(members)))
     return Judged(
         members, entries, proposal.score, scan, left, gained, p_named, p_unnamed, missed, rival, who,
-        not (lack_named or lack_unnamed), p_members,
+        not (lack_named or lack_unnamed or _lacking(shop, scan, gained)), p_members,
     )  # fmt: skip
+
+
+def _lacking(shop: Workshop, scan: Scan, gained: float) -> bool:
+    """Whether a stratum still rejects, and what it holds is more of the signal than a shape that is only close."""
+    for part in shop.lack(scan):
+        further = max(part.sum_of_squares - part.degrees_of_freedom, 0.0)
+        rejects = part.p_value is not None and part.p_value < shop.options.alpha_sufficient
+        if rejects and further > shop.options.tolerated_shape * (further + gained):
+            return True
+    return False
 
 
 def _tolerated(shop: Workshop, proposal: Proposal, generic: bool) -> float:
@@ -181,8 +195,10 @@ def _tolerated(shop: Workshop, proposal: Proposal, generic: bool) -> float:
         return 1.0
     best = int(np.argmax(score))
     where, place = bank.candidates[best].where, bank.place[best]
-    if any(bank.candidates[m].where == where or (place and bank.place[m] == place) for m in proposal.members):
-        return shop.options.tolerated_shape
+    here = [bank.candidates[m].where == where or (place and bank.place[m] == place) for m in proposal.members]
+    if any(here):
+        # two laws at one place bend to almost anything: what they still miss there is another law
+        return shop.options.tolerated_shape if sum(map(bool, here)) < 2 else shop.options.tolerated_share
     if generic:
         return shop.options.tolerated_share
     return 0.5 * shop.options.tolerated_shape if _shape_explains(shop, proposal, float(score[best])) else 0.0

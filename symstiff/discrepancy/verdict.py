@@ -11,6 +11,7 @@ from scipy.special import expit, logsumexp
 from symstiff.discrepancy.problem import Array, Options
 from symstiff.discrepancy.scan import Evidence, Null, Scan
 from symstiff.discrepancy.search import ONE_MORE, Judged, Proposal, Workshop, judge, polish, proposals
+from symstiff.discrepancy.strata import Stratum
 
 NOTHING, NAMED, AMBIGUOUS = "nothing_missing", "named", "ambiguous"
 INSUFFICIENT, UNEXPLAINED, UNTESTABLE = "named_insufficient", "unexplained", "untestable"
@@ -52,12 +53,13 @@ class Outcome:
 def decide(
     start: Scan, allowed: Array, options: Options, plausible: Plausible, strata_p: float,
     progress: Callable[[str], None], given: Sequence[int] = (),
+    lack: Callable[[Scan], Sequence[Stratum]] = lambda scan: (),
 ) -> Outcome:  # fmt: skip
     """Detect, then try sets of one, two and three effects until the leading set is sufficient.
 
-    Candidates that are ``given`` are members of every set.
+    Candidates that are ``given`` are members of every set; ``lack`` tells the strata that a set leaves.
     """
-    shop = Workshop(start, allowed, options)
+    shop = Workshop(start, allowed, options, lack)
     distribution = shop.null((), ())
     found = shop.evidence(())
     p_named = distribution.p_named(float(np.max(shop.score((), (), False), initial=-np.inf)))

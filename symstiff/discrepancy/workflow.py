@@ -37,6 +37,8 @@ _WORTH = 0.01
 """Load that an effect adds, against the largest, from which other laws are looked at again under it."""
 _UNCONFIRMED = 0.75
 """Most confidence in what poses that were not used do not confirm."""
+LOOSE = 1.35
+"""How much more than the others a marker scatters that is spoken of."""
 MOST_POSES = 200
 """Poses of absolute data that are used unless more are asked for: the time of a diagnosis grows with them."""
 
@@ -284,7 +286,7 @@ def _finding(
     if climbed and verdict == NOTHING:
         verdict, reason = NAMED, "the links give way; beyond the complete model no test rejects"
     testable = verdict != UNTESTABLE
-    remarks = [*remarks, *_of_sigma(last.noise)]
+    remarks = [*remarks, *_of_sigma(last.noise), *_of_markers(last.noise)]
     if unconfirmed(last.rms):
         named = tuple(replace(e, confidence=min(e.confidence, _UNCONFIRMED)) for e in named)
         remarks.append(
@@ -318,6 +320,14 @@ def _of_sigma(noise: NoiseReport) -> list[str]:
     return [
         f"what is left varies by {noise.ratio:.2f} times the stated sigma ({low:.2f} to {high:.2f}): "
         "no test relies on the stated one"
+    ]
+
+
+def _of_markers(noise: NoiseReport) -> list[str]:
+    return [
+        f"marker {name} scatters {factor:.1f} times as much as the others: look at how it is fixed"
+        for name, factor in noise.by_marker.items()
+        if factor > LOOSE
     ]
 
 

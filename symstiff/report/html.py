@@ -371,12 +371,13 @@ def _noise(finding: Finding) -> list[str]:
     ]
     if n.stated is not None and n.ratio is not None:
         text = f"stated {words.millimetres(n.stated)}: found/stated = {n.ratio:.2f}"
-        lines.append(text + (", so the stated one is wrong" if n.misstated else ", which agree"))
+        lines.append(text + (", which contradicts the stated one" if n.misstated else ", which agree"))
     if n.approach > 0.05 * n.sigma:
         lines.append(f"load cases of a pose share an error of {words.millimetres(n.approach)}")
     if n.homogeneity_p < 0.01:
-        by = ", ".join(f"{plots.COMPONENTS[a]} {1e3 * s:.3f}" for a, s in n.by_axis.items())
-        lines.append(f"the noise differs between axes: {by} mm or mrad")
+        units = ("mm", "mrad")
+        by = ", ".join(f"{plots.COMPONENTS[a]} {1e3 * s:.3f} {units[a > 2]}" for a, s in n.by_axis.items())
+        lines.append(f"the noise differs between axes: {by}")
     for what, power in n.growth.items():
         if abs(power) > 0.25:
             lines.append(f"it changes with {what} (power {power:+.2f})")

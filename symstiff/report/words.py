@@ -278,7 +278,13 @@ def device_text(law: FittedDevice) -> str:
     return f"{told} explains {100 * law.explained:.0f} % of what the model leaves"
 
 
-_COEFFICIENTS = {"1": (100.0, "%"), "ppm": (1.0, "ppm"), "m": (1e3, "mm"), "rad": (1e3, "mrad"), "1/m": (1.0, "1/m")}
+_COEFFICIENTS = {
+    "1": (100.0, "%"),
+    "ppm": (1.0, "ppm"),
+    "m": (1e3, "mm"),
+    "rad": (1e3, "mrad"),
+    "1/m": (1.0, "1/m"),
+}
 _DEVICE = {
     "gain": "a gain error",
     "gain*load": "a gain error that grows with the load",
