@@ -7,13 +7,14 @@ and they describe an effect that has no name by a fitted expression.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from symstiff.discrepancy.problem import Array, Candidate, Parameter, Problem, Shape
 
 EFFECT = "unnamed_law"
+READING = "measurement axis"
 _TINY = 1e-300
 _SLIPS = (0.2, 0.4, 0.65)
 """Shares of the largest load at which a link's law without a name begins: a foot that slips, a bolt that opens."""
@@ -92,7 +93,8 @@ def _everywhere(problem: Problem) -> Iterator[tuple[str, Array, Law]]:
     for axis in np.unique(problem.axis):
         indicator = (problem.axis == axis).astype(float)
         for law in _frame_laws(problem):
-            yield f"measurement axis {axis + 1}", indicator, law
+            units = ("m" if axis < 3 else "rad",) * len(law.text)
+            yield f"{READING} {axis + 1}", indicator, replace(law, units=units)
     ones = np.ones(problem.rows)
     for added in problem.devices:
         names, units = zip(*((c.name, c.unit) for c in added.columns), strict=True)
@@ -218,7 +220,8 @@ def _soft_spots(angle: Array, joint: int, t: Array) -> list[Law]:
     for k in range(_SPOTS + 1):
         center = low + k * width
         bump = np.exp(-(((angle - center) / width) ** 2))
-        text = f"tau*exp(-((q{joint} - {center:.3g})/{width:.3g})^2)"
+        sign = "-" if center >= 0 else "+"
+        text = f"tau*exp(-((q{joint} {sign} {abs(center):.3g})/{width:.3g})^2)"
         out.append(Law((text,), (t * bump)[:, None], family=f"tau near one q{joint}"))
     return out
 

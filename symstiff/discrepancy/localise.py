@@ -5,11 +5,16 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+from scipy import stats
 from scipy.special import logsumexp
 
 from symstiff.discrepancy.laws import Law, every_law, largest_load
 from symstiff.discrepancy.problem import Array, Index, Problem
 from symstiff.discrepancy.scan import Evidence, Scan, coefficients
+
+_SUSPECTS = 3
+_BEYOND_DOUBT = 1e-6
+"""Probability, over all poses, below which one is unlike the others."""
 
 
 @dataclass(frozen=True)
@@ -69,6 +74,10 @@ class Localisation:
     by_pose: dict[int, float]
     by_case: dict[int, float]
     """Root mean square of the residual in units of the noise."""
+    suspects: tuple[int, ...]
+    """Poses without which far less is left, if few: mislabelled, or read wrongly."""
+    suspected: float
+    """Share of the residual's variance that goes with them."""
 
 
 def localise(problem: Problem, scan: Scan, found: Evidence, residual: Array) -> Localisation:
@@ -83,7 +92,36 @@ def localise(problem: Problem, scan: Scan, found: Evidence, residual: Array) -> 
         {int(a): _rms(z[problem.axis == a]) for a in np.unique(problem.axis)},
         {int(p): _rms(z[problem.pose == p]) for p in np.unique(problem.pose)},
         {int(c): _rms(z[problem.case == c]) for c in np.unique(problem.case)},
+        *suspects(problem, scan),
     )
+
+
+def suspects(problem: Problem, scan: Scan) -> tuple[tuple[int, ...], float]:
+    """Poses, worst first, that are unlike all others beyond doubt, and the share of the variance they bring.
+
+    A pose's rows left out reduce the residual's square by r'(I - B B')⁻¹ r with B their rows of the model's basis.
+    """
+    layer = scan.best
+    chosen: list[int] = []
+    rows, gained = np.zeros(problem.rows, bool), 0.0
+    variance = layer.rss / max(scan.freedom, 1)
+    for _ in range(min(_SUSPECTS, problem.poses // 5)):
+        found = {}
+        for pose in set(np.unique(problem.pose).tolist()) - set(chosen):
+            out = rows | (problem.pose == pose)
+            B, r = layer.basis[out], layer.y[out]
+            found[pose] = float(r @ np.linalg.lstsq(np.eye(len(r)) - B @ B.T, r, rcond=1e-9)[0])
+        worst = max(found, key=lambda p: found[p])
+        own = problem.pose == worst
+        freedom = scan.freedom - int((rows | own).sum())
+        if freedom < 10:
+            break
+        left = max(layer.rss - found[worst], 1e-300) / freedom
+        ratio = (found[worst] - gained) / int(own.sum()) / left
+        if stats.f.sf(ratio, int(own.sum()), freedom) * problem.poses > _BEYOND_DOUBT:
+            break
+        chosen, rows, gained, variance = [*chosen, worst], rows | own, found[worst], left
+    return tuple(chosen), 1.0 - variance * max(scan.freedom, 1) / max(layer.rss, 1e-300) if chosen else 0.0
 
 
 def _rms(z: Array) -> float:

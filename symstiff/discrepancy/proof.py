@@ -11,6 +11,9 @@ from symstiff.discrepancy.noise import Noise
 from symstiff.discrepancy.problem import Array, Index, Options, Problem
 from symstiff.discrepancy.scan import evidence, extend, open_scan
 
+NO_GAP = 0.05
+"""Gap, as a share of the noise, below which no share of it is told."""
+
 
 @dataclass(frozen=True)
 class HeldOut:
@@ -27,9 +30,9 @@ class HeldOut:
 
     @property
     def closure(self) -> float:
-        """(before - after) / (before - noise); 0 where there is no gap to close."""
+        """(before - after) / (before - noise); nan where there is no gap to close."""
         gap = self.before - self.noise
-        return (self.before - self.after) / gap if gap > 1e-12 * max(self.before, 1e-300) else 0.0
+        return (self.before - self.after) / gap if gap > NO_GAP * self.noise else float("nan")
 
 
 def held_out(

@@ -19,6 +19,9 @@ INSUFFICIENT, UNEXPLAINED, UNTESTABLE = "named_insufficient", "unexplained", "un
 NOT_ALONE = "effects of the catalogue account for the data, and a law without a name does so as well"
 """Reason for a verdict that names nothing although something suffices."""
 
+AS_WELL = "it accounts for the data, and what has no name does so as well"
+"""Reason for a verdict that names the leader as insufficient although nothing is left."""
+
 CALIBRATION = (0.0, 0.7, 4.5)
 """Offset, slope and limit of the confidence's logit, fitted on simulated benchmarks."""
 
@@ -126,7 +129,7 @@ def _conclude(
         return _named(good, tried, weighed, tests, options)
     if good and good[0].score > refused - CLOSE:
         leader = good[0]
-        reason = "it accounts for the data, and what has no name does so as well"
+        reason = AS_WELL
         half = tuple(0.5 for _ in leader.members)
         return Outcome(INSUFFICIENT, reason, *tests, leader, (leader,), half, tuple(tried))
     needed = [j for j in tried if max(j.p_members) < options.alpha]

@@ -37,6 +37,8 @@ _WORTH = 0.01
 """Load that an effect adds, against the largest, from which other laws are looked at again under it."""
 _UNCONFIRMED = 0.75
 """Most confidence in what poses that were not used do not confirm."""
+_MOSTLY = 0.5
+"""Share of the residual's variance that few poses bring from which they are spoken of."""
 LOOSE = 1.35
 """How much more than the others a marker scatters that is spoken of."""
 MOST_POSES = 200
@@ -286,7 +288,7 @@ def _finding(
     if climbed and verdict == NOTHING:
         verdict, reason = NAMED, "the links give way; beyond the complete model no test rejects"
     testable = verdict != UNTESTABLE
-    remarks = [*remarks, *_of_sigma(last.noise), *_of_markers(last.noise)]
+    remarks = [*remarks, *_of_sigma(last.noise), *_of_markers(last.noise), *_of_poses(table, last)]
     if unconfirmed(last.rms):
         named = tuple(replace(e, confidence=min(e.confidence, _UNCONFIRMED)) for e in named)
         remarks.append(
@@ -328,6 +330,18 @@ def _of_markers(noise: NoiseReport) -> list[str]:
         f"marker {name} scatters {factor:.1f} times as much as the others: look at how it is fixed"
         for name, factor in noise.by_marker.items()
         if factor > LOOSE
+    ]
+
+
+def _of_poses(table: Measurements, last: Diagnosis) -> list[str]:
+    where = last.localisation
+    if where is None or last.verdict not in (UNEXPLAINED, INSUFFICIENT) or where.suspected < _MOSTLY:
+        return []
+    numbers = np.unique(table.pose)
+    names = ", ".join(table.labels[int(numbers[p])] for p in where.suspects)
+    return [
+        f"most of what is left ({100 * where.suspected:.0f} % of its variance) comes with few poses ({names}): "
+        "look at their labels and joint readings, or measure them again"
     ]
 
 

@@ -53,4 +53,5 @@ EFFECT = Effect(
     separated_by="loads on both sides of the reversal of the joint's total torque; masses in the robot "
     "file say where "
     "that is",
+    told={"width": "turning over within ± {} LOAD", "weights": ""},
 )

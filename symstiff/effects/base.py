@@ -128,6 +128,11 @@ class Effect:
     separated_by: str = ""
     columns: Callable[[Situation, Where, Shape], np.ndarray] | None = None
     places_in: Callable[[Situation], tuple[Where, ...]] | None = None
+    told: Mapping[str, str] = field(default_factory=dict)
+    """What a shape's value means, by key: ``{}`` stands for it, LOAD for N·m or N.
+
+    A phrase without ``{}`` is said where the value is not zero, an empty one never.
+    """
 
 
 @dataclass(frozen=True)

@@ -157,4 +157,8 @@ EFFECT = Effect(
     shapes=_shapes,
     confused_with=("nonlinear_stiffness", "joint_compliance", "link_compliance"),
     separated_by="several load levels at one angle of the joint, and the same load at several angles",
-)
+    told={
+        "a": "anchor {} m from the axis", "L": "lever {} m", "s0": "free length {} m", "alpha": "anchor at {} rad",
+        "ratio": "spring's share of the stiffness {}",
+    },
+)  # fmt: skip

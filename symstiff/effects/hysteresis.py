@@ -60,5 +60,9 @@ EFFECT = Effect(
     shapes=_shapes,
     needs=frozenset({"branch"}),
     confused_with=("backlash", "hysteresis"),
-    separated_by="between joints 2 and 3: poses with different ratios of their loads",
-)
+    separated_by="poses in which the neighbouring joints carry loads in other proportions",
+    told={
+        "width": "turning over within ± {} LOAD", "load": "load over {} LOAD", "power": "to the power {}",
+        "loop": "closed at {} LOAD", "weights": "links' weight counted",
+    },
+)  # fmt: skip

@@ -66,4 +66,7 @@ EFFECT = Effect(
     needs=frozenset({"time or temperature"}),
     confused_with=("thermal_drift", "bad_poses", "frame_misalignment"),
     separated_by="poses repeated early and late in the session, in another order of the joints",
-)
+    told={
+        "temperature": "per {} K", "reference": "from {} °C", "time": "over {} s", "T": "time constant {} s",
+    },
+)  # fmt: skip

@@ -9,6 +9,7 @@ from typing import Any
 from markupsafe import Markup
 
 from symstiff import __version__
+from symstiff.discrepancy.proof import NO_GAP
 from symstiff.discrepancy.result import CandidateResult, Estimate, Name
 from symstiff.discrepancy.speech import named, spoken
 from symstiff.discrepancy.workflow import Finding, Found
@@ -18,6 +19,8 @@ from symstiff.report.code import Line, formulas
 from symstiff.report.tables import moved, rotates, step_rows
 
 _MOST_CANDIDATES, _MOST_LAWS, _MANY = 20, 5, 3
+DECIDES = 9.0
+"""Separation from which explanations are told apart: three standard deviations."""
 _UNITS = {"positional": "mm", "rotational": "mrad", "x": "mm", "y": "mm", "z": "mm"}
 _SHORT = {"positional": "position", "rotational": "rotation"}
 
@@ -43,7 +46,7 @@ def _context(finding: Finding, files: dict[str, Any], changes: list[Line]) -> di
         "remarks": finding.remarks,
         "facts": _facts(finding),
         "explanations": _explanations(finding),
-        "alternatives": _effects(finding.alternatives),
+        "alternatives": _effects(finding, finding.alternatives),
         "steps": _steps(finding),
         "strata": _strata(finding),
         "pictures": _pictures(finding),
@@ -80,7 +83,7 @@ def _facts(finding: Finding) -> list[tuple[str, str]]:
         facts.insert(3, ("on held-out poses", _fall(finding, r.held_out_before, r.held_out_after)))
         if r.held_out_before is not None and r.held_out_after is not None and finding.named:
             span = r.held_out_before - r.noise
-            if span > 0:
+            if span > NO_GAP * r.noise:
                 closed = (r.held_out_before - r.held_out_after) / span
                 facts.insert(4, ("gap closed", f"{100 * min(closed, 1.0):.0f} %, on held-out poses"))
     return facts
@@ -96,18 +99,18 @@ def _fall(finding: Finding, before: float | None, after: float | None) -> str:
 def _explanations(finding: Finding) -> list[dict[str, Any]]:
     """Cards of the effects; those of an ambiguous verdict by what all explanations share, then by explanation."""
     if finding.verdict != "ambiguous":
-        return [{"title": "", "cards": _effects(finding.effects)}] if finding.effects else []
+        return [{"title": "", "cards": _effects(finding, finding.effects)}] if finding.effects else []
     common, own = words.explanations(finding)
-    out = [{"title": "In every explanation", "cards": _effects(common)}] if common else []
+    out = [{"title": "In every explanation", "cards": _effects(finding, common)}] if common else []
     for k, members in enumerate(own, start=1):
         sure = (
             f": confidence {100 * min(e.confidence for e in members):.0f} %" if members else ": nothing more"
         )
-        out.append({"title": f"Explanation {k}{sure}", "cards": _effects(members)})
+        out.append({"title": f"Explanation {k}{sure}", "cards": _effects(finding, members)})
     return out
 
 
-def _effects(effects: Sequence[Found]) -> list[dict[str, Any]]:
+def _effects(finding: Finding, effects: Sequence[Found]) -> list[dict[str, Any]]:
     """A card an effect; one for all places of an effect that is at many."""
     groups: dict[tuple[int, str], list[Found]] = {}
     for e in effects:
@@ -117,10 +120,10 @@ def _effects(effects: Sequence[Found]) -> list[dict[str, Any]]:
         for group in groups.values()
         for part in ([group] if len(group) > _MANY else [[e] for e in group])
     ]
-    return [_card(group) for group in cards]
+    return [_card(finding, group) for group in cards]
 
 
-def _card(group: list[Found]) -> dict[str, Any]:
+def _card(finding: Finding, group: list[Found]) -> dict[str, Any]:
     e = group[0]
     entry = catalogue().get(e.effect)
     name = named(e.effect, e.where)
@@ -137,7 +140,7 @@ def _card(group: list[Found]) -> dict[str, Any]:
         "p": words.p_equals(max(g.p_value for g in group)),
         "confidence": f"{100 * min(g.confidence for g in group):.0f} %",
         "confounded": _few(list(confounded), 6),
-        "shape": ", ".join(f"{k} = {v:.4g}" for k, v in e.shape.items()),
+        "shape": words.shape_text(finding, e),
     }
 
 
@@ -160,6 +163,8 @@ def _decide(record: dict[str, Any] | None) -> dict[str, Any] | None:
             for p in poses
         ],
         "axes": [_header(a) for a in axes],
+        "reached": f"{poses[-1]['separation']:.2g}" if poses else "",
+        "decides": bool(poses) and poses[-1]["separation"] >= DECIDES,
         "loads": [[f"{w[a]:.4g}" for a in axes] for w in record["loads"]],
         "branches": record["branches"],
         "points": ", ".join(record["points"]) if record["points"] != ["tcp"] else "",
@@ -289,7 +294,7 @@ def _candidates(finding: Finding) -> list[dict[str, str]]:
             "p": words.p_text(c.p_value),
             "sufficient": answer[c.sufficient],
             "plausible": answer[c.plausible],
-            "testable": f"yes, {100 * c.share_left:.2g} % left",
+            "testable": f"yes, {words.percent(c.share_left)} left",
             "confused": _few(
                 [words.name_text(n) for n in c.confused_with if n != Name(c.effect, c.where)], 3
             ),

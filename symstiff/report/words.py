@@ -7,12 +7,17 @@ import re
 from collections.abc import Mapping, Sequence
 from typing import Any
 
+from symstiff.discrepancy.laws import READING
 from symstiff.discrepancy.localise import FittedDevice, FittedLaw
 from symstiff.discrepancy.result import Estimate, Name
 from symstiff.discrepancy.speech import named, place, spoken
-from symstiff.discrepancy.verdict import NOT_ALONE
+from symstiff.discrepancy.verdict import AS_WELL, NOT_ALONE
 from symstiff.discrepancy.workflow import Finding, Found, unconfirmed
+from symstiff.effects.base import catalogue
 from symstiff.report.tables import rotates
+
+LOUDER = 1.08
+"""Least residual over the stated sigma that is spoken of where nothing is missing."""
 
 _SHOWN = {"m": ("mm", 1e3), "rad": ("mrad", 1e3), "1": ("", 1.0)}
 _SUPER = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
@@ -75,6 +80,16 @@ def name_text(name: Name) -> str:
     return named(name.effect, name.where)
 
 
+def _louder(finding: Finding) -> bool:
+    noise = finding.last.noise
+    return noise.misstated and noise.ratio is not None and noise.ratio > LOUDER
+
+
+def percent(share: float) -> str:
+    """A share as a percentage: two digits below ten."""
+    return f"{100 * share:.0f} %" if share >= 0.0995 else f"{100 * share:.2g} %"
+
+
 def millimetres(value: float | None) -> str:
     """A length in metres as millimetres."""
     return "–" if value is None else f"{1e3 * value:.3f} mm"
@@ -86,7 +101,9 @@ def headline(finding: Finding) -> str:
         return "Nothing can be tested with these data"
     return {
         "named": "Missing: " + names(finding.named),
-        "nothing_missing": "Nothing is missing",
+        "nothing_missing": "Nothing is missing"
+        if not _louder(finding)
+        else "Nothing found missing; the noise is larger than stated",
         "ambiguous": "Ambiguous: more than one effect accounts for the data",
         "named_insufficient": "Missing, but not all of it: " + names(finding.named),
         "unexplained": "Something is missing that has no name in the catalogue",
@@ -176,6 +193,20 @@ def _told(group: list[Found]) -> list[str]:
     ]
 
 
+def shape_text(finding: Finding, effect: Found) -> str:
+    """The shape of an effect's law, with units."""
+    joint = effect.where.get("joint")
+    robot = finding.assembly.situation.view.robot
+    slides = isinstance(joint, int) and robot.joint[joint - 1].prismatic
+    entry = catalogue().get(effect.effect)
+    said = []
+    for key, value in effect.shape.items():
+        phrase = entry.told.get(key, f"{key} = {{}}") if entry else f"{key} = {{}}"
+        if phrase and ("{}" in phrase or value):
+            said.append(phrase.replace("LOAD", "N" if slides else "N·m").format(number(value, 4)))
+    return ", ".join(said)
+
+
 def _or_else(effect: Found) -> str:
     """Other names for the same columns."""
     if not effect.twins:
@@ -188,10 +219,9 @@ def gap(finding: Finding) -> str:
     r = finding.rms
     text = f"the residual falls from {millimetres(r.before)} to {millimetres(r.after)} rms per coordinate"
     if r.held_out_before is not None:
-        text += (
-            f", on poses that were not used from {millimetres(r.held_out_before)} "
-            f"to {millimetres(r.held_out_after)}"
-        )
+        before, after = millimetres(r.held_out_before), millimetres(r.held_out_after)
+        text += ", on poses that were not used "
+        text += f"it stays at {before}" if before == after else f"from {before} to {after}"
         text += ", which does not confirm it" if unconfirmed(r) else ""
     return f"{text} (noise {millimetres(r.noise)})"
 
@@ -231,15 +261,15 @@ def _ambiguous(finding: Finding) -> str:
     beside = f"Beside {'; '.join(_told(common))}, " if common else ""
     return (
         f"{beside}{len(own)} explanations account for the data: {', or '.join(texts)}; with the first, {gap(finding)}. "
-        "decide.csv holds poses and loads that would tell them apart."
+        "decide.csv holds the poses and loads that tell them apart best."
     )
 
 
 def _insufficient(finding: Finding) -> str:
-    return (
-        f"The leading explanation is {listed(finding)}, but it leaves more than noise: another shape, or a "
-        f"further effect below detection; {gap(finding)}."
-    )
+    why = "it leaves more than noise: another shape, or a further effect below detection"
+    if finding.reason == AS_WELL:
+        why = "a law without a name accounts for the data as well"
+    return f"The leading explanation is {listed(finding)}, but {why}; {gap(finding)}."
 
 
 def _unexplained(finding: Finding) -> str:
@@ -274,7 +304,11 @@ def device_text(law: FittedDevice) -> str:
         factor, shown = _COEFFICIENTS[unit]
         size = f"{_with_deviation(factor * value, factor * deviation)} {shown}"
         parts.setdefault(name, []).append(f"{part} {size}".strip())
-    told = ", ".join(f"{_device(name)} ({', '.join(sizes)})" for name, sizes in parts.items())
+    own = law.place.startswith(READING)
+    told = ", ".join(
+        f"{f'a term in {name}' if own else _device(name)} ({', '.join(sizes)})"
+        for name, sizes in parts.items()
+    )
     return f"{told} explains {100 * law.explained:.0f} % of what the model leaves"
 
 
