@@ -27,6 +27,8 @@ OFFERED = 300
 """Configurations over the joint limits from which the deciding ones are chosen."""
 _WEAK = 0.5
 """Second load level, where the effects are to be told apart by several."""
+_SMALL = 0.1
+"""Level at which gaps and bends near zero load show, where levels of load are measured at all."""
 _LEVELS = 3
 """Load levels of a pose from which no more are added."""
 _SHAPES = 10
@@ -68,15 +70,21 @@ class Choice:
 def experiment_like(table: Measurements) -> Experiment:
     """The experiment that a table came from: its markers, components, and the loads of its richest pose.
 
-    Where a pose has fewer than three levels of load, half of the largest load is added.
+    Where a pose has fewer than three levels of load, half of the largest load is added; and a tenth of it where
+    it has no small one, near which gaps and stiff gears differ.
     """
     share = np.abs(load_factor(table))
     poses = np.unique(table.pose)
     rich = max(poses, key=lambda p: (len(np.unique(np.round(share[table.pose == p], 6))), -p))
     rows = table.pose == rich
     loads = np.unique(np.round(table.w[rows], 9), axis=0)
-    if table.w[rows].any() and len(np.unique(np.round(share[rows], 6))) < _LEVELS:
-        loads = np.vstack([loads, _WEAK * loads[np.argmax(np.linalg.norm(loads, axis=1))]])
+    if table.w[rows].any():
+        levels = np.unique(np.round(share[rows], 6))
+        largest = loads[np.argmax(np.linalg.norm(loads, axis=1))]
+        added = [_WEAK] if len(levels) < _LEVELS else []
+        if len(levels) > 1 and levels[levels > 0].min() > 2 * _SMALL:
+            added.append(_SMALL)
+        loads = np.vstack([loads, *(level * largest[None] for level in added)])
     both = (table.branch > 0).any() and (table.branch < 0).any()
     return Experiment(
         table.kind, table.points, tuple(int(k) for k in np.flatnonzero(table.measured.any(axis=0))), loads,

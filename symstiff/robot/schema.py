@@ -124,7 +124,10 @@ class Placement(_Frozen):
 
 
 class Link(_Frozen):
-    """The elastic body after a joint: its elastic frame, compliance template, mass and known compliances."""
+    """The elastic body after a joint: its elastic frame, compliance template, mass and known compliances.
+
+    The weight hangs behind the link's own springs, which therefore carry it with all that is before them.
+    """
 
     beam_axis: BeamAxis = None
     template: str = "beam"
