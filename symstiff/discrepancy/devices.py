@@ -22,7 +22,13 @@ _TURNS = (1, 2)
 def device_laws(situation: Situation) -> tuple[DeviceLaw, ...]:
     """The laws that compete with the catalogue at no virtual joint; those without an influence are left out."""
     view = situation.view
-    found = [*_gains(situation), *_crosstalk(situation), *_markers(view), *_late(situation)]
+    found = [
+        *_gains(situation),
+        *_crosstalk(situation),
+        *_pulls(situation),
+        *_markers(view),
+        *_late(situation),
+    ]
     if view.table.kind == "absolute":
         found += _readings(view)
     return tuple(law for law in found if np.any(law.values))
@@ -57,6 +63,40 @@ def _crosstalk(situation: Situation) -> Iterator[DeviceLaw]:
         names = [_WRENCH[c - 1] for c in AXES if c != k]
         columns = tuple(Column(f"crosstalk: {source} in {name}", _ratio(name, source)) for name in names)
         yield DeviceLaw(SENSOR, f"crosstalk of {source}", columns, block[:, 5 * n : 5 * n + 5])
+
+
+def _pulls(situation: Situation) -> Iterator[DeviceLaw]:
+    """Forces beside the load while it acts: constant in the tool's axes, or drawn to a fixed point like a hose."""
+    view = situation.view
+    if not view.table.w.any():
+        return
+    tool, origin = view.found.R[:, -1], view.found.T[:, :3, 3]
+    nothing = np.zeros_like(tool)
+    turned = [
+        *(np.hstack([tool[:, :, k], nothing[:, :, k]]) for k in range(3)),
+        *(np.hstack([nothing[:, :, k], tool[:, :, k]]) for k in range(3)),
+    ]
+    columns = tuple(Column(f"bias in the tool's axes: {n}", "N" if n[0] == "f" else "N*m") for n in _WRENCH)
+    yield DeviceLaw(SENSOR, "bias in the tool's axes", columns, _pushed(situation, turned))
+    fixed = [np.tile(np.arange(6) == k, (len(tool), 1)).astype(float) for k in range(3)]
+    pull = np.hstack([-origin, nothing[:, :, 0]])
+    columns = (Column("pull towards a fixed point: spring", "N/m"),)
+    columns += tuple(
+        Column(f"pull towards a fixed point: {n} at the base's origin", "N") for n in _WRENCH[:3]
+    )
+    yield DeviceLaw(SENSOR, "pull towards a fixed point", columns, _pushed(situation, [pull, *fixed]))
+
+
+def _pushed(situation: Situation, wrenches: list[Array]) -> Array:
+    """(M, k) what wrenches (N, 6) at the tool centre point add to the data."""
+    view = situation.view
+    loads = [
+        sum((view.load_of(VirtualJoint("load", 0, c), wrench[:, c - 1]) for c in AXES), np.zeros(()))
+        for wrench in wrenches
+    ]
+    return np.column_stack([
+        np.einsum("mv,mv->m", view.J, situation.slope(load)[view.state]) for load in loads
+    ])  # fmt: skip
 
 
 def _ratio(of: str, to: str) -> str:

@@ -57,7 +57,7 @@ class FittedDevice:
 
     place: str
     terms: tuple[tuple[str, float, float, str], ...]
-    """Law, coefficient, its standard deviation and its unit (1, ppm, m, rad, 1/m)."""
+    """Law, coefficient, its standard deviation and its unit (of a ``Column``)."""
     explained: float
     """Share of the residual's sum of squares outside the model."""
 

@@ -19,7 +19,7 @@ Shape = Mapping[str, float]
 class Column:
     """A column of a law at no virtual joint: its law (with the part of it behind a colon), and its coefficient's unit.
 
-    Units are 1, ppm, m, rad and 1/m.
+    Units are 1, ppm, m, rad, 1/m, N, N*m and N/m.
     """
 
     name: str
@@ -163,7 +163,7 @@ class Candidate:
 class Options:
     """Settings of a diagnosis; the defaults are those of the benchmark."""
 
-    alpha: float = 0.03
+    alpha: float = 0.025
     """Family-wise level of the candidate tests."""
     alpha_strata: float = 0.004
     """Level of the tests that name nothing (strata, smooth laws outside the catalogue)."""

@@ -315,6 +315,9 @@ def device_text(law: FittedDevice) -> str:
 _COEFFICIENTS = {
     "1": (100.0, "%"),
     "ppm": (1.0, "ppm"),
+    "N": (1.0, "N"),
+    "N*m": (1.0, "N·m"),
+    "N/m": (1.0, "N/m"),
     "m": (1e3, "mm"),
     "rad": (1e3, "mrad"),
     "1/m": (1.0, "1/m"),
