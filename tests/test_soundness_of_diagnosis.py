@@ -1,0 +1,110 @@
+"""What must not mislead a diagnosis: rounding, loose markers, swapped labels, strata that still reject."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pytest
+
+from symstiff.calibration.simulation import Device, Truth, nominal_truth
+from symstiff.discrepancy.growth import fit, grow
+from symstiff.discrepancy.laws import _soft_spots
+from symstiff.discrepancy.problem import Options
+from symstiff.discrepancy.search import _lacking
+from symstiff.discrepancy.situation import Situation
+from symstiff.discrepancy.strata import Stratum
+from symstiff.discrepancy.workflow import Task, run
+from symstiff.effects.base import EffectInstance
+from symstiff.model import StiffnessModel
+from symstiff.reduction.reduce import reduce
+from symstiff.report import words
+from symstiff.robot import from_table, load
+from symstiff.robot.table import to_table
+from tests.diagnosis_data import HARDENING, ROBOT, measured
+from tests.test_assemble import design, readings
+
+
+def test_a_column_that_is_rounding_alone_moves_no_fit(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A moment that nothing feels has a column of zeros, or of rounding: the same fit."""
+    columns, noise = Situation.columns, np.random.default_rng(1)
+
+    def rounded(self: Situation, terms: Any, names: Any) -> np.ndarray:
+        exact = columns(self, terms, names)
+        return np.asarray(exact + 1e-21 * noise.normal(size=exact.shape))
+
+    raw = to_table(load("ur10"))
+    for joint in raw["joint"]:
+        joint["link"] = {k: v for k, v in joint["link"].items() if k not in ("mass", "com")}
+    robot = from_table(raw)
+    table = design("ur10", "absolute", poses=20)
+    w = np.zeros_like(table.w)
+    w[:, 2] = -np.abs(table.w[:, 2])
+    table = replace(table, w=w)
+    values = readings(Truth(robot, nominal_truth(robot), (), device=Device()), table)
+    values[:, 3:] = np.nan
+    values[:, :3] += np.random.default_rng(0).normal(size=(len(table), 3)) * 2e-5
+    table = replace(table, values=values)
+    model = StiffnessModel.of(reduce(robot, "gravity", "position"))
+    model = grow(model, [EffectInstance("link_weight", {"link": 1})])
+    plain = fit(model, table).model.values
+    monkeypatch.setattr(Situation, "columns", rounded)
+    again = fit(model, table).model.values
+    for name in model.parameters:
+        assert again[name] == pytest.approx(plain[name], rel=1e-3, abs=1e-9), name
+
+
+def test_a_marker_that_scatters_more_is_told() -> None:
+    table = measured()
+    values = table.values.copy()
+    values[table.point == 1, :3] += 4e-5 * np.random.default_rng(8).normal(size=(np.sum(table.point == 1), 3))
+    found = run(Task(load(ROBOT), replace(table, values=values)))
+    assert found.verdict == "nothing_missing"
+    assert found.last.noise.by_marker["p2"] == pytest.approx(np.sqrt(5.0), rel=0.25)
+    assert any("marker p2 scatters" in r for r in found.remarks)
+    assert not any("scatters" in r for r in run(Task(load(ROBOT), measured())).remarks)
+
+
+def test_swapped_labels_are_told_by_the_poses_that_hold_what_is_left() -> None:
+    table = measured(poses=16)
+    values = table.values.copy()
+    first, second = (np.flatnonzero(table.pose == p) for p in (3, 11))
+    values[first], values[second] = table.values[second], table.values[first]
+    found = run(Task(load(ROBOT), replace(table, values=values)))
+    assert found.verdict in ("unexplained", "named_insufficient")
+    remark = next(r for r in found.remarks if "few poses" in r)
+    assert all(table.labels[p] in remark for p in (3, 11))
+
+
+def test_few_poses_are_not_blamed_for_a_law() -> None:
+    found = run(Task(load(ROBOT), measured({**HARDENING, "a": 1.5e-3}, poses=16)))
+    assert not any("few poses" in r for r in found.remarks)
+
+
+@pytest.mark.parametrize(
+    ("p", "further", "lacking"), [(1e-6, 90.0, True), (1e-6, 5.0, False), (0.2, 90.0, False)]
+)
+def test_a_stratum_that_rejects_with_much_of_the_signal_makes_a_set_insufficient(
+    p: float, further: float, lacking: bool
+) -> None:
+    part = Stratum("nonlinear in load", 40, 40.0 + further, 2.0, p)
+    shop: Any = SimpleNamespace(lack=lambda scan: (part,), options=Options())
+    none: Any = None
+    assert _lacking(shop, none, 150.0) is lacking
+
+
+def test_a_soft_spot_at_a_negative_angle_reads_as_one_writes_it() -> None:
+    laws = _soft_spots(np.linspace(-2.0, 1.0, 30), 2, np.ones(30))
+    assert "q2 + 2" in laws[0].text[0]
+    assert not any("- -" in text for law in laws for text in law.text)
+
+
+def test_shapes_are_told_with_units() -> None:
+    found = run(Task(load(ROBOT), measured(HARDENING)))
+    text = words.shape_text(found, found.named[0])
+    assert "load over" in text
+    assert "N·m" in text
+    assert words.percent(1.0) == "100 %"
+    assert words.percent(0.034) == "3.4 %"
