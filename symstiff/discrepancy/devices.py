@@ -13,6 +13,8 @@ from symstiff.symbolic.terms import AXES, Term, VirtualJoint, deflection, w
 
 SENSOR, DEVICE, ORDER = "force sensor", "measuring device", "order of the loads"
 _WRENCH = ("fx", "fy", "fz", "mx", "my", "mz")
+_VARIES = 0.3
+"""Share of a law's square that must not be constant within a pose."""
 _GROWTH = (1, 2)
 """Powers of the distance by which a reading may grow beyond its scale: refraction."""
 _TURNS = (1, 2)
@@ -129,7 +131,10 @@ def _markers(view: View) -> Iterator[DeviceLaw]:
 
 
 def _late(situation: Situation) -> Iterator[DeviceLaw]:
-    """Readings that still hold a share of what the load before made, pose by pose."""
+    """Readings that still hold a share of what the load before made, pose by pose.
+
+    Not under loads that rise in equal steps: there it is a constant, as a bias or a wrong payload is.
+    """
     view = situation.view
     table = view.table
     made = np.einsum("nrv,nv->nr", view.at_point, situation.laws(view.tau + view.more))
@@ -140,7 +145,11 @@ def _late(situation: Situation) -> Iterator[DeviceLaw]:
             rows = np.flatnonzero((table.pose == pose) & (table.point == point))
             rows = rows[np.argsort(clock[rows], kind="stable")]
             before[rows[1:]] = made[rows[:-1]]
-    yield DeviceLaw(ORDER, "late", (Column("late", "1"),), view.read(before - made)[:, None])
+    change = before - made
+    group = np.unique(np.column_stack([table.pose, table.point]), axis=0, return_inverse=True)[1].reshape(-1)
+    constant = np.stack([np.bincount(group, c) / np.bincount(group) for c in change.T], axis=1)[group]
+    if np.sum((change - constant) ** 2) > _VARIES * np.sum(change**2):
+        yield DeviceLaw(ORDER, "late", (Column("late", "1"),), view.read(change)[:, None])
 
 
 def _readings(view: View) -> Iterator[DeviceLaw]:

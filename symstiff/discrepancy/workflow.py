@@ -19,9 +19,9 @@ from symstiff.calibration.measurements import Measurements
 from symstiff.discrepancy.assemble import Assembly, added_loads, assemble
 from symstiff.discrepancy.diagnose import diagnose
 from symstiff.discrepancy.growth import Fitted, fit, grow
-from symstiff.discrepancy.noise import NoiseReport
 from symstiff.discrepancy.point import find_point
 from symstiff.discrepancy.problem import Array, Options, Shape
+from symstiff.discrepancy.remarks import remarked
 from symstiff.discrepancy.result import CandidateResult, Diagnosis, Estimate, Name, Rms
 from symstiff.discrepancy.speech import named as named_at
 from symstiff.discrepancy.strata import Stratum
@@ -37,10 +37,6 @@ _WORTH = 0.01
 """Load that an effect adds, against the largest, from which other laws are looked at again under it."""
 _UNCONFIRMED = 0.75
 """Most confidence in what poses that were not used do not confirm."""
-_MOSTLY = 0.5
-"""Share of the residual's variance that few poses bring from which they are spoken of."""
-LOOSE = 1.35
-"""How much more than the others a marker scatters that is spoken of."""
 MOST_POSES = 200
 """Poses of absolute data that are used unless more are asked for: the time of a diagnosis grows with them."""
 
@@ -288,7 +284,7 @@ def _finding(
     if climbed and verdict == NOTHING:
         verdict, reason = NAMED, "the links give way; beyond the complete model no test rejects"
     testable = verdict != UNTESTABLE
-    remarks = [*remarks, *_of_sigma(last.noise), *_of_markers(last.noise), *_of_poses(table, last)]
+    remarks = [*remarks, *remarked(table, last)]
     if unconfirmed(last.rms):
         named = tuple(replace(e, confidence=min(e.confidence, _UNCONFIRMED)) for e in named)
         remarks.append(
@@ -313,36 +309,6 @@ def unconfirmed(rms: Rms) -> bool:
     if rms.held_out_before is None or rms.held_out_after is None or rms.after == rms.before:
         return False
     return rms.held_out_after >= rms.held_out_before
-
-
-def _of_sigma(noise: NoiseReport) -> list[str]:
-    if not noise.misstated or noise.ratio_interval is None:
-        return []
-    low, high = noise.ratio_interval
-    return [
-        f"what is left varies by {noise.ratio:.2f} times the stated sigma ({low:.2f} to {high:.2f}): "
-        "no test relies on the stated one"
-    ]
-
-
-def _of_markers(noise: NoiseReport) -> list[str]:
-    return [
-        f"marker {name} scatters {factor:.1f} times as much as the others: look at how it is fixed"
-        for name, factor in noise.by_marker.items()
-        if factor > LOOSE
-    ]
-
-
-def _of_poses(table: Measurements, last: Diagnosis) -> list[str]:
-    where = last.localisation
-    if where is None or last.verdict not in (UNEXPLAINED, INSUFFICIENT) or where.suspected < _MOSTLY:
-        return []
-    numbers = np.unique(table.pose)
-    names = ", ".join(table.labels[int(numbers[p])] for p in where.suspects)
-    return [
-        f"most of what is left ({100 * where.suspected:.0f} % of its variance) comes with few poses ({names}): "
-        "look at their labels and joint readings, or measure them again"
-    ]
 
 
 def _as_identified(effect: Found, fitted: Fitted) -> Found:

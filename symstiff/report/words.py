@@ -80,9 +80,13 @@ def name_text(name: Name) -> str:
     return named(name.effect, name.where)
 
 
-def _louder(finding: Finding) -> bool:
+def _nothing_missing(finding: Finding) -> str:
     noise = finding.last.noise
-    return noise.misstated and noise.ratio is not None and noise.ratio > LOUDER
+    if noise.misstated and noise.ratio is not None and noise.ratio > LOUDER:
+        return "Nothing found missing; the noise is larger than stated"
+    if noise.approach > noise.sigma:
+        return "Nothing found missing; what a pose's rows share is more than noise"
+    return "Nothing is missing"
 
 
 def percent(share: float) -> str:
@@ -101,9 +105,7 @@ def headline(finding: Finding) -> str:
         return "Nothing can be tested with these data"
     return {
         "named": "Missing: " + names(finding.named),
-        "nothing_missing": "Nothing is missing"
-        if not _louder(finding)
-        else "Nothing found missing; the noise is larger than stated",
+        "nothing_missing": _nothing_missing(finding),
         "ambiguous": "Ambiguous: more than one effect accounts for the data",
         "named_insufficient": "Missing, but not all of it: " + names(finding.named),
         "unexplained": "Something is missing that has no name in the catalogue",
