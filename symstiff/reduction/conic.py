@@ -11,6 +11,8 @@ import scipy.sparse
 from symstiff.reduction.admissible import AdmissibleSet, Array, Block
 
 _ROOT2 = np.sqrt(2.0)
+_STEPS = (0.99, 0.95, 0.9)
+"""Largest steps of the solver, as shares of the way to the boundary, in turn."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -34,12 +36,24 @@ class Solution:
 
 
 def solve(quadratic: Array, linear: Array, constraints: Sequence[Constraint]) -> Solution:
-    """Minimise ½·Σ quadratic·x² + linear·x under the constraints; quadratic, linear: (n,), quadratic ≥ 0."""
+    """Minimise ½·Σ quadratic·x² + linear·x under the constraints; quadratic, linear: (n,), quadratic ≥ 0.
+
+    An interior point that long steps have brought too near the boundary is stuck there: shorter ones are tried then.
+    """
+    for step in _STEPS:
+        found = _solve(quadratic, linear, constraints, step)
+        if found.status in ("solved", "unbounded", "infeasible"):
+            break
+    return found
+
+
+def _solve(quadratic: Array, linear: Array, constraints: Sequence[Constraint], step: float) -> Solution:
     import clarabel  # type: ignore[import-untyped,unused-ignore]
 
     settings = clarabel.DefaultSettings()
     settings.verbose = False
     settings.tol_gap_abs = settings.tol_gap_rel = settings.tol_feas = 1e-10
+    settings.max_step_fraction = step
     settings.max_threads = 1
     solver = clarabel.DefaultSolver(
         scipy.sparse.diags_array(quadratic, format="csc"),
