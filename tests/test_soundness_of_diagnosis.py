@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 
 from symstiff.calibration.simulation import Device, Truth, nominal_truth
+from symstiff.discrepancy.assemble import assemble
 from symstiff.discrepancy.growth import fit, grow
 from symstiff.discrepancy.laws import _soft_spots
 from symstiff.discrepancy.problem import Options
@@ -65,6 +66,27 @@ def test_a_marker_that_scatters_more_is_told() -> None:
     assert found.last.noise.by_marker["p2"] == pytest.approx(np.sqrt(5.0), rel=0.25)
     assert any("marker p2 scatters" in r for r in found.remarks)
     assert not any("scatters" in r for r in run(Task(load(ROBOT), measured())).remarks)
+
+
+def test_an_error_that_a_poses_rows_share_is_told_where_it_exceeds_the_noise() -> None:
+    table = measured(poses=16)
+    values = table.values.copy()
+    values[:, :3] += 6e-5 * np.random.default_rng(2).normal(size=(16, 3))[table.pose]
+    found = run(Task(load(ROBOT), replace(table, values=values)))
+    assert found.verdict == "nothing_missing"
+    assert found.last.noise.approach == pytest.approx(6e-5, rel=0.3)
+    assert any("share an error" in r for r in found.remarks)
+    assert words.headline(found).startswith("Nothing found missing")
+    assert words.headline(run(Task(load(ROBOT), measured()))) == "Nothing is missing"
+
+
+def test_lateness_is_not_looked_for_where_it_is_a_constant() -> None:
+    def places(table: Any) -> set[str]:
+        model = StiffnessModel.of(reduce(load(ROBOT)))
+        return {law.place for law in assemble(model, table, effects=()).problem.devices}
+
+    assert "order of the loads" in places(measured())
+    assert "order of the loads" not in places(measured(levels=(0.25, 0.5, 0.75, 1.0)))
 
 
 def test_swapped_labels_are_told_by_the_poses_that_hold_what_is_left() -> None:
