@@ -7,12 +7,13 @@ from collections.abc import Iterator
 import numpy as np
 
 from symstiff.calibration.loading import load_factor
-from symstiff.discrepancy.problem import Array, Column, DeviceLaw
+from symstiff.discrepancy.problem import Array, DeviceLaw, Parameter
 from symstiff.discrepancy.situation import Situation, View
 from symstiff.symbolic.terms import AXES, Term, VirtualJoint, deflection, w
 
 SENSOR, DEVICE, ORDER = "force sensor", "measuring device", "order of the loads"
 _WRENCH = ("fx", "fy", "fz", "mx", "my", "mz")
+_PERCENT, _MILLIONTH = 1e-2, 1e-6
 _VARIES = 0.3
 """Share of a law's square that must not be constant within a pose."""
 _GROWTH = (1, 2)
@@ -44,8 +45,8 @@ def _gains(situation: Situation) -> Iterator[DeviceLaw]:
         f"reading of axis {c}": (VirtualJoint("measure", 0, int(c)), deflection(int(c)))
         for c in np.unique(view.component) + 1
     }
-    block = situation.columns([Term(name, *place) for name, place in places.items()], list(places))
-    gain, grown = (Column("gain", "1"),), (Column("gain*load", "1"),)
+    block = _PERCENT * situation.columns([Term(n, *place) for n, place in places.items()], list(places))
+    gain, grown = (Parameter("gain", "%"),), (Parameter("gain*load", "%"),)
     share = np.abs(load_factor(view.table))[view.state]
     for name, column in zip(places, block.T, strict=True):
         yield DeviceLaw(name, "gain", gain, column[:, None])
@@ -63,8 +64,9 @@ def _crosstalk(situation: Situation) -> Iterator[DeviceLaw]:
     for n, k in enumerate(loaded):
         source = _WRENCH[k - 1]
         names = [_WRENCH[c - 1] for c in AXES if c != k]
-        columns = tuple(Column(f"crosstalk: {source} in {name}", _ratio(name, source)) for name in names)
-        yield DeviceLaw(SENSOR, f"crosstalk of {source}", columns, block[:, 5 * n : 5 * n + 5])
+        columns = tuple(Parameter(f"crosstalk: {source} in {name}", _ratio(name, source)) for name in names)
+        unit = np.array([_PERCENT if c.unit == "%" else 1.0 for c in columns])
+        yield DeviceLaw(SENSOR, f"crosstalk of {source}", columns, unit * block[:, 5 * n : 5 * n + 5])
 
 
 def _pulls(situation: Situation) -> Iterator[DeviceLaw]:
@@ -78,13 +80,15 @@ def _pulls(situation: Situation) -> Iterator[DeviceLaw]:
         *(np.hstack([tool[:, :, k], nothing[:, :, k]]) for k in range(3)),
         *(np.hstack([nothing[:, :, k], tool[:, :, k]]) for k in range(3)),
     ]
-    columns = tuple(Column(f"bias in the tool's axes: {n}", "N" if n[0] == "f" else "N*m") for n in _WRENCH)
+    columns = tuple(
+        Parameter(f"bias in the tool's axes: {n}", "N" if n[0] == "f" else "N*m") for n in _WRENCH
+    )
     yield DeviceLaw(SENSOR, "bias in the tool's axes", columns, _pushed(situation, turned))
     fixed = [np.tile(np.arange(6) == k, (len(tool), 1)).astype(float) for k in range(3)]
     pull = np.hstack([-origin, nothing[:, :, 0]])
-    columns = (Column("pull towards a fixed point: spring", "N/m"),)
+    columns = (Parameter("pull towards a fixed point: spring", "N/m"),)
     columns += tuple(
-        Column(f"pull towards a fixed point: {n} at the base's origin", "N") for n in _WRENCH[:3]
+        Parameter(f"pull towards a fixed point: {n} at the base's origin", "N") for n in _WRENCH[:3]
     )
     yield DeviceLaw(SENSOR, "pull towards a fixed point", columns, _pushed(situation, [pull, *fixed]))
 
@@ -103,7 +107,7 @@ def _pushed(situation: Situation, wrenches: list[Array]) -> Array:
 
 def _ratio(of: str, to: str) -> str:
     """Unit of one component of a wrench over another."""
-    return "1" if of[0] == to[0] else "m" if of[0] == "m" else "1/m"
+    return "%" if of[0] == to[0] else "m" if of[0] == "m" else "1/m"
 
 
 def _markers(view: View) -> Iterator[DeviceLaw]:
@@ -126,7 +130,7 @@ def _markers(view: View) -> Iterator[DeviceLaw]:
     for k in np.unique(points):
         own = (points == k)[:, None]
         for title, block in laws.items():
-            columns = tuple(Column(f"{title}: {axis}", "m") for axis in "xyz")
+            columns = tuple(Parameter(f"{title}: {axis}", "m") for axis in "xyz")
             yield DeviceLaw(f"marker {view.table.points[k]}", title, columns, own * block)
 
 
@@ -149,7 +153,7 @@ def _late(situation: Situation) -> Iterator[DeviceLaw]:
     group = np.unique(np.column_stack([table.pose, table.point]), axis=0, return_inverse=True)[1].reshape(-1)
     constant = np.stack([np.bincount(group, c) / np.bincount(group) for c in change.T], axis=1)[group]
     if np.sum((change - constant) ** 2) > _VARIES * np.sum(change**2):
-        yield DeviceLaw(ORDER, "late", (Column("late", "1"),), view.read(change)[:, None])
+        yield DeviceLaw(ORDER, "late", (Parameter("late", "%"),), _PERCENT * view.read(change)[:, None])
 
 
 def _readings(view: View) -> Iterator[DeviceLaw]:
@@ -169,14 +173,14 @@ def _readings(view: View) -> Iterator[DeviceLaw]:
 
     def law(place: str, title: str, unit: str, *moves: Array) -> DeviceLaw:
         names = [title] if len(moves) == 1 else [f"{title}: {part}" for part in ("sin", "cos")]
-        columns = tuple(Column(name, unit) for name in names)
+        columns = tuple(Parameter(name, unit) for name in names)
         return DeviceLaw(place, title, columns, np.column_stack([_read(view, move) for move in moves]))
 
-    yield law(DEVICE, "scale error", "ppm", 1e-6 * seen)
+    yield law(DEVICE, "scale error", "ppm", _MILLIONTH * seen)
     for k in range(3):
-        yield law(f"reading of axis {k + 1}", "scale error", "ppm", 1e-6 * seen * (np.arange(3) == k))
+        yield law(f"reading of axis {k + 1}", "scale error", "ppm", _MILLIONTH * seen * (np.arange(3) == k))
     for n in _GROWTH:
-        yield law(DEVICE, f"scale error growing with distance^{n}", "ppm", 1e-6 * seen * far**n)
+        yield law(DEVICE, f"scale error growing with distance^{n}", "ppm", _MILLIONTH * seen * far**n)
     yield law(DEVICE, "offset of the distance", "m", seen / distance[:, None])
     yield law(DEVICE, "offset of the elevation", "rad", ways["elevation"][1])
     for name, (angle, way) in ways.items():

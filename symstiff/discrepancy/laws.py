@@ -97,7 +97,7 @@ def _everywhere(problem: Problem) -> Iterator[tuple[str, Array, Law]]:
             yield f"{READING} {axis + 1}", indicator, replace(law, units=units)
     ones = np.ones(problem.rows)
     for added in problem.devices:
-        names, units = zip(*((c.name, c.unit) for c in added.columns), strict=True)
+        names, units = zip(*((p.name, p.unit) for p in added.parameters), strict=True)
         yield added.place, ones, Law(names, added.values, family=added.title, units=units)
 
 

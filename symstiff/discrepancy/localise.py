@@ -12,6 +12,7 @@ from symstiff.discrepancy.laws import Law, every_law, largest_load
 from symstiff.discrepancy.problem import Array, Index, Problem
 from symstiff.discrepancy.scan import Evidence, Scan, coefficients
 
+_ROUNDING = 1e-9
 _SUSPECTS = 3
 _BEYOND_DOUBT = 1e-6
 """Probability, over all poses, below which one is unlike the others."""
@@ -57,7 +58,7 @@ class FittedDevice:
 
     place: str
     terms: tuple[tuple[str, float, float, str], ...]
-    """Law, coefficient, its standard deviation and its unit (of a ``Column``)."""
+    """Law, coefficient, its standard deviation and its unit."""
     explained: float
     """Share of the residual's sum of squares outside the model."""
 
@@ -99,7 +100,8 @@ def localise(problem: Problem, scan: Scan, found: Evidence, residual: Array) -> 
 def suspects(problem: Problem, scan: Scan) -> tuple[tuple[int, ...], float]:
     """Poses, worst first, that are unlike all others beyond doubt, and the share of the variance they bring.
 
-    A pose's rows left out reduce the residual's square by r'(I - B B')⁻¹ r with B their rows of the model's basis.
+    A pose's rows left out reduce the residual's square by r'r + r'B (I - B'B)⁻¹ B'r, B their rows of the model's
+    basis.
     """
     layer = scan.best
     chosen: list[int] = []
@@ -110,7 +112,8 @@ def suspects(problem: Problem, scan: Scan) -> tuple[tuple[int, ...], float]:
         for pose in set(np.unique(problem.pose).tolist()) - set(chosen):
             out = rows | (problem.pose == pose)
             B, r = layer.basis[out], layer.y[out]
-            found[pose] = float(r @ np.linalg.lstsq(np.eye(len(r)) - B @ B.T, r, rcond=1e-9)[0])
+            inner = (1.0 + _ROUNDING) * np.eye(B.shape[1]) - B.T @ B
+            found[pose] = float(r @ r + (B.T @ r) @ np.linalg.solve(inner, B.T @ r))
         worst = max(found, key=lambda p: found[p])
         own = problem.pose == worst
         freedom = scan.freedom - int((rows | own).sum())

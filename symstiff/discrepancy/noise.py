@@ -74,6 +74,11 @@ class NoiseReport:
     approach: float
     """Standard deviation of the error that a pose's load cases share."""
 
+    @property
+    def mostly_shared(self) -> bool:
+        """Whether the error that a pose's load cases share exceeds what each has for itself."""
+        return self.approach > self.sigma
+
 
 def start(problem: Problem) -> Noise:
     """The noise as stated: sigma where given, else one number for each kind of component."""

@@ -16,14 +16,15 @@ Shape = Mapping[str, float]
 
 
 @dataclass(frozen=True)
-class Column:
-    """A column of a law at no virtual joint: its law (with the part of it behind a colon), and its coefficient's unit.
-
-    Units are 1, ppm, m, rad, 1/m, N, N*m and N/m.
-    """
+class Parameter:
+    """A coefficient of a candidate: name, unit and the physical range outside which nobody would believe it."""
 
     name: str
-    unit: str
+    unit: str = ""
+    low: float = -np.inf
+    high: float = np.inf
+    typical: float = 0.0
+    """Usual size, for the relative sizes of one effect's parameters; 0 where nothing is known of it."""
 
 
 @dataclass(frozen=True)
@@ -32,7 +33,8 @@ class DeviceLaw:
 
     place: str
     title: str
-    columns: tuple[Column, ...]
+    parameters: tuple[Parameter, ...]
+    """One a column; a colon parts the law from the part of it that a column is."""
     values: Array
     """(M, k)"""
 
@@ -115,18 +117,6 @@ class Problem:
     def poses(self) -> int:
         """Number of poses."""
         return len(np.unique(self.pose))
-
-
-@dataclass(frozen=True)
-class Parameter:
-    """A coefficient of a candidate: name, unit and the physical range outside which nobody would believe it."""
-
-    name: str
-    unit: str = ""
-    low: float = -np.inf
-    high: float = np.inf
-    typical: float = 0.0
-    """Usual size, for the relative sizes of one effect's parameters; 0 where nothing is known of it."""
 
 
 @dataclass(frozen=True)

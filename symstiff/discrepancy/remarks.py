@@ -33,7 +33,7 @@ def _of_sigma(noise: NoiseReport) -> list[str]:
 
 def _of_approach(last: Diagnosis) -> list[str]:
     noise = last.noise
-    if last.verdict != NOTHING or noise.approach < noise.sigma:
+    if last.verdict != NOTHING or not noise.mostly_shared:
         return []
     return [
         f"a pose's rows share an error {noise.approach / noise.sigma:.1f} times the noise: the robot's repeatability, "

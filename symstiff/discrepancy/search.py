@@ -195,10 +195,12 @@ def _tolerated(shop: Workshop, proposal: Proposal, generic: bool) -> float:
         return 1.0
     best = int(np.argmax(score))
     where, place = bank.candidates[best].where, bank.place[best]
-    here = [bank.candidates[m].where == where or (place and bank.place[m] == place) for m in proposal.members]
-    if any(here):
+    here = [
+        m for m in proposal.members if bank.candidates[m].where == where or (place and bank.place[m] == place)
+    ]
+    if here:
         # two laws at one place bend to almost anything: what they still miss there is another law
-        return shop.options.tolerated_shape if sum(map(bool, here)) < 2 else shop.options.tolerated_share
+        return shop.options.tolerated_shape if len(here) == 1 else shop.options.tolerated_share
     if generic:
         return shop.options.tolerated_share
     return 0.5 * shop.options.tolerated_shape if _shape_explains(shop, proposal, float(score[best])) else 0.0

@@ -84,7 +84,7 @@ def _nothing_missing(finding: Finding) -> str:
     noise = finding.last.noise
     if noise.misstated and noise.ratio is not None and noise.ratio > LOUDER:
         return "Nothing found missing; the noise is larger than stated"
-    if noise.approach > noise.sigma:
+    if noise.mostly_shared:
         return "Nothing found missing; what a pose's rows share is more than noise"
     return "Nothing is missing"
 
@@ -303,9 +303,7 @@ def device_text(law: FittedDevice) -> str:
     parts: dict[str, list[str]] = {}
     for text, value, deviation, unit in law.terms:
         name, _, part = text.partition(": ")
-        factor, shown = _COEFFICIENTS[unit]
-        size = f"{_with_deviation(factor * value, factor * deviation)} {shown}"
-        parts.setdefault(name, []).append(f"{part} {size}".strip())
+        parts.setdefault(name, []).append(f"{part} {quantity(Estimate(value, deviation, unit))}".strip())
     own = law.place.startswith(READING)
     told = ", ".join(
         f"{f'a term in {name}' if own else _device(name)} ({', '.join(sizes)})"
@@ -314,16 +312,6 @@ def device_text(law: FittedDevice) -> str:
     return f"{told} explains {100 * law.explained:.0f} % of what the model leaves"
 
 
-_COEFFICIENTS = {
-    "1": (100.0, "%"),
-    "ppm": (1.0, "ppm"),
-    "N": (1.0, "N"),
-    "N*m": (1.0, "N·m"),
-    "N/m": (1.0, "N/m"),
-    "m": (1e3, "mm"),
-    "rad": (1e3, "mrad"),
-    "1/m": (1.0, "1/m"),
-}
 _DEVICE = {
     "gain": "a gain error",
     "gain*load": "a gain error that grows with the load",
@@ -336,14 +324,6 @@ def _device(name: str) -> str:
     """A law of a device in words; ``^1`` is left unsaid."""
     article = "an" if name[0] in "aeo" else "a"
     return _DEVICE.get(name, f"{article} {name.removesuffix('^1')}")
-
-
-def _with_deviation(value: float, deviation: float) -> str:
-    """Value ± deviation with two digits of the deviation."""
-    if not 0 < deviation < math.inf:
-        return f"{value:.3g}"
-    digits = max(0, 1 - math.floor(math.log10(deviation)))
-    return f"{value:.{digits}f} ± {deviation:.{digits}f}"
 
 
 def law_text(finding: Finding, law: FittedLaw) -> str:

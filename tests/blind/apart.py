@@ -117,9 +117,9 @@ def limit(hidden: Case, assembly: Assembly, groups: Any) -> float | None:
     """Share of repetitions of a case in which a judge who knows noise and λ would name what is hidden.
 
     The judge weighs the catalogue by exact likelihoods, every effect alike and its places alike, and speaks where the
-    greatest is above what ``LEVEL`` of the tables without an effect reach: nobody with this catalogue can name
-    more at that level, and nobody has to learn the noise. Of two effects the judge is told one and names the other,
-    each in turn, without having to ask whether there is another.
+    greatest is above what ``LEVEL`` of the tables without an effect reach. A reference and no strict bound: places
+    and directions are weighed as the catalogue has them, not as the generator draws them. Of two effects the judge
+    is told one and names the other, each in turn, without having to ask whether there is another.
     """
     truth, parts = hidden.label.truth, hidden.parts
     if len(parts) not in (1, 2) or len(parts) != len(truth) or not np.any(hidden.signal):
