@@ -131,7 +131,7 @@ def test_readings_that_hold_the_load_before_are_columns_of_what_it_made() -> Non
     made = found.situation.view.read(
         np.einsum("nrv,nv->nr", view.at_point, found.situation.laws(view.tau + view.more))
     )
-    late = _law(found.problem, "order of the loads", "late")[:, 0]
+    late = 100.0 * _law(found.problem, "order of the loads", "late")[:, 0]  # a column is one per cent
     key = [tuple(k) for k in np.column_stack([table.pose, table.point])[view.state]]
     for row in range(0, len(late), 37):
         same = [
