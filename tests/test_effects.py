@@ -16,12 +16,12 @@ from symstiff.calibration.simulation.chain import posture as posture_of
 from symstiff.calibration.simulation.equilibrium import Mechanism, States, Weight, loads
 from symstiff.codegen.compiler import find_compiler
 from symstiff.codegen.generate import generate
+from symstiff.discrepancy.distinguish import distinction, distinguishable
 from symstiff.effects import EffectInstance, catalogue
 from symstiff.effects.base import Effect, Scales
 from symstiff.effects.common import weight_load
 from symstiff.errors import UserError
 from symstiff.model import StiffnessModel, joints_only, latex, load_model
-from symstiff.reduction.distinguish import distinction, distinguishable
 from symstiff.reduction.reduce import reduce
 from symstiff.robot import load
 from symstiff.symbolic.algebras import NumpyAlgebra

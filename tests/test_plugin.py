@@ -18,11 +18,11 @@ import symstiff
 from symstiff.calibration.identify import identify
 from symstiff.calibration.table import read_measurements
 from symstiff.codegen.compiler import find_compiler
+from symstiff.discrepancy.distinguish import distinction
 from symstiff.discrepancy.workflow import Task, run
 from symstiff.effects import catalogue
 from symstiff.model import StiffnessModel, load_model
 from symstiff.reduction import reduce
-from symstiff.reduction.distinguish import distinction
 from symstiff.robot import load
 from tests.diagnosis_data import ROBOT, design, saved
 

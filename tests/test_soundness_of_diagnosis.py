@@ -9,13 +9,13 @@ from typing import Any
 import numpy as np
 import pytest
 
+from symstiff.calibration.experiment.situation import Situation
 from symstiff.calibration.simulation import Device, Truth, nominal_truth
 from symstiff.discrepancy.assemble import assemble
 from symstiff.discrepancy.growth import fit, grow
 from symstiff.discrepancy.laws import _soft_spots
 from symstiff.discrepancy.problem import Options
 from symstiff.discrepancy.search import _lacking
-from symstiff.discrepancy.situation import Situation
 from symstiff.discrepancy.strata import Stratum
 from symstiff.discrepancy.workflow import Task, run
 from symstiff.effects.base import EffectInstance

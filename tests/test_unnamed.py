@@ -7,13 +7,13 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from symstiff.calibration.experiment.situation import look
 from symstiff.calibration.measurements import Measurements
 from symstiff.discrepancy.assemble import assemble
 from symstiff.discrepancy.laws import _lagging
 from symstiff.discrepancy.localise import FittedLaw
 from symstiff.discrepancy.problem import Problem
 from symstiff.discrepancy.result import Rms
-from symstiff.discrepancy.situation import look
 from symstiff.discrepancy.workflow import Finding, Task, run, unconfirmed
 from symstiff.report import words
 from symstiff.robot import load

@@ -8,6 +8,7 @@ import numpy as np
 import scipy.linalg
 
 from symstiff.calibration.estimate import Estimate, estimate
+from symstiff.calibration.experiment.current import settled
 from symstiff.calibration.measurements import Measurements
 from symstiff.calibration.residuals import ResidualTable, residual_table
 from symstiff.calibration.rows import Equations, weights
@@ -30,8 +31,6 @@ def fit_absolute(model: StiffnessModel, table: Measurements) -> AbsoluteFit:
     independent set of constants at the links' virtual joints (geometry, tool and placement of the device, called
     ``geometry_<link>_<axis>`` [m, rad]); those that a compliance could mimic are left to the geometry.
     """
-    from symstiff.discrepancy.current import settled
-
     current = settled(model, table)
     view = current.situation.view
     elastic = current.A[:, : len(current.names)]

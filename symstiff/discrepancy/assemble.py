@@ -12,14 +12,14 @@ from dataclasses import dataclass, replace
 import numpy as np
 from threadpoolctl import threadpool_limits
 
+from symstiff.calibration.experiment.current import Current, settled, sigma_of
+from symstiff.calibration.experiment.situation import Situation, View, has_weights, loads_of, under_weights
 from symstiff.calibration.loading import load_factor
 from symstiff.calibration.measurements import Measurements
 from symstiff.discrepancy.candidates import candidates as candidates_of
 from symstiff.discrepancy.candidates import grouped, structural
-from symstiff.discrepancy.current import Current, settled, sigma_of
 from symstiff.discrepancy.devices import device_laws
 from symstiff.discrepancy.problem import Array, Candidate, Problem
-from symstiff.discrepancy.situation import Situation, View, has_weights, loads_of, under_weights
 from symstiff.effects.base import Effect, EffectInstance, catalogue
 from symstiff.errors import UserError
 from symstiff.model import StiffnessModel

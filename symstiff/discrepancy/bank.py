@@ -8,12 +8,11 @@ from functools import cached_property
 
 import numpy as np
 
+from symstiff.calibration.experiment.rounding import without_rounding
 from symstiff.discrepancy.problem import Array, Candidate, Index, Parameter, Problem, Shape
 
 NUMERIC_ZERO = 1e-9
 """Share of a column's squared length below which nothing of it is left outside the model."""
-ROUNDING = 1e-10
-"""Length of a parameter's column, at usual sizes, against the longest below which it is rounding and nothing else."""
 _LEAST_SIZE = 0.02
 """Usual size, against the largest of an effect's, below which no parameter is taken to be."""
 
@@ -137,12 +136,6 @@ def _usual(parameters: Sequence[Parameter], block: Array) -> tuple[Array, bool]:
         return np.ones(block.shape[1]), False
     found = sizes * np.linalg.norm(block, axis=0)
     return np.maximum(found / found.max(), _LEAST_SIZE), True
-
-
-def without_rounding(block: Array, sizes: Array) -> Array:
-    """The block (M, k) with zeros where a column, at its usual size (k,), is nothing but the others' rounding."""
-    found = sizes * np.linalg.norm(block, axis=0)
-    return np.asarray(np.where(found > ROUNDING * np.max(found, initial=0.0), block, 0.0))
 
 
 def _place(problem: Problem, block: Array) -> str:

@@ -7,13 +7,13 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
+from symstiff.calibration.experiment.current import sigma_of, spread_of
+from symstiff.calibration.experiment.placement import placement_columns
+from symstiff.calibration.experiment.situation import Situation, View, linear_columns, look, under_weights
 from symstiff.calibration.loading import load_factor
 from symstiff.calibration.measurements import Measurements
-from symstiff.discrepancy.current import sigma_of, spread_of
-from symstiff.discrepancy.placement import placement_columns
 from symstiff.discrepancy.problem import Array, Candidate, Parameter, Problem, Shape
 from symstiff.discrepancy.scan import column_space
-from symstiff.discrepancy.situation import Situation, View, linear_columns, look, under_weights
 from symstiff.effects.base import Effect, Realisation, Scales, Where
 from symstiff.model import StiffnessModel
 from symstiff.robot.schema import Robot

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from symstiff.calibration.experiment.situation import Laws, Situation, has_weights, look, under_weights
 from symstiff.calibration.loading import load_factor
 from symstiff.calibration.measurements import Measurements, concatenate, measurements
 from symstiff.discrepancy.candidates import scales_of
@@ -15,7 +16,6 @@ from symstiff.discrepancy.growth import columns_of
 from symstiff.discrepancy.problem import Array
 from symstiff.discrepancy.scan import column_space
 from symstiff.discrepancy.separation import Decider, Hypotheses, deciding_poses
-from symstiff.discrepancy.situation import Laws, Situation, has_weights, look, under_weights
 from symstiff.discrepancy.threads import one_thread
 from symstiff.effects.base import EffectInstance, Scales, find
 from symstiff.model import StiffnessModel

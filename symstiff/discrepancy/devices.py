@@ -6,9 +6,9 @@ from collections.abc import Iterator
 
 import numpy as np
 
+from symstiff.calibration.experiment.situation import Situation, View
 from symstiff.calibration.loading import load_factor
 from symstiff.discrepancy.problem import Array, DeviceLaw, Parameter
-from symstiff.discrepancy.situation import Situation, View
 from symstiff.symbolic.terms import AXES, Term, VirtualJoint, deflection, w
 
 SENSOR, DEVICE, ORDER = "force sensor", "measuring device", "order of the loads"

@@ -7,13 +7,13 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from symstiff.calibration.experiment.rounding import without_rounding
+from symstiff.calibration.experiment.situation import Situation
 from symstiff.calibration.measurements import Measurements
 from symstiff.discrepancy.assemble import Assembly, assemble
-from symstiff.discrepancy.bank import without_rounding
 from symstiff.discrepancy.prepare import prepare
 from symstiff.discrepancy.problem import Array, Problem
 from symstiff.discrepancy.scan import coefficients
-from symstiff.discrepancy.situation import Situation
 from symstiff.discrepancy.threads import one_thread
 from symstiff.effects.base import EffectInstance, find
 from symstiff.model import StiffnessModel

@@ -10,8 +10,8 @@ from dataclasses import replace
 
 import numpy as np
 
+from symstiff.calibration.experiment.placement import _closest
 from symstiff.calibration.measurements import Measurements
-from symstiff.discrepancy.placement import _closest
 from symstiff.discrepancy.problem import Array
 from symstiff.model import StiffnessModel
 from symstiff.robot.loading import from_table

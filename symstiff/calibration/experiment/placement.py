@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from symstiff.discrepancy.situation import Floats, Laws, View
+from symstiff.calibration.experiment.situation import Floats, Laws, View
 
 
 def placed(view: View, laws: Laws) -> tuple[View, Floats]:

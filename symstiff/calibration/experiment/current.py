@@ -7,13 +7,21 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from symstiff.calibration.experiment.placement import placed, placement_columns
+from symstiff.calibration.experiment.rounding import without_rounding
+from symstiff.calibration.experiment.situation import (
+    Floats,
+    Laws,
+    Situation,
+    View,
+    has_weights,
+    loads_of,
+    look,
+    under_weights,
+)
+from symstiff.calibration.experiment.whole import whole
 from symstiff.calibration.measurements import Measurements
-from symstiff.discrepancy.bank import without_rounding
-from symstiff.discrepancy.placement import placed, placement_columns
-from symstiff.discrepancy.problem import Array, Shape
-from symstiff.discrepancy.situation import Laws, Situation, View, has_weights, loads_of, look, under_weights
-from symstiff.discrepancy.whole import whole
-from symstiff.effects.base import Realisation, Where, find
+from symstiff.effects.base import Realisation, Shape, Where, find
 from symstiff.model import StiffnessModel
 from symstiff.reduction.physical import Parameter as Compliance
 from symstiff.reduction.physical import physical_stages, terms_of
@@ -29,8 +37,8 @@ class Current:
 
     situation: Situation
     names: tuple[str, ...]
-    A: Array
-    y: Array
+    A: Floats
+    y: Floats
     fitted: dict[str, float]
 
 
@@ -62,7 +70,7 @@ def _current(
     terms: tuple[Term, ...],
     hidden: tuple[str, ...],
     view: View,
-    y: Array,
+    y: Floats,
     known: dict[str, float],
 ) -> Current:
     """Columns of the model at ``known`` values, and values that fit the data."""
@@ -103,7 +111,7 @@ def _under(view: View, laws: Laws) -> View:
     return replace(view, more=sum(laws.numbers.get(name, 0.0) * load for name, load in loads.items()))
 
 
-def _bent(situation: Situation) -> Array:
+def _bent(situation: Situation) -> Floats:
     """(M,) by which columns of added loads exceed their share: laws that are not linear are seen under all loads."""
     view, more = situation.view, situation.view.more
     if not isinstance(more, np.ndarray):
@@ -114,7 +122,7 @@ def _bent(situation: Situation) -> Array:
 
 def _own_columns(
     situation: Situation, identifier: str, where: Where, shape: Shape, realised: Realisation
-) -> Iterator[tuple[str, Array]]:
+) -> Iterator[tuple[str, Floats]]:
     columns = find(identifier).columns
     if columns is not None:
         block = columns(situation, where, shape)
@@ -122,7 +130,7 @@ def _own_columns(
             yield parameter.name, block[:, k]
 
 
-def _fitted(A: Array, y: Array, view: View, start: Sequence[float]) -> tuple[list[float], Array]:
+def _fitted(A: Floats, y: Floats, view: View, start: Sequence[float]) -> tuple[list[float], Floats]:
     """Least squares about the start values, and the noise (M,): as stated, else what is left.
 
     Directions that the data do not hold stay at the start.
@@ -143,13 +151,13 @@ def _fitted(A: Array, y: Array, view: View, start: Sequence[float]) -> tuple[lis
     return [float(x) for x in (begin + step)[:count]], spread
 
 
-def spread_of(view: View) -> Array:
+def spread_of(view: View) -> Floats:
     """Standard deviation of every row where stated, else one for lengths and one for angles."""
     stated = sigma_of(view)
     return np.where(view.component < 3, 1e-4, 1e-3) if stated is None else stated
 
 
-def sigma_of(view: View) -> Array | None:
+def sigma_of(view: View) -> Floats | None:
     """(M,) stated sigma; gaps take the median of their kind, None where a kind has none."""
     sigma = np.array(view.table.sigma[view.state, view.component])
     for kind in (view.component < 3, view.component >= 3):

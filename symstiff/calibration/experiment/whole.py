@@ -1,12 +1,8 @@
-"""All compliances of the robot, plausible where the data do not tell: how it answers to loads it never
-carried.
+"""All compliances of the robot, plausible where the data do not tell: how it answers to loads it never carried.
 
-An error of the force sensor acts in directions in which the experiment may have had no load, and the
-second-order
-term needs every spring's share. So the full set after M3 is estimated with a prior: a joint's compliance
-and the
-turn of the link before it count one, other turns a fifth, shifts a fifth times a link's length squared, in
-units
+An error of the force sensor acts in directions in which the experiment may have had no load, and the second-order
+term needs every spring's share. So the full set after M3 is estimated with a prior: a joint's compliance and the
+turn of the link before it count one, other turns a fifth, shifts a fifth times a link's length squared, in units
 that are fitted to the data; its spread is its size.
 """
 
@@ -16,8 +12,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from symstiff.discrepancy.problem import Array
-from symstiff.discrepancy.situation import Laws, View, linear_columns
+from symstiff.calibration.experiment.situation import Floats, Laws, View, linear_columns
 from symstiff.model import StiffnessModel
 from symstiff.reduction.physical import Parameter, original, physical_stages, terms_of
 from symstiff.symbolic.program import Builder
@@ -27,7 +22,7 @@ _OTHER_TURNS = 0.2
 
 
 def whole(
-    model: StiffnessModel, view: View, further: Array, values: dict[str, float], y: Array, spread: Array
+    model: StiffnessModel, view: View, further: Floats, values: dict[str, float], y: Floats, spread: Floats
 ) -> Laws:
     """Laws of the full set that fit the data; the model's effects keep their fitted ``values``.
 
@@ -71,7 +66,7 @@ def everything(model: StiffnessModel) -> tuple[Parameter, ...]:
     return tuple(p for n, p in (full | joints | own).items() if n not in replaced)
 
 
-def _sizes(model: StiffnessModel, parameters: Sequence[Parameter]) -> Array:
+def _sizes(model: StiffnessModel, parameters: Sequence[Parameter]) -> Floats:
     """Relative sizes (P,) of compliances: a joint counts one."""
     length = model.robot.reach / max(model.robot.dof, 1)
 

@@ -1,0 +1,1 @@
+"""An experiment seen through a model: geometry and loads, the device's placement, the columns and values that fit."""

@@ -1,0 +1,43 @@
+"""The house: data flows left to right, and nothing imports what is to its right, not even inside a function."""
+
+import ast
+from pathlib import Path
+
+import symstiff
+
+PACKAGE = Path(symstiff.__file__).parent
+ORDER = [
+    {"errors", "files", "display"}, {"robot"}, {"symbolic"}, {"reduction"}, {"effects"}, {"model", "model_file"},
+    {"codegen"}, {"calibration", "compensation"}, {"discrepancy"}, {"report"}, {"cli"},
+]  # fmt: skip
+LEVEL = {room: k for k, rooms in enumerate(ORDER) for room in rooms} | {"__version__": 0}
+DOORS = {("model", "codegen.runtime")}
+"""A model evaluates itself by its own compiled code."""
+
+
+def _imports(path: Path) -> set[str]:
+    """What a module imports of the package, without the package's name."""
+    found: set[str] = set()
+    for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+        if isinstance(node, ast.Import):
+            found.update(a.name for a in node.names)
+        elif isinstance(node, ast.ImportFrom) and node.module == "symstiff":
+            found.update(f"symstiff.{a.name}" for a in node.names)
+        elif isinstance(node, ast.ImportFrom) and node.module:
+            found.add(node.module)
+    return {m.removeprefix("symstiff.") for m in found if m.startswith("symstiff.")}
+
+
+def test_nothing_imports_what_is_to_its_right() -> None:
+    for path in PACKAGE.rglob("*.py"):
+        place = path.relative_to(PACKAGE).with_suffix("").parts
+        if place[0].startswith("__"):  # the front door shows names of all rooms
+            continue
+        for module in _imports(path):
+            allowed = LEVEL[module.split(".")[0]] <= LEVEL[place[0]] or (".".join(place), module) in DOORS
+            assert allowed, f"{'/'.join(place)} imports {module}"
+
+
+def test_every_room_has_its_place_in_the_order() -> None:
+    rooms = {p.name.removesuffix(".py") for p in PACKAGE.iterdir() if not p.name.startswith("_")}
+    assert rooms - {"py.typed"} == set().union(*ORDER)
