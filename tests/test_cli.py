@@ -17,6 +17,7 @@ from symstiff.robot import library
 COMMANDS = (
     "robots",
     "inspect",
+    "effects",
     "generate",
     "targets",
     "plan",
@@ -24,6 +25,8 @@ COMMANDS = (
     "identify",
     "diagnose",
     "compensate",
+    "footprint",
+    "reproduce",
 )
 
 
@@ -116,6 +119,27 @@ def test_inspect_warns_where_a_joint_is_not_in_its_links_template(run: Run, tmp_
         OBLIQUE.replace("beam_axis = [0.5, 0, 0.2]", 'beam_axis = [0.5, 0, 0.2]\ntemplate = "full"')
     )
     assert "warning" not in run("inspect", robot).out
+
+
+# --- effects ---------------------------------------------------------------------------------------------
+
+
+def test_effects_tells_of_every_effect_what_such_data_can_show(run: Run) -> None:
+    found = run("effects", "planar2r", "--loads", "gravity", "--measure", "position", "--json", "-")
+    result = json.loads(found.out)
+    assert (result["robot"], result["loads"], result["data"]) == ("planar2r", "gravity", "deflection")
+    told = {e["effect"]: {json.dumps(p["where"]): p for p in e["places"]} for e in result["effects"]}
+    # the planar arm lies flat: a vertical force turns no joint, and bends its links out of the plane
+    assert told["backlash"]['{"joint": 1}']["reason"] == "no such load moves it"
+    assert told["geometric_error"]['{"link": 1}']["reason"] == "cannot be seen in deflection data"
+    assert told["force_sensor_bias"]['{"load": "force_sensor"}']["told"] > 0
+    assert "(1–32 a turn)" in found.err
+    absolute = json.loads(run("effects", "planar2r", "--data", "absolute", "--json", "-").out)["effects"]
+    assert next(e for e in absolute if e["effect"] == "joint_offset")["places"][1]["told"] == 1
+
+
+def test_effects_says_which_kinds_of_data_there_are(run: Run) -> None:
+    assert_users_mistake(run("effects", "planar2r", "--data", "both"), "deflection or absolute")
 
 
 # --- generate --------------------------------------------------------------------------------------------

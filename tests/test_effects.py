@@ -267,6 +267,13 @@ def test_structure_alone_tells_what_no_data_can_show() -> None:
     assert distinguishable(model, "joint_offset", {"joint": 2}, kind="absolute")
 
 
+@pytest.mark.parametrize("effect", ["backlash", "hysteresis", "nonlinear_stiffness"])
+def test_a_joint_that_no_load_turns_shows_nothing(effect: str) -> None:
+    model = StiffnessModel.of(reduce(load("kuka_kr270"), "gravity"))
+    assert not distinguishable(model, effect, {"joint": 1})
+    assert distinguishable(model, effect, {"joint": 3})
+
+
 def test_what_a_model_of_joints_lacks_can_be_told_from_it() -> None:
     model = joints_only(load("planar2r"), "force", "position")
     assert not distinguishable(model, "joint_compliance", {"joint": 1})

@@ -12,7 +12,7 @@ from numerics import assert_couplings_hold, columns, rank, raw_columns, scaled
 from symstiff.errors import UserError
 from symstiff.reduction import Reduction, reduce
 from symstiff.reduction.physical import physical_stages, terms_of
-from symstiff.reduction.prime import PRIMES, echelon, rational
+from symstiff.reduction.prime import PRIMES, PrimeAlgebra, echelon, rational
 from symstiff.reduction.reduce import preference
 from symstiff.reduction.structural import LOADS, MEASURES, ExactEngine, Experiment, Partition
 from symstiff.reduction.svd import RankDecision, decide_rank, numeric_partition
@@ -22,6 +22,20 @@ from symstiff.symbolic.chain import ElasticChain
 from symstiff.symbolic.programs import observation_program
 
 KR270 = load("kuka_kr270")
+
+# --- functions that no field knows -----------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(("function", "sign"), [("tanh", -1), ("sign", -1), ("Abs", 1), ("cos", 1)])
+def test_an_oracle_has_its_functions_symmetry_and_value_at_zero(function: str, sign: int) -> None:
+    algebra, p = PrimeAlgebra(PRIMES[0]), PRIMES[0]
+    x = np.random.default_rng(1).integers(1, p, 50)
+    values, mirrored = algebra.call(function, [x]), algebra.call(function, [p - x])
+    assert np.array_equal(mirrored, sign * values % p)
+    assert len(set(values.tolist())) == 50
+    assert algebra.call(function, [0]) == {"cos": 1}.get(function, 0)
+    assert algebra.call(function, [int(x[0])]) == values[0]
+
 
 # --- agreement -------------------------------------------------------------------------------------------
 

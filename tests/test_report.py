@@ -190,6 +190,10 @@ def test_where_nothing_was_added_there_is_one_state() -> None:
         ([{"link": 0}, {"link": 4}], "at links 0, 4"),
         ([{"joints": [4, 5]}, {"joint": 1}], "at joint 1, between joints 4, 5"),
         ([{"joint": 2, "harmonics": [17]}], "at joint 2 (17 a turn)"),
+        (
+            [{"joint": j, "harmonics": [n]} for j in (1, 2) for n in (1, 2, 4)],
+            "at joints 1, 2 (1, 2, 4 a turn)",
+        ),
     ],
 )
 def test_places_of_one_effect_are_told_in_one_breath(wheres: list[dict[str, Any]], text: str) -> None:

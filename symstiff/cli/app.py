@@ -59,6 +59,22 @@ def inspect(
     show_reduction(robot, loads, measure, fixed, _list(prefer), _list(avoid), json)
 
 
+@app.command(epilog="Example: symstiff effects kuka_kr270 --loads gravity --measure position")
+def effects(
+    robot: Robot,
+    loads: Loads = "wrench",
+    measure: Measure = "pose",
+    data: Annotated[
+        str, typer.Option(help="deflection (loaded minus unloaded) or absolute positions.")
+    ] = "deflection",
+    json: Json = None,
+) -> None:
+    """List the effects that a diagnosis can name on a robot, and what such data could tell of each: exact, no data."""
+    from symstiff.cli.show import show_effects
+
+    show_effects(robot, loads, measure, data, json)
+
+
 @app.command(epilog="Example: symstiff generate kuka_kr270 -o kr270 --loads gravity")
 def generate(
     robot: Robot,

@@ -1,11 +1,11 @@
-"""Commands that look: the library of robots, and the reduction of a model."""
+"""Commands that look: the library of robots, the reduction of a model, the catalogue of effects."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
-from symstiff.cli.output import console, write_json
+from symstiff.cli.output import console, stages, write_json
 from symstiff.errors import UserError
 from symstiff.robot import library, load
 from symstiff.robot.exact import Exact, parse_exact
@@ -13,6 +13,8 @@ from symstiff.robot.exact import Exact, parse_exact
 if TYPE_CHECKING:
     from rich.console import Console
 
+    from symstiff.discrepancy.distinguish import Distinction
+    from symstiff.effects.base import Effect, Where
     from symstiff.reduction import Reduction
 
 
@@ -144,3 +146,73 @@ def _combination(row: dict[str, Any]) -> str:
         c = c.removeprefix("-") if negative else (f"({c})" if any(s in c[1:] for s in "+-") else c)
         text += sign + (kept if c == "1" else f"{c}·{kept}")
     return text.removeprefix(" + ").strip()
+
+
+def show_effects(robot: str, loads: str, measure: str, data: str, json: str | None) -> None:
+    """The catalogue on a robot: what a class of experiments can tell of each effect from the complete model."""
+    from symstiff.discrepancy.distinguish import survey
+    from symstiff.discrepancy.speech import named
+    from symstiff.model import StiffnessModel
+    from symstiff.reduction import reduce
+
+    if data not in ("deflection", "absolute"):
+        raise UserError(f"--data {data!r}: write deflection or absolute")
+    model = StiffnessModel.of(reduce(load(robot), loads, measure))
+    out = console(json)
+    found: dict[str, list[tuple[Where, Distinction]]] = {}
+    with stages(out) as progress:
+        for effect, where, distinction in survey(model, data):
+            progress(named(effect.identifier, where))
+            found.setdefault(effect.identifier, []).append((where, distinction))
+    title = f"{model.robot.title or model.robot.name}: loads {loads}, measured {measure}, {data} data"
+    _print_effects(out, title, found)
+    result = {"robot": model.robot.name, "loads": loads, "measure": measure, "data": data}
+    write_json(json, {**result, "effects": _effects(found)})
+
+
+def _print_effects(out: Console, title: str, found: dict[str, list[tuple[Where, Distinction]]]) -> None:
+    from rich.table import Table
+
+    from symstiff.discrepancy.speech import spoken
+    from symstiff.effects.base import catalogue
+    from symstiff.report.words import places
+
+    table = Table(title=title, title_justify="left")
+    for column in ("effect", "where", "told from the complete model", "needs"):
+        table.add_column(column)
+    for effect in catalogue().values():
+        alike: dict[str, list[Where]] = {}
+        for where, distinction in found.get(effect.identifier, []):
+            alike.setdefault(_told(distinction), []).append(where)
+        nowhere = "places depend on the data" if effect.places_in else "no such place on this robot"
+        needs = " ".join(sorted(effect.needs)).replace("_", " ")
+        for first, (told, wheres) in enumerate((alike or {nowhere: []}).items()):
+            head = ("", "") if first else (spoken(effect.identifier), needs)
+            table.add_row(head[0], places(wheres) or ("everywhere" if wheres else ""), told, head[1])
+    out.print(table)
+
+
+def _told(distinction: Distinction) -> str:
+    if distinction.reason:
+        return f"nothing: {distinction.reason}"
+    total = len(distinction.parameters)
+    of = f" of {total}" if distinction.gained < total else ""
+    return f"{distinction.gained}{of} parameter{'s' if total > 1 else ''}"
+
+
+def _effects(found: dict[str, list[tuple[Where, Distinction]]]) -> list[dict[str, Any]]:
+    from symstiff.effects.base import catalogue
+
+    def entry(effect: Effect) -> dict[str, Any]:
+        return {
+            "effect": effect.identifier, "title": effect.title, "description": effect.description,
+            "seen_in": sorted(effect.seen_in), "needs": sorted(effect.needs),
+            "confused_with": list(effect.confused_with), "separated_by": effect.separated_by,
+            "places": [
+                {"where": dict(where), "parameters": list(d.parameters), "told": d.gained,
+                 "inside": list(d.inside), "reason": d.reason}
+                for where, d in found.get(effect.identifier, [])
+            ],
+        }  # fmt: skip
+
+    return [entry(effect) for effect in catalogue().values()]

@@ -8,14 +8,14 @@ the model's counts as independent of them.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 import sympy as sp
 
-from symstiff.effects.base import EffectInstance, Scales, Shape, Where, find
+from symstiff.effects.base import Effect, EffectInstance, Scales, Shape, Where, catalogue, find
 from symstiff.model import StiffnessModel
 from symstiff.reduction.prime import PRIMES, PrimeAlgebra, echelon
 from symstiff.reduction.structural import MEASURES, ExactEngine, Experiment
@@ -41,6 +41,13 @@ class Distinction:
     def distinguishable(self) -> bool:
         """Whether anything of the effect stands out from the model."""
         return self.gained > 0
+
+
+def survey(model: StiffnessModel, kind: str = "deflection") -> Iterator[tuple[Effect, Where, Distinction]]:
+    """Every effect of the catalogue at every place of the model's robot that does not depend on the data."""
+    for identifier, effect in catalogue().items():
+        for where in effect.places(model.robot):
+            yield effect, where, distinction(model, identifier, where, kind=kind)
 
 
 def distinguishable(
@@ -101,6 +108,8 @@ def _compared(
         if len(echelon(columns[:, [*range(first), first + k]], PRIMES[0])[1]) == rank
     )
     reason = "" if total > rank else "its columns are combinations of the model's"
+    if not columns[:, first:].any():
+        reason = "no such load moves it"
     return Distinction(own, total - rank, inside, reason)
 
 

@@ -2,7 +2,8 @@
 
 Random residues stand for joint variables and loads; a random rational point of the unit circle gives an exact
 sine/cosine pair. A rank found so is exact but for a chance of about (degree / prime). A function that no field knows
-(tanh, sign, …) is a random oracle: independent of everything but its argument.
+(tanh, sign, …) is a random oracle: independent of everything but its argument, with the function's symmetry about
+zero and its value there.
 """
 
 from __future__ import annotations
@@ -21,6 +22,9 @@ from symstiff.symbolic.program import Constant, stand_in
 # −1 has no square root modulo 4k + 3, so that 1 + t² never vanishes and every t is a point of the circle.
 _BELOW = (sp.prevprime(2**31 - 1 - 7919 * k) for k in range(1, 200))
 PRIMES = tuple(islice((p for p in _BELOW if p % 4 == 3), 24))
+ODD = frozenset({"sin", "tan", "tanh", "sinh", "atan", "asin", "sign"})
+AT_ZERO = {"cos": 1, "cosh": 1, "Abs": 0}
+"""Even functions, and what they are at zero."""
 PI = sp.Rational(5419351, 1725033)  # within 1e-13; a length may be a multiple of pi
 Residues = Any  # an int, or an int64 array (N,)
 
@@ -138,7 +142,8 @@ class PrimeAlgebra:
         """Whole powers; others are oracles."""
         x = base.value if isinstance(base, Angle) else base
         if not exponent.is_Integer:
-            return self._oracle(f"power{exponent}", [x])
+            root = self._oracle(f"power{exponent}", [x])
+            return root * (x != 0) if exponent > 0 else root
         if exponent < 0:
             x = self._inverse(x)
         result: Any = 1
@@ -147,11 +152,20 @@ class PrimeAlgebra:
         return result
 
     def call(self, function: str, arguments: Sequence[Any]) -> Any:
-        """Sine and cosine of angles exactly; any other function as an oracle."""
+        """Sine and cosine of angles exactly; any other function as an oracle, odd or even where it is that."""
         x = arguments[0]
         if function in ("sin", "cos") and isinstance(x, Angle):
             return x.cosine if function == "cos" else x.sine
-        return self._oracle(function, [a.value if isinstance(a, Angle) else a for a in arguments])
+        values = [a.value if isinstance(a, Angle) else a for a in arguments]
+        if function not in ODD and function not in AT_ZERO:
+            found = self._oracle(function, values)
+            return found * (values[0] != 0) + (values[0] == 0) if function == "exp" else found
+        x = values[0] % self.p
+        negative = 2 * x > self.p
+        found = self._oracle(function, [negative * (self.p - x) + (1 - negative) * x]) * (x != 0)
+        if function in AT_ZERO:
+            return found + AT_ZERO[function] * (x == 0)
+        return (1 - 2 * negative) * found % self.p
 
     def _oracle(self, name: str, arguments: Sequence[Any]) -> Any:
         """A value that depends on name and arguments as a random function would."""

@@ -123,18 +123,25 @@ def names(effects: Sequence[Found]) -> str:
 
 
 def places(wheres: Sequence[Mapping[str, Any]]) -> str:
-    """Places as words, equal kinds together: ``at joints 1–4, 6``."""
-    numbers: dict[str, list[int]] = {}
+    """Places as words, equal kinds together: ``at joints 1–4, 6``, ``at joint 2 (1–32 a turn)``."""
+    numbers: dict[tuple[str, str], list[int]] = {}
     other: list[str] = []
+    harmonics: dict[str, list[int]] = {}
+    for where in wheres:
+        if set(where) == {"joint", "harmonics"}:
+            harmonics.setdefault(place({"joint": where["joint"]}), []).extend(where["harmonics"])
     for where in wheres:
         key, value = next(iter(where.items()), ("", None))
         if len(where) == 1 and key in ("joint", "link") and isinstance(value, int):
-            numbers.setdefault(key, []).append(value)
+            numbers.setdefault((key, ""), []).append(value)
+        elif set(where) == {"joint", "harmonics"}:
+            shown = _ranges(sorted(set(harmonics[place({"joint": where["joint"]})])))
+            numbers.setdefault(("joint", f" ({shown} a turn)"), []).append(where["joint"])
         else:
             other.append(place(where))
     text = [
-        place({key: n[0]}) if len(n) == 1 else f"at {key}s {_ranges(sorted(set(n)))}"
-        for key, n in numbers.items()
+        (place({key: n[0]}) if len(set(n)) == 1 else f"at {key}s {_ranges(sorted(set(n)))}") + rest
+        for (key, rest), n in numbers.items()
     ]
     return ", ".join([*text, *dict.fromkeys(other)])
 
