@@ -16,7 +16,7 @@ from symstiff.display import html_table
 from symstiff.effects.base import EffectInstance, EffectParameter, Realisation
 from symstiff.errors import UserError
 from symstiff.files import write_file
-from symstiff.reduction.aggregation import joint_direction
+from symstiff.reduction.complete import known_values
 from symstiff.reduction.physical import Parameter, terms_of
 from symstiff.robot.loading import from_table
 from symstiff.robot.schema import Robot
@@ -58,7 +58,7 @@ class StiffnessModel:
     def of(cls, reduction: Reduction, values: Mapping[str, float] | None = None) -> StiffnessModel:
         """The model that a reduction leaves; values default to those the robot file knows."""
         if values is None:
-            values = reduction.reduced_values(known_values(reduction.robot, reduction.full))
+            values = known_values(reduction)
         experiment = reduction.experiment
         return cls(reduction.robot, reduction.kept, experiment.loads, experiment.measure, (), dict(values))
 
@@ -295,28 +295,6 @@ def latex(terms: Sequence[Term]) -> str:
     return r"$$\begin{aligned}" + r"\\".join(rows) + r"\end{aligned}$$"
 
 
-def known_values(robot: Robot, parameters: Sequence[Parameter]) -> dict[str, float]:
-    """The compliances that a robot file states, mapped to a parameter set: a joint's goes to the link before it."""
-    chain = ElasticChain(robot)
-    names = tuple(p.name for p in parameters)
-    values = dict.fromkeys(names, 0.0)
-    for i, link in enumerate(robot.links):
-        for entry, value in link.compliance.items():
-            if f"k{i}_{entry}" in names:
-                values[f"k{i}_{entry}"] += value
-    for i, joint in enumerate(robot.joint, start=1):
-        if f"c{i}" in names:
-            values[f"c{i}"] += joint.compliance
-            continue
-        along = joint_direction(chain, i)
-        for r, u in along.items():
-            for c, v in along.items():
-                name = f"k{i - 1}_{r}{c}"
-                if name in values:
-                    values[name] += joint.compliance * u * v
-    return {n: v for n, v in values.items() if v}
-
-
 def joints_only(
     robot: Robot,
     loads: str = "wrench",
@@ -328,8 +306,7 @@ def joints_only(
     from symstiff.reduction.reduce import reduce
 
     reduction = reduce(rigid, loads, measure, fixed)
-    values = reduction.reduced_values(known_values(rigid, reduction.full))
-    return StiffnessModel(robot, reduction.kept, loads, measure, (), values)
+    return StiffnessModel(robot, reduction.kept, loads, measure, (), known_values(reduction))
 
 
 def _without_links(robot: Robot) -> Robot:

@@ -6,6 +6,7 @@ import pytest
 from symstiff.model import StiffnessModel
 from symstiff.reduction import reduce
 from symstiff.reduction.complete import complete_map
+from symstiff.reduction.physical import physical_stages
 from symstiff.robot import load
 from symstiff.robot.loading import from_table
 from symstiff.robot.table import to_table
@@ -21,6 +22,15 @@ def _inclined():
     return from_table(table, "inclined")
 
 
+def _oblique(link):
+    """A KR 270 one of whose beams runs between its DH axes: its template lacks a part of the joint after it."""
+    table = to_table(load("kuka_kr270"))
+    table["joint"][link - 1]["link"]["beam_axis"] = ["7/20", 0, "27/40"]
+    for joint in table["joint"]:
+        joint["compliance"] = 1e-6
+    return from_table(table, f"oblique{link}")
+
+
 def _loads(rng, kind, n):
     w = np.zeros((n, 6))
     w[:, {"gravity": [2], "force": [0, 1, 2], "wrench": [0, 1, 2, 3, 4, 5]}[kind]] = 1.0
@@ -29,7 +39,9 @@ def _loads(rng, kind, n):
 
 @pytest.mark.parametrize("kind", ["gravity", "force", "wrench"])
 @pytest.mark.parametrize(
-    "robot", [load("kuka_kr270"), load("planar2r"), load("scara"), _inclined()], ids=lambda r: r.name
+    "robot",
+    [load("kuka_kr270"), load("planar2r"), load("scara"), _inclined(), *map(_oblique, (1, 3, 4))],
+    ids=lambda r: r.name,
 )
 def test_the_identifiable_set_predicts_what_links_and_joints_apart_predict(robot, kind):
     rng = np.random.default_rng(3)
@@ -44,3 +56,15 @@ def test_the_identifiable_set_predicts_what_links_and_joints_apart_predict(robot
     )
     expected = apart.deflection(q, w)
     np.testing.assert_allclose(reduced.deflection(q, w), expected, rtol=0, atol=1e-9 * np.abs(expected).max())
+
+
+@pytest.mark.parametrize("link", [1, 3, 4])
+def test_what_the_robot_file_states_predicts_what_its_joints_do(link):
+    rng = np.random.default_rng(4)
+    robot = _oblique(link)
+    q = np.array([[rng.uniform(*j.range) for j in robot.joint] for _ in range(6)])
+    w = _loads(rng, "gravity", 6)
+    joints = [p for p in physical_stages(robot)[2].parameters if p.is_joint]
+    expected = StiffnessModel(robot, tuple(joints), values={p.name: 1e-6 for p in joints}).deflection(q, w)
+    found = StiffnessModel.of(reduce(robot, "gravity")).deflection(q, w)
+    np.testing.assert_allclose(found, expected, rtol=0, atol=1e-9 * np.abs(expected).max())

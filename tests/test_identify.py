@@ -17,6 +17,7 @@ from symstiff.compensation import compensate, compensate_online
 from symstiff.errors import UserError
 from symstiff.model import StiffnessModel, load_model
 from symstiff.reduction import reduce
+from symstiff.reduction.complete import complete_map
 from symstiff.robot import load
 from symstiff.symbolic.numeric import forward
 
@@ -52,27 +53,9 @@ def test_the_complete_model_compensates_nearly_all_of_the_deflection_on_held_out
 def test_what_is_identified_is_what_the_reduction_says_the_truth_looks_like(result) -> None:
     nominal = nominal_truth(load("kuka_kr270"))
     merged = reduce(load("kuka_kr270"), "gravity", "pose")
-    m3 = merged.stages[3]
-    full = np.array([nominal.get(n, 0.0) for n in merged.stages[2].names])
-    expected = merged.projection @ (m3.matrix.T @ full + _joints(merged, nominal))
+    expected = complete_map(merged) @ [nominal.get(n, 0.0) for n in merged.stages[2].names]
     off = (result.fit.values - expected) / result.fit.std
     assert np.abs(off).max() < 5.0
-
-
-def _joints(reduction, nominal):
-    """Joint compliances where M3 puts them: on the rotation of the link before, about the joint's axis."""
-    from symstiff.model import known_values
-
-    robot = reduction.robot
-    table = robot.model_copy(
-        update={
-            "joint": tuple(
-                j.model_copy(update={"compliance": nominal[f"c{i}"]}) for i, j in enumerate(robot.joint, 1)
-            )
-        }
-    )
-    known = known_values(table, reduction.full)
-    return np.array([known.get(p.name, 0.0) for p in reduction.full])
 
 
 def test_a_saved_model_predicts_the_same(result, tmp_path: Path) -> None:

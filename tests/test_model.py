@@ -19,9 +19,9 @@ from hypothesis import strategies as st
 
 from symstiff.effects.base import EffectInstance
 from symstiff.errors import UserError
-from symstiff.model import StiffnessModel, joints_only, known_values, load_model
+from symstiff.model import StiffnessModel, joints_only, load_model
 from symstiff.reduction import reduce
-from symstiff.reduction.physical import physical_stages
+from symstiff.reduction.complete import known_values
 from symstiff.robot import from_table, library, load
 from symstiff.robot.table import to_table
 
@@ -315,6 +315,9 @@ def test_known_link_entries_enter_the_model() -> None:
     table = to_table(KR270)
     table["joint"][1]["link"]["compliance"] = {"66": 3e-8, "26": 1e-8}
     robot = from_table(table)
-    known = known_values(robot, physical_stages(robot)[-1].parameters)
-    assert known["k2_66"] == pytest.approx(3e-8 + robot.joint[2].compliance)
-    assert known["k2_26"] == 1e-8
+    reduction = reduce(robot)
+    known = known_values(reduction)
+    full = {"k2_66": 3e-8, "k2_26": 1e-8}
+    before = known_values(reduce(KR270))
+    added = reduction.reduced_values(full)
+    assert {n: known[n] - before[n] for n in known} == pytest.approx(added, abs=1e-18)

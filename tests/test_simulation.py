@@ -23,7 +23,8 @@ from symstiff.calibration.simulation.chain import chain_of
 from symstiff.calibration.simulation.equilibrium import States, equilibrium, response
 from symstiff.calibration.simulation.nominal import linear_compliance
 from symstiff.errors import UserError
-from symstiff.robot import library, load
+from symstiff.robot import from_table, library, load
+from symstiff.robot.table import to_table
 from symstiff.symbolic.numeric import kinematics
 
 
@@ -42,10 +43,16 @@ def test_a_small_load_gives_the_linear_deflection_of_a_finite_difference_jacobia
     assert np.abs(got - expected).max() < 1e-6 * np.abs(expected).max()
 
 
+@pytest.mark.parametrize("stated", [True, False], ids=["beams stated", "beams by default"])
 @pytest.mark.parametrize("name", library())
-def test_the_linear_model_of_the_package_is_the_limit_of_small_loads(name):
+def test_the_linear_model_of_the_package_is_the_limit_of_small_loads(name, stated):
     """Two programs that share nothing but the robot file, in both DH conventions."""
     robot = load(name)
+    if not stated:
+        table = to_table(robot)
+        for joint in table["joint"]:
+            joint.get("link", {}).pop("beam_axis", None)
+        robot = from_table(table, name)
     truth = Truth(robot, nominal_truth(robot), weights=False)
     q, w = poses(robot, 5, 3), np.random.default_rng(2).normal(size=(5, 6)) * 1e-3
     j, k = kinematics(robot, q).J_theta, linear_compliance(chain_of(robot), dict(truth.compliance))

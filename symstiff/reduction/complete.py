@@ -2,36 +2,68 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 
-from symstiff.reduction.physical import Parameter
+from symstiff.reduction.aggregation import joint_direction
+from symstiff.reduction.physical import Parameter, terms_of
 from symstiff.reduction.reduce import Reduction
+from symstiff.reduction.structural import ExactEngine
 from symstiff.symbolic.chain import ElasticChain
-from symstiff.symbolic.program import Builder
+from symstiff.symbolic.programs import observation_program
 
 
 def complete_map(reduction: Reduction) -> np.ndarray:
     """P of π″ = P·π (rank × parameters after M2): both sets predict the same deflections.
 
     A joint that M3 absorbed adds c·u·uᵀ to the link before it, u its axis in that link's elastic frame (seed M3).
+    Where the link's template lacks entries of it, the combination of π″ that moves as the joint does stands for it;
+    the nearest one for a joint of ``inexact_aggregations``.
     """
     before, after = reduction.stages[2], reduction.stages[3]
     chain, column = ElasticChain(reduction.robot), {name: k for k, name in enumerate(after.names)}
     matrix = after.matrix.astype(float)
+    beside: dict[int, Parameter] = {}
     for row, p in enumerate(before.parameters):
         if after.stands_for[p.name] is None:
-            for name, share in _shares(chain, p).items():
-                if name in column:
+            shares = _shares(chain, p)
+            if shares.keys() <= column.keys():
+                for name, share in shares.items():
                     matrix[row, column[name]] = share
-    return np.asarray(reduction.projection @ matrix.T)
+            else:
+                beside[row] = p
+    found = reduction.projection @ matrix.T
+    if beside:
+        found[:, list(beside)] = _combinations(reduction, chain, tuple(beside.values()))
+    return np.asarray(found)
+
+
+def known_values(reduction: Reduction) -> dict[str, float]:
+    """Values of π″ for the compliances that the robot file states; what it does not state is zero."""
+    stated = np.array([_stated(reduction, p) for p in reduction.stages[2].parameters])
+    if not stated.any():
+        return dict.fromkeys(reduction.parameters, 0.0)
+    return dict(zip(reduction.parameters, (complete_map(reduction) @ stated).tolist(), strict=True))
+
+
+def _stated(reduction: Reduction, p: Parameter) -> float:
+    robot = reduction.robot
+    if p.is_joint:
+        return float(robot.joint[p.body - 1].compliance)
+    return float(robot.links[p.body].compliance.get(f"{p.row}{p.column}", 0.0))
 
 
 def _shares(chain: ElasticChain, p: Parameter) -> dict[str, float]:
     """Entries of u·uᵀ by the names of the link's parameters."""
-    b = Builder("axes", ())
-    axes = chain.elastic_axes(b, p.body - 1)
-    values = {c.symbol: c.exact for c in b.constants}
-    u = [float(axis[2].xreplace(values)) for axis in axes]
-    shift = 0 if p.prismatic else 3
-    entries = [(r, c) for r in range(3) for c in range(r, 3) if u[r] and u[c]]
-    return {f"k{p.body - 1}_{r + 1 + shift}{c + 1 + shift}": u[r] * u[c] for r, c in entries}
+    along = joint_direction(chain, p.body)
+    return {f"k{p.body - 1}_{r}{c}": u * v for r, u in along.items() for c, v in along.items() if r <= c}
+
+
+def _combinations(reduction: Reduction, chain: ElasticChain, joints: Sequence[Parameter]) -> np.ndarray:
+    """Coefficients (rank × joints) of the identifiable columns in the joints' own, for the class of experiments."""
+    parameters = (*reduction.kept, *joints)
+    names = tuple(p.name for p in parameters)
+    program = observation_program(chain, terms_of(parameters), names)
+    engine = ExactEngine(chain, program, names, reduction.experiment)
+    return engine.measured(reduction.parameters, names[len(reduction.kept) :])

@@ -180,7 +180,7 @@ class ExactEngine:
             if lifted.add(*self.reduced(prime, order), prime):
                 break
         kept = [preference[p] for p in lifted.pivots]
-        measured = self._measured(kept, preference) if lifted.unsure else None
+        measured = self.measured(kept, preference) if lifted.unsure else None
         couplings: Couplings = {}
         for position, name in enumerate(preference):
             if position not in lifted.pivots:
@@ -188,8 +188,11 @@ class ExactEngine:
                 couplings[name] = {kept[r]: c for r, c in row if c != 0}
         return partition(self.names, kept, couplings)
 
-    def _measured(self, kept: Sequence[str], preference: Sequence[str]) -> np.ndarray:
-        """Couplings (kept × preference) in doubles, where stand-ins of odd angles make the fractions endless."""
+    def measured(self, kept: Sequence[str], names: Sequence[str]) -> np.ndarray:
+        """Coefficients (kept × names) of kept columns in others, in doubles: by least squares at random points.
+
+        For couplings where stand-ins of odd angles make the fractions endless.
+        """
         rng, n = np.random.default_rng(self.seed), len(self.names) + 12
         q, w = rng.uniform(-3.0, 3.0, (n, self.chain.dof)), np.zeros((n, 6))
         for joint, value in self.experiment.fixed.items():
@@ -204,7 +207,7 @@ class ExactEngine:
         matrix = evaluate_numpy(self.program, **inputs)["A"][:, rows, :].reshape(n * len(rows), -1)
         columns = matrix[:, [self.names.index(name) for name in kept]]
         size = np.linalg.norm(columns, axis=0)
-        everything = matrix[:, [self.names.index(name) for name in preference]]
+        everything = matrix[:, [self.names.index(name) for name in names]]
         found = np.linalg.lstsq(columns / size, everything, rcond=None)[0] / size[:, None]
         return np.asarray(found)
 

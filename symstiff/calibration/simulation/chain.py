@@ -81,6 +81,7 @@ def chain_of(robot: Robot) -> Chain:
         first[0, 3] = rows[0, 2]
         base = base @ first
         rows[:, 2:] = np.vstack([rows[1:, 2:], [[0.0, 0.0]]])
+    named = [link.beam_axis or nearest for link, nearest in zip(robot.links, _beams(rows), strict=True)]
     return Chain(
         robot=robot,
         base=base,
@@ -89,7 +90,7 @@ def chain_of(robot: Robot) -> Chain:
         a=rows[:, 2],
         alpha=rows[:, 3],
         prismatic=np.array([j.prismatic for j in robot.joint]),
-        elastic=np.array([_elastic_axes(link.beam_axis) for link in robot.links]),
+        elastic=np.array([_elastic_axes(axis) for axis in named]),
         tool=np.array([float(x) for x in robot.tool.xyz]),
     )
 
@@ -111,10 +112,19 @@ def _turn(axis: int, angle: float) -> Floats:
     return matrix
 
 
+def _beams(rows: Floats) -> list[str]:
+    """The axis of DH frame i that is nearest to the way from frame i−1 to it; x for the pedestal and for no way."""
+    names = ["x"]
+    for _, d, a, alpha in rows:
+        way = np.abs(_turn(0, alpha).T @ [a, 0.0, d])
+        names.append("xyz"[int(np.argmax(way > (1.0 - 1e-9) * way.max()))])
+    return names
+
+
 def _elastic_axes(beam_axis: Any) -> Floats:
     """Columns: the beam's axis and the two across it, in the DH frame."""
-    if beam_axis is None or isinstance(beam_axis, str):
-        return np.eye(3)[:, list(_CYCLES[beam_axis or "x"])]
+    if isinstance(beam_axis, str):
+        return np.eye(3)[:, list(_CYCLES[beam_axis])]
     along = np.array([float(x) for x in beam_axis])
     along /= np.linalg.norm(along)
     across = np.array([-along[1], along[0], 0.0])  # frame z × along
