@@ -120,6 +120,9 @@ SIGNALS = [
     ("deflection", "force_sensor_bias", {"load": "force_sensor"}, "", {"bias": [3, -2, 5, 1, 0.5, 1]}, False),
     ("deflection", "force_sensor_misalignment", {"load": "force_sensor"}, "", {"rotation": [2e-3, 1e-3, -1e-3]},
      False),
+    ("deflection", "force_sensor_bias", {"load": "force_sensor"}, "tool", {"bias": [3, -2, 5, 1, 0.5, 1]}, False),
+    ("deflection", "force_sensor_misalignment", {"load": "force_sensor"}, "tool", {"rotation": [2e-3, 1e-3, -1e-3]},
+     False),
     ("deflection", "frame_misalignment", {"measurement": "frame"}, "", {"rotation": [2e-3, 1e-3, -1e-3]}, False),
     ("deflection", "thermal_drift", {"measurement": "frame"}, "time", {"rate": [1e-8, 0, -1e-8]}, False),
     ("deflection", "thermal_drift", {"link": 2}, "link_time", {"rate": [1e-8, 0, -1e-8]}, False),
@@ -149,6 +152,8 @@ def test_a_candidates_columns_hold_what_the_simulator_shows_of_the_effect(
         form = next(s for s in candidate.shapes if "saturation" in s)
     if shape.endswith("time"):
         form = next(s for s in candidate.shapes if "time" in s and "T" not in s)
+    if shape == "tool" and effect.startswith("force_sensor"):
+        form = next(s for s in candidate.shapes if s.get("tool"))
     values = {k: form[v] if isinstance(v, str) else v for k, v in values.items()}
     more = Effect(effect, where, shape, values)
     difference = readings(truth_of(name, more), table) - readings(truth_of(name), table)

@@ -65,6 +65,7 @@ EXAMPLES = {
     ("link_asymmetry", "tilted"): {"angle": 0.1},
     ("bad_poses", "shift"): {"shift": [1e-3, 0, 0], "poses": ["p2"]},
     ("force_sensor_bias", "constant"): {"bias": [10, 0, 0, 0, 0, 0]},
+    ("force_sensor_bias", "tool"): {"bias": [10, 0, 0, 0, 0, 0]},
     ("force_sensor_bias", "drifting"): {"bias": [10, 0, 0, 0, 0, 0]},
     ("geometric_error", "constant"): {"shift": [1e-3, 0, 0, 0, 0, 1e-3]},
     ("link_weight", "lumped"): {"mass": 50, "com": [-0.2, 0, 0]},

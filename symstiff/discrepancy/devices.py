@@ -70,23 +70,14 @@ def _crosstalk(situation: Situation) -> Iterator[DeviceLaw]:
 
 
 def _pulls(situation: Situation) -> Iterator[DeviceLaw]:
-    """Forces beside the load while it acts: constant in the tool's axes, or drawn to a fixed point like a hose."""
+    """A force beside the load while it acts: drawn to a fixed point like a hose."""
     view = situation.view
     if not view.table.w.any():
         return
-    tool, origin = view.found.R[:, -1], view.found.T[:, :3, 3]
-    nothing = np.zeros_like(tool)
-    turned = [
-        *(np.hstack([tool[:, :, k], nothing[:, :, k]]) for k in range(3)),
-        *(np.hstack([nothing[:, :, k], tool[:, :, k]]) for k in range(3)),
-    ]
-    columns = tuple(
-        Parameter(f"bias in the tool's axes: {n}", "N" if n[0] == "f" else "N*m") for n in _WRENCH
-    )
-    yield DeviceLaw(SENSOR, "bias in the tool's axes", columns, _pushed(situation, turned))
-    fixed = [np.tile(np.arange(6) == k, (len(tool), 1)).astype(float) for k in range(3)]
-    pull = np.hstack([-origin, nothing[:, :, 0]])
-    columns = (Parameter("pull towards a fixed point: spring", "N/m"),)
+    origin = view.found.T[:, :3, 3]
+    fixed = [np.tile(np.arange(6) == k, (len(origin), 1)).astype(float) for k in range(3)]
+    pull = np.hstack([-origin, np.zeros_like(origin)])
+    columns: tuple[Parameter, ...] = (Parameter("pull towards a fixed point: spring", "N/m"),)
     columns += tuple(
         Parameter(f"pull towards a fixed point: {n} at the base's origin", "N") for n in _WRENCH[:3]
     )

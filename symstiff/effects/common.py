@@ -11,6 +11,7 @@ import sympy as sp
 from symstiff.effects.base import EffectParameter, Shape, Where, place_name
 from symstiff.robot.schema import Robot
 from symstiff.symbolic.chain import ElasticChain
+from symstiff.symbolic.program import Builder
 from symstiff.symbolic.terms import AXES, VirtualJoint, actuated_joint, link_joint, tau
 
 GRAVITY = sp.Rational(980665, 100000)  # m/s²
@@ -93,6 +94,20 @@ def couple(values: Iterable[sp.Expr], other: Iterable[sp.Expr]) -> tuple[sp.Expr
 def link_axes(link: int) -> tuple[VirtualJoint, ...]:
     """The six virtual joints of a link."""
     return tuple(link_joint(link, a) for a in AXES)
+
+
+@lru_cache(maxsize=64)
+def wrench_at(robot: Robot, body: int) -> tuple[sp.Expr, ...]:
+    """The load's force (3) and moment (3) about the origin of a body's DH frame, in that frame's axes."""
+    b = Builder("axes", ())
+    axes = ElasticChain(robot).elastic_axes(b, body)
+    exact_of = {c.symbol: c.exact for c in b.constants}
+    along = [[sp.sympify(x).xreplace(exact_of) for x in axis] for axis in axes]
+    return tuple(
+        sp.Add(*[along[k][r] * tau(link_joint(body, k + 1 + h)) for k in range(3)])
+        for h in (0, 3)
+        for r in range(3)
+    )
 
 
 @lru_cache(maxsize=256)

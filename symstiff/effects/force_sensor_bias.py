@@ -1,10 +1,14 @@
-"""A force sensor that does not read zero without load: W + b."""
+"""A force sensor that does not read zero without load: W + b.
+
+b is constant in base axes, or with ``tool = 1`` in the shape in the axes of frame n, about its origin, as of a sensor
+between flange and tool.
+"""
 
 from __future__ import annotations
 
 import sympy as sp
 
-from symstiff.effects.base import Effect, Realisation, Shape, Where
+from symstiff.effects.base import Effect, Realisation, Scales, Shape, Where
 from symstiff.effects.common import DEFLECTION, parameter
 from symstiff.robot.schema import Robot
 from symstiff.symbolic.terms import AXES, Term, VirtualJoint
@@ -14,13 +18,18 @@ WHAT = ("fx", "fy", "fz", "mx", "my", "mz")
 
 
 def _realise(robot: Robot, where: Where, shape: Shape) -> Realisation:
+    kind, body = ("body", robot.dof) if shape.get("tool") else ("load", 0)
     parameters, terms = [], []
     for what, axis in zip(WHAT, AXES, strict=True):
         unit, high, typical = ("N", 500.0, 10.0) if axis <= 3 else ("N*m", 200.0, 2.0)
         p = parameter(NAME, where, what, unit, -high, high, typical)
         parameters.append(p)
-        terms.append(Term(p.name, VirtualJoint("load", 0, axis), sp.S.One))
+        terms.append(Term(p.name, VirtualJoint(kind, body, axis), sp.S.One))
     return Realisation(tuple(parameters), tuple(terms))
+
+
+def _shapes(robot: Robot, where: Where, scales: Scales) -> tuple[Shape, ...]:
+    return {}, {"tool": 1.0}
 
 
 EFFECT = Effect(
@@ -30,7 +39,9 @@ EFFECT = Effect(
     seen_in=DEFLECTION,
     places=lambda robot: ({"load": "force_sensor"},),
     realise=_realise,
+    shapes=_shapes,
+    told={"tool": "constant in the tool's axes"},
     needs=frozenset({"load_levels"}),
     confused_with=("backlash", "frame_misalignment", "payload_error", "bad_poses"),
-    separated_by="several load levels, the smallest near zero",
+    separated_by="several load levels, the smallest near zero; its axes: poses that turn the tool",
 )

@@ -184,7 +184,10 @@ def deflection_program(chain: ElasticChain, terms: Sequence[Term], parameters: S
 def _with_weights(
     passes: Passes, laws: Laws, loads: dict[VirtualJoint, sp.Expr]
 ) -> dict[VirtualJoint, sp.Expr]:
-    """Add the loads of wrenches on the links (kind ``body``) on all virtual joints before their frames."""
+    """Add the loads of wrenches on the links (kind ``body``) on all virtual joints before their frames.
+
+    Their laws know the upward direction and the loads of the wrench at the tool.
+    """
     chain, b = passes.chain, passes.b
     ups = [in_base(passes.base, IDENTITY[2])]
     for i in range(1, chain.dof + 1):
@@ -192,6 +195,7 @@ def _with_weights(
         ca, sa = chain.alpha(b, i)
         ups.append(b.vector(turn_x(b.vector(turn_z(ups[-1], c, -s)), ca, -sa)))
     values = {up(i, k + 1): u[k] for i, u in enumerate(ups) for k in range(3)}
+    values |= {tau(v): load for v, load in loads.items()}
     total = dict(loads)
     force: Vec = ZERO
     moment: Vec = ZERO

@@ -208,8 +208,8 @@ def payload(shape: str) -> Maker:
     return make
 
 
-def turned(effect: str, where: Where) -> Maker:
-    return lambda d: (Effect(effect, None, "rotation", {"rotation": d.vector(0.08)}), where)
+def turned(effect: str, where: Where, shape: str = "rotation") -> Maker:
+    return lambda d: (Effect(effect, None, shape, {"rotation": d.vector(0.08)}), where)
 
 
 def geometry(d: Draw) -> Made:
@@ -283,6 +283,9 @@ ONE: tuple[Story, ...] = (
     Story("joint left out", "deflection", hidden_compliance("joint_compliance"), "start"),
     Story("bias", "deflection", bias("constant"), levels=3),
     Story("sensor turned", "deflection", turned("force_sensor_misalignment", {"load": "force_sensor"})),
+    Story("flange sensor turned", "deflection",
+        turned("force_sensor_misalignment", {"load": "force_sensor"}, "tool")),
+    Story("flange sensor bias", "deflection", bias("tool"), levels=3),
     Story("frame turned", "deflection", turned("frame_misalignment", {"measurement": "frame"})),
     Story("payload", "deflection", payload("load"), levels=3),
     *(Story(f"drift {s}", "deflection", drift(s), "clock") for s in (

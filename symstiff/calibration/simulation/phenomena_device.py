@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from symstiff.calibration.simulation.chain import Floats
+from symstiff.calibration.simulation.chain import Floats, posture
 from symstiff.calibration.simulation.equilibrium import States
 from symstiff.calibration.simulation.phenomena import (
     Additions,
@@ -42,6 +42,42 @@ def _misaligned(site: Site, p: Values) -> Additions:
         return np.concatenate([w[:, :3] @ turn, w[:, 3:] @ turn], axis=1)
 
     return Additions(wrenches=(wrench,))
+
+
+@phenomenon("force_sensor_bias", "tool", "load", "bias")
+def _bias_at_flange(site: Site, p: Values) -> Additions:
+    """A wrench that is constant in the axes of frame n, about its origin."""
+    bias = np.broadcast_to(p["bias"], 6)
+
+    def wrench(states: States, w: Floats) -> Floats:
+        axes, lever = _flange(site, states.q)
+        force, moment = axes @ bias[:3], axes @ bias[3:]
+        added = np.hstack([force, moment - np.cross(lever, force)])
+        return np.asarray(w + states.loaded[:, None] * added)
+
+    return Additions(wrenches=(wrench,))
+
+
+@phenomenon("force_sensor_misalignment", "tool", "load", "rotation")
+def _misaligned_at_flange(site: Site, p: Values) -> Additions:
+    """The wrench about the origin of frame n is turned by a rotation in that frame's axes."""
+    turn = rotation_matrix(np.broadcast_to(p["rotation"], 3))
+
+    def wrench(states: States, w: Floats) -> Floats:
+        axes, lever = _flange(site, states.q)
+        turned = axes @ turn @ axes.transpose(0, 2, 1)
+        force = np.einsum("nij,nj->ni", turned, w[:, :3])
+        moment = np.einsum("nij,nj->ni", turned, w[:, 3:] + np.cross(lever, w[:, :3]))
+        return np.hstack([force, moment - np.cross(lever, force)])
+
+    return Additions(wrenches=(wrench,))
+
+
+def _flange(site: Site, q: Floats) -> tuple[Floats, Floats]:
+    """Axes (N, 3, 3) of frame n, and the way (N, 3) from its origin to the tool centre point."""
+    chain = site.chain
+    axes = posture(chain, q, np.zeros((len(q), chain.size))).after[0][:, -1]
+    return axes, axes @ chain.tool
 
 
 @phenomenon("frame_misalignment", "rotation", "measurement", "rotation", shift=(0.0, 0.0, 0.0))
