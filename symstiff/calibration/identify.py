@@ -145,7 +145,7 @@ def identify(
         return _from_absolute(model, reduction, table, remarks)
     train, validation = _split(table, held_out, seed)
     fitted, e, strong = fit_model(model, train, robust=robust)
-    remarks += _axes(model, train, e)
+    remarks += axis_remarks(model, train, e)
     check_determined(fitted.rank, fitted.names, len(e.y))
     values, constrained = _values(fitted, reduction, physical)
     model = model.with_values(values, _finite(dict(zip(fitted.names, fitted.std.tolist(), strict=True))))
@@ -282,7 +282,7 @@ def _repeated(table: Measurements) -> list[str]:
     )
 
 
-def _axes(model: StiffnessModel, table: Measurements, e: Equations) -> list[str]:
+def axis_remarks(model: StiffnessModel, table: Measurements, e: Equations) -> list[str]:
     """A hint where another assignment of the measured axes would fit far better."""
     whole: np.ndarray = np.all(table.measured[:, :3], axis=1)
     if not whole.any():

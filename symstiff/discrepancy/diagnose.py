@@ -46,17 +46,17 @@ def diagnose(
     options: Options | None = None,
     progress: Callable[[str], None] | None = None,
     given: Sequence[Name] = (),
+    doubt: str = "",
 ) -> Diagnosis:
     """Say whether something is missing from the model, where, what it is called and how sure that is.
 
     ``candidates`` is the catalogue at all its places; ``progress`` is told each stage; effects that are ``given``
-    belong to every explanation. Data in which nothing can
-    be tested give the verdict ``untestable``. The same input gives the same answer: all draws come from
-    ``options.seed``.
+    belong to every explanation. Data in which nothing can be tested, or of which there is a ``doubt``, give the verdict
+    ``untestable``. The same input gives the same answer: all draws come from ``options.seed``.
     """
     options = options or Options()
     tell = progress or (lambda stage: None)
-    obstacle = untestable(problem)
+    obstacle = untestable(problem) or doubt
     if obstacle:
         return _untestable(problem, candidates, obstacle)
     tell("noise")
@@ -90,8 +90,9 @@ def untestable(problem: Problem) -> str:
     )
     if freedom < LEAST_FREEDOM:
         return f"{freedom} degrees of freedom are left outside the model: measure more poses"
-    if problem.poses < 2 and problem.sigma is None and repeats < LEAST_FREEDOM:
-        return "one pose, no sigma and no repeats: measure more poses, or state sigma"
+    if problem.poses < 2:
+        blind = ", no sigma and no repeats" if problem.sigma is None and repeats < LEAST_FREEDOM else ""
+        return f"one pose{blind}: no place on the robot can be told from another: measure more poses"
     return ""
 
 
@@ -140,7 +141,7 @@ def _written(
     growth = steps(problem, ready, named, outcome)
     floor = noise_floor(problem, ready)
     proof = None
-    if options.held_out:
+    if options.held_out and not _of_single_poses(problem, ready.bank, entries):
         tell("proof")
         proof = held_out(problem, ready.bank, one_ratio(scan), floor, entries, allowed, options)
     open_end = outcome.verdict == UNEXPLAINED
@@ -154,6 +155,12 @@ def _written(
         Rms(growth[0].rms, growth[-1].rms, proof.before if proof else None, proof.after if proof else None, floor),
         proof, None, D, names, leading(problem, ready, outcome),
     )  # fmt: skip
+
+
+def _of_single_poses(problem: Problem, bank: Bank, entries: Sequence[int]) -> bool:
+    """Whether all that was found is in one pose each: then no other pose can prove it."""
+    touched = [np.any(bank.columns[:, bank.slice(e)], axis=1) for e in entries]
+    return bool(touched) and all(len(np.unique(problem.pose[rows])) == 1 for rows in touched)
 
 
 def _law(problem: Problem, scan: Scan, place: Localisation) -> FittedLaw | None:

@@ -7,7 +7,7 @@ import numpy as np
 from symstiff.calibration.measurements import Measurements
 from symstiff.discrepancy.noise import NoiseReport
 from symstiff.discrepancy.result import Diagnosis
-from symstiff.discrepancy.verdict import INSUFFICIENT, NOTHING, UNEXPLAINED
+from symstiff.discrepancy.verdict import INSUFFICIENT, NAMED, NOTHING, UNEXPLAINED
 
 LOOSE = 1.35
 """How much more than the others a marker scatters that is spoken of."""
@@ -18,7 +18,9 @@ _MOSTLY = 0.5
 def remarked(table: Measurements, last: Diagnosis) -> list[str]:
     """Remarks on a diagnosis, a sentence each."""
     noise = last.noise
-    return [*_of_sigma(noise), *_of_approach(last), *_of_markers(noise), *_of_poses(table, last)]
+    return [
+        *_of_sigma(noise), *_of_approach(last), *_of_markers(noise), *_of_poses(table, last), *_of_single(last)
+    ]  # fmt: skip
 
 
 def _of_sigma(noise: NoiseReport) -> list[str]:
@@ -59,3 +61,11 @@ def _of_poses(table: Measurements, last: Diagnosis) -> list[str]:
         f"most of what is left ({100 * where.suspected:.0f} % of its variance) comes with few poses ({names}): "
         "look at their labels and joint readings, or measure them again"
     ]
+
+
+def _of_single(last: Diagnosis) -> list[str]:
+    if last.verdict != NAMED or last.rms.held_out_before is not None:
+        return []
+    rows = [name.where.get("rows", ()) for name, _, _ in last.leading]
+    names = ", ".join(str(pose) for labels in rows if isinstance(labels, list | tuple) for pose in labels)
+    return [f"pose {names}: measure it again, or leave it out; no other pose can confirm it"] if names else []

@@ -11,6 +11,10 @@ from symstiff.discrepancy.noise import pure_error
 from symstiff.discrepancy.problem import Array, Index, Problem
 from symstiff.discrepancy.scan import Scan
 
+_THEIRS = 1e-2
+"""Part of a direction outside others below which it is theirs: loads are told to a few digits, and never quite
+proportional."""
+
 
 @dataclass(frozen=True)
 class Stratum:
@@ -33,10 +37,10 @@ def strata(problem: Problem, scan: Scan) -> tuple[Stratum, ...]:
     all poses follow outside of them, so that no large matrix is factorised.
     """
     layer = scan.best
-    y = layer.y[:, None]
     overall = layer.basis
+    y = (layer.y - overall @ (overall.T @ layer.y))[:, None]
     local = np.zeros((problem.rows, 0))
-    before_square, before_rank = float(layer.y @ layer.y), layer.basis.shape[1]
+    before_square, before_rank = float(np.sum(y**2)), overall.shape[1]
     parts: list[tuple[str, int, float]] = []
     for name, columns, by_pose in _designs(problem):
         W = scan.noise.apply(layer.whiten, columns / scan.noise.spread[:, None])
@@ -78,7 +82,7 @@ def _left(pose: Index, local: Array, overall: Array, y: Array) -> tuple[float, i
     length = np.linalg.norm(np.hstack([y, overall])[:, 1:], axis=0)
     X = joined[:, 1:][:, length > 0] / length[length > 0]
     U, s, _ = np.linalg.svd(X, full_matrices=False)
-    U = U[:, s > 1e-7]
+    U = U[:, s > _THEIRS]
     z = joined[:, 0] - U @ (U.T @ joined[:, 0])
     return float(z @ z), rank + U.shape[1]
 

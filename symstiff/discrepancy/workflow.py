@@ -13,9 +13,11 @@ from typing import Any
 
 import numpy as np
 
-from symstiff.calibration.identify import ExperimentClass, experiment_of, start_model
+from symstiff.calibration.checks import check_robot
+from symstiff.calibration.identify import ExperimentClass, axis_remarks, experiment_of, start_model
 from symstiff.calibration.loading import as_loading
 from symstiff.calibration.measurements import Measurements
+from symstiff.calibration.rows import equations
 from symstiff.discrepancy.assemble import Assembly, added_loads, assemble
 from symstiff.discrepancy.diagnose import diagnose
 from symstiff.discrepancy.growth import Fitted, fit, grow
@@ -125,8 +127,10 @@ def run(task: Task, tell: Tell = lambda stage: None) -> Finding:
     """Diagnose a table. Raises UserError for data that do not fit the robot or hold nothing measured."""
     if task.max_effects < 1:
         raise UserError(f"--max-effects {task.max_effects}: 1 or more")
+    warnings = check_robot(task.table, task.robot)
     task = replace(task, table=as_loading(task.table))
     table, remarks = _thinned(task)
+    remarks = [*warnings, *remarks]
     tell("model")
     experiment = experiment_of(table, task.robot)
     experiment = ExperimentClass(
@@ -135,7 +139,8 @@ def run(task: Task, tell: Tell = lambda stage: None) -> Finding:
     model, _ = start_model(task.robot, task.start, experiment)
     model, remark = find_point(model, table)
     remarks += [remark] if remark else []
-    assembly, first = _diagnosed(model, table, _options(task, task.max_effects), tell)
+    doubt = _doubt(model, table)
+    assembly, first = _diagnosed(model, table, _options(task, task.max_effects), tell, doubt)
     wider = _wider(model, first, task, experiment)
     if wider is None:
         return _finding(task, table, model, model, assembly, first, first, (), remarks, tell)
@@ -151,8 +156,16 @@ def run(task: Task, tell: Tell = lambda stage: None) -> Finding:
     return _finding(task, table, model, wider, assembly, first, last, climbed, remarks, tell)
 
 
+def _doubt(model: StiffnessModel, table: Measurements) -> str:
+    """Why the table is to be looked at before anything is missing: axes that would fit far better otherwise."""
+    if table.kind != "deflection" or not any(not p.is_joint for p in model.compliances):
+        return ""
+    hints = axis_remarks(model, table, equations(model, table))
+    return f"{hints[0]}: correct the table, or the signs of its loads" if hints else ""
+
+
 def _diagnosed(
-    model: StiffnessModel, table: Measurements, options: Options, tell: Tell
+    model: StiffnessModel, table: Measurements, options: Options, tell: Tell, doubt: str = ""
 ) -> tuple[Assembly, Diagnosis]:
     """The diagnosis of a model; where it finds loads, other laws are looked for once more under the sum.
 
@@ -161,7 +174,7 @@ def _diagnosed(
     """
     tell("columns")
     assembly = assemble(model, table)
-    found = diagnose(assembly.problem, assembly.candidates, options, tell)
+    found = diagnose(assembly.problem, assembly.candidates, options, tell, doubt=doubt)
     settled = found.verdict == AMBIGUOUS or (found.verdict == NAMED and len(found.leading) == 1)
     believed = [] if settled else believed_loads(model, table, assembly, found.leading)
     if not believed:
@@ -263,19 +276,10 @@ def _finding(
     first: Diagnosis, last: Diagnosis, climbed: tuple[Found, ...], remarks: list[str], tell: Tell,
 ) -> Finding:  # fmt: skip
     named = tuple(
-        Found(
-            e.effect,
-            e.where,
-            e.shape,
-            e.parameters,
-            e.p_value,
-            e.confidence,
-            e.confounded_with,
-            e.set_number,
-            e.twins,
-        )
+        Found(e.effect, e.where, e.shape, e.parameters, e.p_value, e.confidence, e.confounded_with, e.set_number,
+              e.twins)
         for e in last.effects
-    )
+    )  # fmt: skip
     tell("identification")
     grown = grow(base, [e.instance for e in named if e.set_number == 0])
     before = fit(start, table)
