@@ -259,3 +259,21 @@ def test_a_table_of_another_robot_or_without_measurements_is_refused() -> None:
         assemble(complete("scara"), table)
     with pytest.raises(UserError, match="joint columns"):
         assemble(complete("kuka_kr270"), measured(truth_of("scara"), table))
+
+
+def test_under_the_links_weights_a_joint_is_not_part_of_the_link_before_it_and_yet_in_the_complete_model() -> (
+    None
+):
+    """A link's weight bends the link and does not turn the joint behind it."""
+    name = "ur10"
+    table = design(name, "absolute", poses=30)
+    w = np.zeros_like(table.w)
+    w[:, 2] = np.where(table.pose % 2 == 0, -20.0, -90.0)
+    data = measured(truth_of(name), replace(table, w=w))
+    found = assemble(StiffnessModel.of(reduce(load(name), "gravity", "position")), data)
+    problem = found.problem
+    left = outside(problem.y, problem.A)
+    assert np.sqrt(np.mean(left**2)) < 3e-6
+    joints = [c for c in found.candidates if c.effect == "joint_compliance"]
+    assert joints
+    assert all(c.unavailable for c in joints)

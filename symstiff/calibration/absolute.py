@@ -7,12 +7,15 @@ from dataclasses import dataclass
 import numpy as np
 import scipy.linalg
 
-from symstiff.calibration.estimate import Estimate, estimate
+from symstiff.calibration.estimate import Estimate, estimate, unit_of
 from symstiff.calibration.experiment.current import settled
 from symstiff.calibration.measurements import Measurements
 from symstiff.calibration.residuals import ResidualTable, residual_table
 from symstiff.calibration.rows import Equations, weights
 from symstiff.model import StiffnessModel
+
+_OUTSIDE = 1e-4
+"""Least part of a column outside others for it to count."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -38,15 +41,31 @@ def fit_absolute(model: StiffnessModel, table: Measurements) -> AbsoluteFit:
     known = sigma if np.isfinite(sigma).all() else None
     constant = [k for k, v in enumerate(view.joints) if v.kind == "link"]
     chosen = [constant[k] for k in _independent(view.J[:, constant])]
+    count = len(current.names)
+    beside = current.A[:, count : count + len(current.hidden)]
+    shown = _independent(_outside(beside, np.hstack([elastic, view.J[:, chosen]])))
+    hidden = [current.hidden[k] for k in shown]
     labels = [f"geometry_{view.joints[k].body}_{view.joints[k].axis}" for k in chosen]
     units = ["rad" if view.joints[k].rotational else "m" for k in chosen]
-    A = np.hstack([elastic, view.J[:, chosen]])
+    A = np.hstack([elastic, beside[:, shown], view.J[:, chosen]])
     e = Equations(A, current.y, known, view.state, view.component)
-    names = (*current.names, *labels)
-    fit = estimate(e.A, e.y, weights(e), names, units=(*(model.units[n] for n in current.names), *units))
+    compliances = [*(model.units[n] for n in current.names), *(unit_of(n) for n in hidden)]
+    names = (*current.names, *hidden, *labels)
+    fit = estimate(e.A, e.y, weights(e), names, units=(*compliances, *units))
     before = e.spread(e.y, len(table))
     after = e.spread(e.A @ fit.values, len(table))
     return AbsoluteFit(fit, e, residual_table(before, after))
+
+
+def _outside(columns: np.ndarray, others: np.ndarray) -> np.ndarray:
+    """What of columns, scaled to length one, lies outside the span of others; nothing where that is rounding."""
+    size = np.linalg.norm(columns, axis=0)
+    scaled = columns / np.where(size > 0, size, 1.0)
+    length = np.linalg.norm(others, axis=0)
+    U, s, _ = np.linalg.svd(others / np.where(length > 0, length, 1.0), full_matrices=False)
+    U = U[:, s > 1e-9 * s[0]]
+    left = scaled - U @ (U.T @ scaled)
+    return np.asarray(np.where(np.linalg.norm(left, axis=0) > _OUTSIDE, left, 0.0))
 
 
 def _independent(columns: np.ndarray) -> list[int]:

@@ -175,9 +175,11 @@ def _from_absolute(
     names = [n for n in model.parameters if n in values]
     model = model.with_values({n: values[n] for n in names}, _finite({n: spread[n] for n in names}))
     geometry = sum(n.startswith("geometry_") for n in values)
+    beside = [n for n in values if not n.startswith("geometry_") and n not in model.parameters]
+    weights = f", and what only the links' weights show: {', '.join(beside)}" if beside else ""
     remarks = [
         *remarks,
-        f"absolute positions: {geometry} constants of geometry and placement were fitted along",
+        f"absolute positions: {geometry} constants of geometry and placement were fitted along{weights}",
     ]
     open_ones = [n for n in names if not np.isfinite(spread[n])]
     if open_ones or len(names) < len(model.parameters):

@@ -33,10 +33,14 @@ _COMPLIANCE = 1e-7
 
 @dataclass(frozen=True, eq=False)
 class Current:
-    """The current model on the data: its situation, columns, what they are to explain, and fitted values."""
+    """The current model on the data: its situation, columns, what they are to explain, and fitted values.
+
+    A (M, names + hidden + placement): ``hidden`` are compliances beside the model's that links' weights show.
+    """
 
     situation: Situation
     names: tuple[str, ...]
+    hidden: tuple[str, ...]
     A: Floats
     y: Floats
     fitted: dict[str, float]
@@ -59,10 +63,14 @@ def settled(model: StiffnessModel, table: Measurements) -> Current:
 
 
 def _hidden(model: StiffnessModel) -> tuple[Compliance, ...]:
-    """Compliances that loads at the tool leave out of a complete model, and that weights bring back."""
+    """Compliances that loads at the tool leave out of a complete model, and that weights bring back.
+
+    Joints as well: a link's weight bends the link and does not turn the joint behind it, which M3 gave to it.
+    """
     elastic = {p.body for p in model.compliances if not p.is_joint}
-    full = physical_stages(model.robot)[-1].parameters
-    return tuple(p for p in full if p.body in elastic and p.name not in model.parameters)
+    full = physical_stages(model.robot)[2].parameters
+    left_out = (p for p in full if p.name not in model.parameters)
+    return tuple(p for p in left_out if (p.body - 1 if p.is_joint else p.body) in elastic)
 
 
 def _current(
@@ -99,8 +107,9 @@ def _current(
         laws = whole(model, view, np.hstack([A[:, own], extra]), {**fit, **nominal}, target, left)
     situation = Situation(_under(view, laws), laws)
     keep = np.any(A != 0, axis=0)
-    names = tuple(n for n, k in zip(named, keep, strict=False) if k)
-    return Current(situation, names, np.hstack([A[:, keep], extra]), target, fit | nominal)
+    kept = [n for n, k in zip(free, keep, strict=True) if k]
+    names, beside = (tuple(n for n in group if n in kept) for group in (named, hidden))
+    return Current(situation, names, beside, np.hstack([A[:, keep], extra]), target, fit | nominal)
 
 
 def _under(view: View, laws: Laws) -> View:
