@@ -238,6 +238,9 @@ def test_one_pose_without_sigma_or_repeats_gives_a_verdict_that_says_so() -> Non
     d = diagnose(measured(a.problem), a.candidates, QUICK)
     assert d.verdict == "untestable"
     assert "one pose" in d.reason
+    stated = diagnose(replace(measured(a.problem), sigma=np.full(a.problem.rows, SIGMA)), a.candidates, QUICK)
+    assert stated.verdict == "untestable"
+    assert "no place on the robot can be told from another" in stated.reason
     assert not any(c.testable for c in d.candidates)
 
 
@@ -288,6 +291,37 @@ def test_noise_that_grows_with_distance_is_found() -> None:
     d = diagnose(replace(a.problem, y=y, spread={"distance": distance}), a.candidates, QUICK)
     assert d.noise.growth["distance"] == pytest.approx(1.0, abs=0.4)
     assert d.verdict == "nothing_missing"
+
+
+def test_noise_of_positions_and_of_rotations_is_not_mixed() -> None:
+    """Axis 1 of the arm stands for a rotation, twenty times as noisy in its unit."""
+    a = arm()
+    turning = a.problem.axis == 1
+    size = np.where(turning, 20.0 * SIGMA, SIGMA)
+    rng = np.random.default_rng(9)
+    shared = rng.normal(size=(a.problem.poses, 2))[a.problem.pose, a.problem.axis]
+    problem = replace(a.problem, axis=np.where(turning, 3, 0), sigma=size)
+    for approach in (0.0, 2.0):
+        y = a.problem.y + size * (rng.normal(size=a.problem.rows) + approach * shared)
+        noise = diagnose(replace(problem, y=y), a.candidates, QUICK).noise
+        assert noise.sigma == pytest.approx(SIGMA, rel=0.15)
+        assert noise.stated == pytest.approx(SIGMA)
+        assert noise.ratio == pytest.approx(1.0, abs=0.15)
+        assert (noise.approach_p < 0.01) == bool(approach)
+        if approach:
+            assert noise.approach == pytest.approx(approach * SIGMA, rel=0.4)
+
+
+def test_strata_know_loads_that_are_told_to_few_digits() -> None:
+    """The model's columns are proportional to the load but for rounding: they stay within that stratum."""
+    a = arm(15)
+    jitter = 1.0 + 1e-4 * np.random.default_rng(3).normal(size=a.problem.A.shape)
+    problem = measured(a.problem)
+    exact, rounded = (
+        {s.name: s.degrees_of_freedom for s in strata(p, prepare(p, ()).scan)}
+        for p in (problem, replace(problem, A=problem.A * jitter))
+    )
+    assert exact == rounded
 
 
 def test_held_out_poses_show_the_gap_shrink_and_select_the_effect_in_every_fold() -> None:

@@ -130,3 +130,30 @@ def test_shapes_are_told_with_units() -> None:
     assert "N·m" in text
     assert words.percent(1.0) == "100 %"
     assert words.percent(0.034) == "3.4 %"
+
+
+def test_deflections_of_the_wrong_sign_are_a_matter_of_the_table() -> None:
+    table = measured(HARDENING)
+    found = run(Task(load(ROBOT), replace(table, values=-table.values)))
+    assert (found.verdict, found.testable) == ("unexplained", False)
+    assert "the deflection axes look swapped: x = -x, y = -y" in found.reason
+    assert not found.effects
+
+
+def test_joints_far_outside_their_limits_are_remarked() -> None:
+    raw = to_table(load(ROBOT))
+    raw["joint"][0]["limits"] = [-0.1, 0.1]
+    found = run(Task(from_table(raw), measured()))
+    assert any("q1 is far outside its limits" in r for r in found.remarks)
+
+
+def test_a_bad_pose_needs_no_other_pose_to_confirm_it() -> None:
+    table = measured()
+    shift = 3e-4 * (table.pose == 4)
+    values = table.values.copy()
+    values[:, 0] += shift
+    found = run(Task(load(ROBOT), replace(table, values=values)))
+    assert [e.effect for e in found.named] == ["bad_poses"]
+    assert found.named[0].confidence > 0.9
+    assert found.rms.held_out_before is None
+    assert any(r.startswith(f"pose {table.labels[4]}: measure it again") for r in found.remarks)

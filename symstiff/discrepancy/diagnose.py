@@ -139,7 +139,7 @@ def _written(
     entries = named.entries if named is not None else ()
     tell("growth")
     growth = steps(problem, ready, named, outcome)
-    floor = noise_floor(problem, ready)
+    floor = noise_floor(ready)
     proof = None
     if options.held_out and not _of_single_poses(problem, ready.bank, entries):
         tell("proof")

@@ -12,6 +12,9 @@ from symstiff.discrepancy.problem import Array, Index, Problem
 RATIOS = (0.0, 0.1, 0.35, 1.0, 3.0, 10.0)
 """Grid of (variance of the approach error) / (variance of the noise)."""
 
+_SURE = 2.8
+"""Standard deviations from which the noise is said to grow with a quantity."""
+
 NEGLIGIBLE = 0.03
 """Departure of sigma from the stated one that changes nothing in practice: no remark is made of it."""
 
@@ -55,11 +58,11 @@ class NoiseReport:
     """What was found out about the noise."""
 
     sigma: float
-    """Standard deviation of a row, root mean square, in the data's unit."""
+    """Standard deviation of a row, root mean square [m], of rotations [rad] where there are no translations."""
     stated: float | None
-    """The stated one, root mean square."""
+    """The stated one of these rows, root mean square."""
     ratio: float | None
-    """Found over stated."""
+    """Found over stated, of all rows."""
     ratio_interval: tuple[float, float] | None
     misstated: bool
     degrees_of_freedom: float
@@ -68,11 +71,13 @@ class NoiseReport:
     by_axis: dict[int, float]
     homogeneity_p: float
     growth: dict[str, float]
-    """Exponent of the noise in each quantity it may grow with."""
+    """Exponent of the noise in each quantity that it grows with beyond doubt."""
     by_marker: dict[str, float]
     """How much more each marker scatters than the others."""
     approach: float
-    """Standard deviation of the error that a pose's load cases share."""
+    """Standard deviation of the error that a pose's load cases share, of the same rows."""
+    approach_p: float
+    """That they share none."""
 
     @property
     def mostly_shared(self) -> bool:
@@ -103,20 +108,17 @@ def _blocks(problem: Problem, spread: Array, own: float) -> tuple[tuple[Index, A
     label = problem.pose * (problem.axis.max() + 1) + problem.axis
     order = np.argsort(label, kind="stable")
     groups = np.split(order, np.flatnonzero(np.diff(label[order])) + 1)
-    out = []
+    common, out = np.ones(problem.rows), []
+    for kind in (problem.axis < 3, problem.axis >= 3):  # a shared error in metres, one in radians
+        common[kind] = np.sqrt(np.mean(spread[kind] ** 2)) if np.any(kind) else 1.0
     for size in sorted({len(g) for g in groups}):
         rows = np.array([g for g in groups if len(g) == size], dtype=np.intp)
         channel = problem.channel[rows]
-        u = np.sqrt(np.mean(spread**2)) / spread[rows]
+        u = common[rows] / spread[rows]
         same = (channel[:, :, None] == channel[:, None, :]).astype(float)
         K = u[:, :, None] * u[:, None, :] * (own * same + (1.0 - own))
         out.append((rows, K))
     return tuple(out)
-
-
-def with_split(problem: Problem, noise: Noise, own: float) -> Noise:
-    """The same noise with another division of the shared error between the marker and the pose."""
-    return Noise(noise.spread, noise.ratios, _blocks(problem, noise.spread, own))
 
 
 def refine(
@@ -148,12 +150,18 @@ def refine(
         hessian = weight * design.T @ design + np.diag(ridge)
         beta = beta + np.linalg.solve(hessian, np.clip(gradient, -1e3, 1e3))
     spread = noise.spread * np.exp(0.5 * design[:, 1:] @ beta[1:])
-    growth = {k: float(0.5 * b) for k, b in zip(names, beta[1 + levels :], strict=True)}
+    sure = np.abs(beta) > _SURE * np.sqrt(np.diag(np.linalg.inv(hessian)))
+    growth = {k: float(0.5 * beta[1 + levels + n]) for n, k in enumerate(names) if sure[1 + levels + n]}
     alone = beta[1 + len(axes) : 1 + levels]
     others = (np.sum(alone) - alone) / max(len(alone) - 1, 1)
     factor = np.exp(0.5 * (alone - others)).tolist()
     by_marker = {problem.marker(int(m)): f for m, f in zip(markers, factor, strict=True)}
     return Noise(spread, noise.ratios, _blocks(problem, spread, own)), growth, by_marker
+
+
+def main_rows(problem: Problem) -> np.ndarray:
+    """(M,) the rows that sizes are told of: translations, rotations where there are none."""
+    return problem.axis < 3 if np.any(problem.axis < 3) else np.ones(problem.rows, bool)
 
 
 def pure_error(problem: Problem, spread: Array) -> tuple[float, int]:
@@ -177,22 +185,23 @@ def report(
     ratio: float,
     growth: dict[str, float],
     by_marker: dict[str, float],
+    approach_p: float,
 ) -> NoiseReport:
     """Compare the noise found with the noise stated.
 
     ``scale2`` is the whitened residual's mean square, ``residual`` the residual in the data's unit.
     """
+    rows = main_rows(problem)
     square, repeats = pure_error(problem, noise.spread)
     source, found, freedom = "residual", scale2, dof
     if repeats >= 20:
         source, found, freedom = "repeats", square / repeats, float(repeats)
-    rms = float(np.sqrt(np.mean(noise.spread**2)))
-    sigma = float(np.sqrt(found)) * rms
-    stated = None if problem.sigma is None else float(np.sqrt(np.mean(problem.sigma**2)))
+    sigma = float(np.sqrt(found * np.mean(noise.spread[rows] ** 2)))
+    stated = None if problem.sigma is None else float(np.sqrt(np.mean(problem.sigma[rows] ** 2)))
     relative = interval = None
     misstated = False
-    if stated is not None and freedom >= 1:
-        relative = sigma / stated
+    if problem.sigma is not None and freedom >= 1:
+        relative = float(np.sqrt(found * np.mean((noise.spread / problem.sigma) ** 2)))
         low = np.sqrt(freedom / stats.chi2.ppf(0.98, freedom))
         high = np.sqrt(freedom / stats.chi2.ppf(0.02, freedom))
         interval = (float(relative * low), float(relative * high))
@@ -203,6 +212,7 @@ def report(
     return NoiseReport(
         sigma, stated, relative, interval, misstated, freedom, source, by_axis,
         _homogeneity(problem, residual, dof), growth, by_marker, sigma * float(np.sqrt(ratio)),
+        approach_p,
     )  # fmt: skip
 
 

@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
+from scipy import stats
 
 from symstiff.discrepancy import noise as noises
 from symstiff.discrepancy.bank import Bank, build
@@ -49,7 +50,7 @@ def prepare(problem: Problem, candidates: Sequence[Candidate]) -> Prepared:
         scan, clean = _opened(problem, bank, noise)
     report = noises.report(
         problem, noise, _within_residual(clean), clean.best.rss / max(clean.freedom, 1), clean.freedom,
-        clean.best.ratio, growth, by_marker,
+        clean.best.ratio, growth, by_marker, _sharing_none(clean),
     )  # fmt: skip
     return Prepared(scan, bank, report, _data_residual(scan))
 
@@ -63,6 +64,15 @@ def _opened(problem: Problem, bank: Bank, noise: noises.Noise) -> tuple[Scan, Sc
     clean = _without_the_obvious(whole)
     kept = likely(whole) | likely(clean)
     return at_ratios(whole, kept), at_ratios(clean, kept)
+
+
+def _sharing_none(scan: Scan) -> float:
+    """p-value that a pose's rows share no error: half of χ², as the ratio cannot be negative."""
+    value = scan.log_likelihood
+    alone = [v for v, layer in zip(value, scan.layers, strict=True) if layer.ratio == 0.0]
+    if not alone:  # ratios that are out of the question are not kept
+        return 0.0
+    return float(0.5 * stats.chi2.sf(2.0 * (np.max(value) - alone[0]), 1))
 
 
 def _near(grid: tuple[float, ...], kept: list[float]) -> tuple[float, ...]:

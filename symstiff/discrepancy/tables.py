@@ -215,13 +215,9 @@ def steps(problem: Problem, ready: Prepared, named: Judged | None, outcome: Outc
     return tuple(out)
 
 
-def noise_floor(problem: Problem, ready: Prepared) -> float:
+def noise_floor(ready: Prepared) -> float:
     """Root mean square of the noise, approach error included, of the translations where there are any."""
-    rows = problem.axis < 3 if np.any(problem.axis < 3) else np.ones(problem.rows, bool)
-    spread = ready.scan.noise.spread
-    share = ready.report.sigma / float(np.sqrt(np.mean(spread**2)))
-    own = float(np.sqrt(np.mean((share * spread[rows]) ** 2)))
-    return float(np.hypot(own, ready.report.approach))
+    return float(np.hypot(ready.report.sigma, ready.report.approach))
 
 
 def confusion(ready: Prepared, outcome: Outcome, most: int = 8) -> tuple[tuple[Name, ...], Array]:

@@ -59,12 +59,3 @@ def fills_its_stratum(problem: Problem, ready: Prepared, entry: int) -> bool:
     total = np.maximum(np.bincount(label, load**2), 1e-300)
     slope = np.column_stack([np.bincount(label, load * c) / total for c in columns.T])
     return bool(np.sum((columns - slope[label] * load[:, None]) ** 2) < 0.01 * np.sum(columns**2))
-
-
-def why_not(problem: Problem, ready: Prepared, entry: int) -> str:
-    """The reason, in words, that a candidate is not tested."""
-    if share_left(ready.scan, entry) < 1e-8 or ready.scan.best.rank[entry] == 0:
-        return "the model absorbs it wholly"
-    if fills_its_stratum(problem, ready, entry):
-        return "it would fit whatever is proportional to the load: measure more poses"
-    return "a believable size is below what would be seen"

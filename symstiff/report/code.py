@@ -20,7 +20,6 @@ _MOST_TERMS, _MOST_LINES = 8, 90
 _TEMPORARY = re.compile(r"\bt(\d+)\b")
 _LONE_DOT = re.compile(r"<mo>·</mo>(?=(</mrow>)*(<mo>[+-]</mo>|$))")
 """The dot behind a parameter that nothing is multiplied with."""
-_WORD = re.compile(r"\b[A-Za-z_]\w*\b")
 
 
 @dataclass(frozen=True)

@@ -18,6 +18,8 @@ from symstiff.report import law_plots, plots, words
 from symstiff.report.code import Line, formulas
 from symstiff.report.tables import moved, rotates, step_rows
 
+_SEEN = 0.01
+"""p-value below which something is said of the noise."""
 _MOST_CANDIDATES, _MOST_LAWS, _MANY = 20, 5, 3
 DECIDES = 9.0
 """Separation from which explanations are told apart: three standard deviations."""
@@ -76,7 +78,7 @@ def _facts(finding: Finding) -> list[tuple[str, str]]:
         ),
         ("start model", f"{len(finding.start.model.parameters)} parameters"),
         ("residual, rms per coordinate", _fall(finding, r.before, r.after)),
-        ("noise", words.millimetres(r.noise)),
+        ("noise", words.size(r.noise, finding)),
     ]
     held = finding.last.held_out
     if held is not None:
@@ -92,8 +94,8 @@ def _facts(finding: Finding) -> list[tuple[str, str]]:
 def _fall(finding: Finding, before: float | None, after: float | None) -> str:
     """Before and after; one of them where nothing was added."""
     if len(finding.steps) < 2:
-        return words.millimetres(before)
-    return f"{words.millimetres(before)} → {words.millimetres(after)}"
+        return words.size(before, finding)
+    return f"{words.size(before, finding)} → {words.size(after, finding)}"
 
 
 def _explanations(finding: Finding) -> list[dict[str, Any]]:
@@ -371,19 +373,19 @@ def _noise(finding: Finding) -> list[str]:
     n = finding.last.noise
     source = {"repeats": "repeated readings", "residual": "what is left after everything found"}
     lines = [
-        f"standard deviation {words.millimetres(n.sigma)} from {source.get(n.source, n.source)} "
+        f"standard deviation {words.size(n.sigma, finding)} from {source.get(n.source, n.source)} "
         f"({n.degrees_of_freedom:.0f} degrees of freedom)"
     ]
     if n.stated is not None and n.ratio is not None:
-        text = f"stated {words.millimetres(n.stated)}: found/stated = {n.ratio:.2f}"
+        text = f"stated {words.size(n.stated, finding)}: found/stated = {n.ratio:.2f}"
         lines.append(text + (", which contradicts the stated one" if n.misstated else ", which agree"))
-    if n.approach > 0.05 * n.sigma:
-        lines.append(f"load cases of a pose share an error of {words.millimetres(n.approach)}")
-    if n.homogeneity_p < 0.01:
+    if n.approach_p < _SEEN:
+        lines.append(f"load cases of a pose share an error of {words.size(n.approach, finding)}")
+    if n.homogeneity_p < _SEEN:
         units = ("mm", "mrad")
         by = ", ".join(f"{plots.COMPONENTS[a]} {1e3 * s:.3f} {units[a > 2]}" for a, s in n.by_axis.items())
         lines.append(f"the noise differs between axes: {by}")
     for what, power in n.growth.items():
         if abs(power) > 0.25:
-            lines.append(f"it changes with {what} (power {power:+.2f})")
+            lines.append(f"the noise changes with the {what} (power {power:+.2f})")
     return lines

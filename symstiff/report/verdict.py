@@ -151,6 +151,7 @@ def _noise(finding: Finding) -> dict[str, Any]:
         "source": n.source,
         "degrees_of_freedom": plain(n.degrees_of_freedom),
         "approach_mm": _mm(n.approach),
+        "approach_p": plain(n.approach_p),
         "homogeneity_p": plain(n.homogeneity_p),
     }
 

@@ -94,9 +94,10 @@ def percent(share: float) -> str:
     return f"{100 * share:.0f} %" if share >= 0.0995 else f"{100 * share:.2g} %"
 
 
-def millimetres(value: float | None) -> str:
-    """A length in metres as millimetres."""
-    return "–" if value is None else f"{1e3 * value:.3f} mm"
+def size(value: float | None, finding: Finding) -> str:
+    """A residual as millimetres; as milliradians where rotations alone were measured."""
+    unit = "mm" if finding.table.measured[:, :3].any() else "mrad"
+    return "–" if value is None else f"{1e3 * value:.3f} {unit}"
 
 
 def headline(finding: Finding) -> str:
@@ -226,13 +227,13 @@ def _or_else(effect: Found) -> str:
 def gap(finding: Finding) -> str:
     """How the gap shrank."""
     r = finding.rms
-    text = f"the residual falls from {millimetres(r.before)} to {millimetres(r.after)} rms per coordinate"
+    text = f"the residual falls from {size(r.before, finding)} to {size(r.after, finding)} rms per coordinate"
     if r.held_out_before is not None:
-        before, after = millimetres(r.held_out_before), millimetres(r.held_out_after)
+        before, after = size(r.held_out_before, finding), size(r.held_out_after, finding)
         text += ", on poses that were not used "
         text += f"it stays at {before}" if before == after else f"from {before} to {after}"
         text += ", which does not confirm it" if unconfirmed(r) else ""
-    return f"{text} (noise {millimetres(r.noise)})"
+    return f"{text} (noise {size(r.noise, finding)})"
 
 
 def _named(finding: Finding) -> str:
@@ -242,8 +243,8 @@ def _named(finding: Finding) -> str:
 def _nothing(finding: Finding) -> str:
     r = finding.rms
     return (
-        f"The model accounts for the data: {millimetres(r.before)} rms per coordinate is left, the noise is "
-        f"{millimetres(r.noise)} ({p_equals(finding.first.p_missing)} that anything of the catalogue is missing)."
+        f"The model accounts for the data: {size(r.before, finding)} rms per coordinate is left, the noise is "
+        f"{size(r.noise, finding)} ({p_equals(finding.first.p_missing)} that anything of the catalogue is missing)."
     )
 
 
@@ -300,8 +301,8 @@ def _unexplained(finding: Finding) -> str:
             f"{100 * law.explained:.0f} % of what the model leaves"
         )
     return (
-        f"{text} (residual {millimetres(finding.rms.before)} rms per coordinate, "
-        f"noise {millimetres(finding.rms.noise)})."
+        f"{text} (residual {size(finding.rms.before, finding)} rms per coordinate, "
+        f"noise {size(finding.rms.noise, finding)})."
     )
 
 
