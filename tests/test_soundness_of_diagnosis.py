@@ -12,6 +12,7 @@ import pytest
 from symstiff.calibration.experiment.situation import Situation
 from symstiff.calibration.simulation import Device, Truth, nominal_truth
 from symstiff.discrepancy.assemble import assemble
+from symstiff.discrepancy.doubts import doubted, known_throughout
 from symstiff.discrepancy.growth import fit, grow
 from symstiff.discrepancy.laws import _soft_spots
 from symstiff.discrepancy.problem import Options
@@ -19,6 +20,7 @@ from symstiff.discrepancy.search import _lacking
 from symstiff.discrepancy.strata import Stratum
 from symstiff.discrepancy.workflow import Task, run
 from symstiff.effects.base import EffectInstance
+from symstiff.errors import UserError
 from symstiff.model import StiffnessModel
 from symstiff.reduction.reduce import reduce
 from symstiff.report import words
@@ -157,3 +159,46 @@ def test_a_bad_pose_needs_no_other_pose_to_confirm_it() -> None:
     assert found.named[0].confidence > 0.9
     assert found.rms.held_out_before is None
     assert any(r.startswith(f"pose {table.labels[4]}: measure it again") for r in found.remarks)
+
+
+def test_times_that_some_rows_lack_are_not_used_and_that_is_said() -> None:
+    table = measured()
+    time = np.arange(len(table), dtype=float)
+    assert known_throughout(replace(table, time=time))[1] == []
+    time[3] = np.nan
+    used, remarks = known_throughout(replace(table, time=time))
+    assert np.isnan(used.time).all()
+    assert remarks == ["the time is not told in every row: it is not used"]
+
+
+def test_absolute_positions_of_another_robot_are_doubted() -> None:
+    table = design("ur10", "absolute", poses=20)
+    values = readings(Truth(load("ur10"), nominal_truth(load("ur10")), (), device=Device()), table)
+    values[:, 3:] = np.nan
+    model = StiffnessModel.of(reduce(load("ur10")))
+    assert doubted(model, replace(table, values=values)) == ""
+    swapped = table.q[:, [0, 1, 2, 4, 3, 5]]
+    assert "misses the measured positions by" in doubted(model, replace(table, values=values, q=swapped))
+
+
+def test_two_axes_of_a_position_do_not_say_where_the_device_stands() -> None:
+    table = design("ur10", "absolute", poses=6)
+    values = readings(Truth(load("ur10"), nominal_truth(load("ur10")), (), device=Device()), table)
+    values[:, 2:] = np.nan
+    with pytest.raises(UserError, match="x, y and z together in at least three rows, 0 found"):
+        run(Task(load("ur10"), replace(table, values=values)))
+
+
+def test_what_a_table_does_not_determine_is_remarked() -> None:
+    table = measured(poses=3)
+    one = table.select(table.point == 0)
+    found = run(Task(load(ROBOT), replace(one, values=np.where(np.arange(6) == 0, one.values, np.nan))))
+    assert any("parameters are not determined by these data" in r for r in found.remarks)
+    assert not any("not determined" in r for r in run(Task(load(ROBOT), measured())).remarks)
+
+
+def test_no_link_weighs_more_than_a_robot_of_its_reach_could() -> None:
+    robot = load("ur10")
+    mass = EffectInstance("link_weight", {"link": 2}).realise(robot).parameters[0]
+    assert mass.high < 60.0 * robot.reach**3
+    assert mass.high > sum(link.mass for link in robot.links)

@@ -10,7 +10,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from symstiff.calibration.experiment.placement import _closest
+from symstiff.calibration.experiment.placement import closest
 from symstiff.calibration.measurements import Measurements
 from symstiff.discrepancy.problem import Array
 from symstiff.model import StiffnessModel
@@ -53,7 +53,7 @@ def _offset(attitude: Array, position: Array, seen: Array) -> Array:
     offset = np.zeros(3)
     for _ in range(_ROUNDS):
         points = position + attitude @ offset
-        turn, shift = _closest(points, seen)
+        turn, shift = closest(points, seen)
         twists = points - points.mean(axis=0)
         X = np.concatenate(
             [

@@ -11,6 +11,8 @@ from symstiff.discrepancy.verdict import INSUFFICIENT, NAMED, NOTHING, UNEXPLAIN
 
 LOOSE = 1.35
 """How much more than the others a marker scatters that is spoken of."""
+FAR = 2.5
+"""Error on poses that were not used, against the noise, that is spoken of."""
 _MOSTLY = 0.5
 """Share of the residual's variance that few poses bring from which they are spoken of."""
 
@@ -19,7 +21,8 @@ def remarked(table: Measurements, last: Diagnosis) -> list[str]:
     """Remarks on a diagnosis, a sentence each."""
     noise = last.noise
     return [
-        *_of_sigma(noise), *_of_approach(last), *_of_markers(noise), *_of_poses(table, last), *_of_single(last)
+        *_of_sigma(noise), *_of_approach(last), *_of_markers(noise), *_of_poses(table, last), *_of_single(last),
+        *_of_proof(last)
     ]  # fmt: skip
 
 
@@ -69,3 +72,13 @@ def _of_single(last: Diagnosis) -> list[str]:
     rows = [name.where.get("rows", ()) for name, _, _ in last.leading]
     names = ", ".join(str(pose) for labels in rows if isinstance(labels, list | tuple) for pose in labels)
     return [f"pose {names}: measure it again, or leave it out; no other pose can confirm it"] if names else []
+
+
+def _of_proof(last: Diagnosis) -> list[str]:
+    rms = last.rms
+    if last.verdict == UNEXPLAINED or rms.held_out_after is None or rms.held_out_after < FAR * rms.noise:
+        return []
+    return [
+        f"poses that were not used are predicted with {rms.held_out_after / rms.noise:.1f} times the noise: "
+        "these poses are too few, or too unlike each other, to rely on the model beyond them"
+    ]

@@ -14,12 +14,12 @@ from typing import Any
 import numpy as np
 
 from symstiff.calibration.checks import check_robot
-from symstiff.calibration.identify import ExperimentClass, axis_remarks, experiment_of, start_model
+from symstiff.calibration.identify import ExperimentClass, experiment_of, start_model
 from symstiff.calibration.loading import as_loading
 from symstiff.calibration.measurements import Measurements
-from symstiff.calibration.rows import equations
 from symstiff.discrepancy.assemble import Assembly, added_loads, assemble
 from symstiff.discrepancy.diagnose import diagnose
+from symstiff.discrepancy.doubts import doubted, known_throughout
 from symstiff.discrepancy.growth import Fitted, fit, grow
 from symstiff.discrepancy.point import find_point
 from symstiff.discrepancy.problem import Array, Options, Shape
@@ -130,7 +130,8 @@ def run(task: Task, tell: Tell = lambda stage: None) -> Finding:
     warnings = check_robot(task.table, task.robot)
     task = replace(task, table=as_loading(task.table))
     table, remarks = _thinned(task)
-    remarks = [*warnings, *remarks]
+    table, gaps = known_throughout(table)
+    remarks = [*warnings, *remarks, *gaps]
     tell("model")
     experiment = experiment_of(table, task.robot)
     experiment = ExperimentClass(
@@ -139,7 +140,7 @@ def run(task: Task, tell: Tell = lambda stage: None) -> Finding:
     model, _ = start_model(task.robot, task.start, experiment)
     model, remark = find_point(model, table)
     remarks += [remark] if remark else []
-    doubt = _doubt(model, table)
+    doubt = doubted(model, table)
     assembly, first = _diagnosed(model, table, _options(task, task.max_effects), tell, doubt)
     wider = _wider(model, first, task, experiment)
     if wider is None:
@@ -154,14 +155,6 @@ def run(task: Task, tell: Tell = lambda stage: None) -> Finding:
         "takes the place of the joints-only model, and the diagnosis goes on from there"
     )
     return _finding(task, table, model, wider, assembly, first, last, climbed, remarks, tell)
-
-
-def _doubt(model: StiffnessModel, table: Measurements) -> str:
-    """Why the table is to be looked at before anything is missing: axes that would fit far better otherwise."""
-    if table.kind != "deflection" or not any(not p.is_joint for p in model.compliances):
-        return ""
-    hints = axis_remarks(model, table, equations(model, table))
-    return f"{hints[0]}: correct the table, or the signs of its loads" if hints else ""
 
 
 def _diagnosed(
@@ -289,6 +282,7 @@ def _finding(
         verdict, reason = NAMED, "the links give way; beyond the complete model no test rejects"
     testable = verdict != UNTESTABLE
     remarks = [*remarks, *remarked(table, last)]
+    remarks += _undetermined(base, assembly, last)
     if unconfirmed(last.rms):
         named = tuple(replace(e, confidence=min(e.confidence, _UNCONFIRMED)) for e in named)
         remarks.append(
@@ -306,6 +300,21 @@ def _finding(
         counted, tuple(e for e in named if e not in counted),
         _steps(first, last, start, base, before, bool(climbed)), _rms(first, last), tuple(remarks),
     )  # fmt: skip
+
+
+def _undetermined(model: StiffnessModel, assembly: Assembly, last: Diagnosis) -> list[str]:
+    """A remark on parameters of the start model that the data do not determine."""
+    known = {
+        name for name, std in zip(assembly.names, last.growth[0].model_std, strict=False) if np.isfinite(std)
+    } if last.growth else set(model.parameters)  # fmt: skip
+    open_ones = [n for n in model.parameters if n not in known]
+    if not open_ones:
+        return []
+    shown = ", ".join(open_ones[:4]) + (", …" if len(open_ones) > 4 else "")
+    return [
+        f"{len(open_ones)} of the start model's {len(model.parameters)} parameters are not determined by these data "
+        f"({shown}): more poses, or loads in more directions, would show more"
+    ]
 
 
 def unconfirmed(rms: Rms) -> bool:

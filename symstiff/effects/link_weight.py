@@ -13,7 +13,7 @@ NAME = "link_weight"
 def _realise(robot: Robot, where: Where, shape: Shape) -> Realisation:
     link = int(where["link"])
     low = -robot.links[link].mass if robot.links[link].mass else 0.0
-    return weight(NAME, where, link, low)
+    return weight(NAME, where, robot, link, low)
 
 
 EFFECT = Effect(

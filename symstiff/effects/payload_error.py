@@ -11,7 +11,7 @@ NAME = "payload_error"
 
 
 def _realise(robot: Robot, where: Where, shape: Shape) -> Realisation:
-    return weight(NAME, where, robot.dof, -500.0)
+    return weight(NAME, where, robot, robot.dof, -500.0)
 
 
 EFFECT = Effect(

@@ -4,18 +4,24 @@ from __future__ import annotations
 
 from symstiff.effects.base import Realisation, Where
 from symstiff.effects.common import GRAVITY, XYZ, couple, parameter
+from symstiff.robot.schema import Robot
 from symstiff.symbolic.terms import Term, VirtualJoint, up
 
+DENSEST = 50.0
+"""No body of a robot is heavier than this [kg/m³] times the cube of its reach: a UR10 has 8 in all, a KR 270 35."""
 
-def weight(effect: str, where: Where, body: int, lightest: float) -> Realisation:
+
+def weight(effect: str, where: Where, robot: Robot, body: int, lightest: float) -> Realisation:
     """Mass [kg] and first moment [kg·m] of a body, in the axes of its DH frame.
 
     The force is −m·g·up, the moment about the frame's origin is −g·(m·c) × up.
     """
     upward = [up(body, k) for k in (1, 2, 3)]
-    mass = parameter(effect, where, "m", "kg", lightest, 1000.0, 1.0)
+    heaviest = max(DENSEST * robot.reach**3, 1.0)
+    farthest = heaviest * robot.reach / 4
+    mass = parameter(effect, where, "m", "kg", max(lightest, -heaviest), heaviest, 1.0)
     terms = [Term(mass.name, VirtualJoint("body", body, k), -GRAVITY * u) for k, u in enumerate(upward, 1)]
-    moments = [parameter(effect, where, f"m{x}", "kg*m", -500.0, 500.0, 0.5) for x in XYZ]
+    moments = [parameter(effect, where, f"m{x}", "kg*m", -farthest, farthest, 0.5) for x in XYZ]
     for k, moment in enumerate(moments):
         unit = [int(k == i) for i in range(3)]
         for i, arm in enumerate(couple(unit, upward)):

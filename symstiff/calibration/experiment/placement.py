@@ -7,6 +7,7 @@ from dataclasses import replace
 import numpy as np
 
 from symstiff.calibration.experiment.situation import Floats, Laws, View
+from symstiff.errors import UserError
 
 
 def placed(view: View, laws: Laws) -> tuple[View, Floats]:
@@ -22,7 +23,12 @@ def placed(view: View, laws: Laws) -> tuple[View, Floats]:
     base = replace(view, turn=np.eye(3))
     moved = np.einsum("nrv,nv->nr", base.at_point, laws(view.tau))
     complete = table.measured[:, :3].all(axis=1)
-    turn, shift = _closest(rigid[complete] + moved[complete, :3], table.values[complete, :3])
+    if complete.sum() < 3:
+        raise UserError(
+            f"absolute positions need x, y and z together in at least three rows, {int(complete.sum())} found: "
+            "without them nobody knows where the measuring device stands"
+        )
+    turn, shift = closest(rigid[complete] + moved[complete, :3], table.values[complete, :3])
     excess = np.zeros((len(table), 6))
     excess[:, :3] = table.values[:, :3] - (rigid @ turn.T + shift)
     if table.measured[:, 3:].any():
@@ -31,7 +37,7 @@ def placed(view: View, laws: Laws) -> tuple[View, Floats]:
     return turned, np.array(excess[view.state, view.component])
 
 
-def _closest(points: Floats, seen: Floats) -> tuple[Floats, Floats]:
+def closest(points: Floats, seen: Floats) -> tuple[Floats, Floats]:
     """Rotation and shift with seen ≈ turn·point + shift, least squares."""
     if not len(points):
         return np.eye(3), np.zeros(3)

@@ -1,0 +1,58 @@
+"""Doubts about a table, before anything is said to be missing from the model."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from symstiff.calibration.experiment.placement import placed
+from symstiff.calibration.experiment.situation import Laws, look
+from symstiff.calibration.identify import axis_remarks
+from symstiff.calibration.measurements import Measurements
+from symstiff.calibration.rows import equations
+from symstiff.model import StiffnessModel
+
+_AWAY = 0.03
+"""Distance from the measured positions, in reaches, that no uncalibrated robot has."""
+
+
+def known_throughout(table: Measurements) -> tuple[Measurements, list[str]]:
+    """The table without times and temperatures that some rows lack, and a remark on each."""
+    remarks = []
+    blank = np.full(len(table), np.nan)
+    if _partial(table.time):
+        table = replace(table, time=blank)
+        remarks.append("the time is not told in every row: it is not used")
+    if _partial(table.temperature):
+        table = replace(table, temperature=blank)
+        remarks.append("the temperature is not told in every row: it is not used")
+    return table, remarks
+
+
+def _partial(values: np.ndarray) -> bool:
+    known = np.isfinite(values)
+    return bool(known.any() and not known.all())
+
+
+def doubted(model: StiffnessModel, table: Measurements) -> str:
+    """Why the table is to be looked at first: axes or places that cannot be as they are told; empty if they can."""
+    if table.kind == "absolute":
+        return _misplaced(model, table)
+    if not any(not p.is_joint for p in model.compliances):
+        return ""
+    hints = axis_remarks(model, table, equations(model, table))
+    return f"{hints[0]}: correct the table, or the signs of its loads" if hints else ""
+
+
+def _misplaced(model: StiffnessModel, table: Measurements) -> str:
+    """Why absolute positions cannot be this robot's: placed as well as possible it is far from them."""
+    view = look(model.robot, table)
+    view, excess = placed(view, Laws(view, model.terms, model.values))
+    away = float(np.sqrt(3.0 * np.mean(excess[view.component < 3] ** 2)))
+    if away < _AWAY * model.robot.reach:
+        return ""
+    return (
+        f"the robot of this file, placed as well as it can be, misses the measured positions by {1e3 * away:.0f} mm "
+        "rms: look at the units, order, signs and zeros of its joints, at axes and markers of the table, at the file"
+    )
