@@ -134,17 +134,14 @@ def identify(
     ``held_out`` is the share of poses kept for validation; ``per_level`` a joint that gets one compliance for each of
     its distinct values (the seed's C2 and J2). Raises UserError for data that cannot determine the model.
     """
-    warned = check_robot(table, robot)
+    remarks = check_robot(table, robot)
     if not 0 <= held_out < 1:
         raise UserError(f"--held-out {held_out:g}: give a share of the poses from 0 to below 1, e.g. 0.2")
     if table.kind == "absolute":
         _refuse_for_absolute({"--robust": robust, "--physical": physical, "--held-out": held_out > 0})
     table = as_loading(table)
     seen = experiment_of(table, robot)
-    loading = check_loads(table.w) if table.kind == "deflection" else []
-    if seen.loads == "gravity":  # the model is reduced for one direction: nothing to warn of
-        loading = [remark for remark in loading if "one direction" not in remark]
-    remarks = [*warned, *loading, *_repeated(table)]
+    remarks += [*_of_loads(table, seen.loads), *_repeated(table)]
     experiment = ExperimentClass(loads or seen.loads, measure or seen.measure, seen.fixed)
     if isinstance(start, StiffnessModel):
         model, reduction = start, None
@@ -303,6 +300,13 @@ def _measured(table: Measurements) -> np.ndarray:
 
 def _finite(values: dict[str, float]) -> dict[str, float]:
     return {k: v for k, v in values.items() if np.isfinite(v)}
+
+
+def _of_loads(table: Measurements, loads: str) -> list[str]:
+    if table.kind != "deflection":
+        return []
+    # a model for vertical loads is reduced for one direction: nothing to warn of
+    return [r for r in check_loads(table.w) if loads != "gravity" or "one direction" not in r]
 
 
 def _repeated(table: Measurements) -> list[str]:

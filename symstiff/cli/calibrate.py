@@ -16,7 +16,7 @@ def run_simulate(
 
     from symstiff.calibration.measurements import COMPONENTS
     from symstiff.calibration.simulation import load_truth, simulate
-    from symstiff.calibration.table import read_poses, write_table
+    from symstiff.calibration.table import check_robot, read_poses, write_table
 
     if noise is not None and not 0 <= noise < 100:
         raise UserError(f"--noise {noise:g}: a standard deviation in millimetres, 0 or more")
@@ -32,9 +32,12 @@ def run_simulate(
             )
         if noise is not None:
             truth = replace(truth, noise=replace(truth.noise, sigma_mm=(noise,) * 3))
+        warned = check_robot(design, truth.robot)
         progress("finding equilibria")
         table = simulate(truth, design, seed)
         write_table(table, output)
+    for warning in warned:
+        note(out, warning)
     out.print(f"wrote {output}")
     seen = [c for k, c in enumerate(COMPONENTS) if table.measured[:, k].any()]
     write_json(

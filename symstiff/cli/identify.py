@@ -44,10 +44,7 @@ def run_identify(request: IdentifyRequest) -> None:
     from symstiff.calibration.table import read_measurements
 
     level = _joint(request.per_level)
-    if request.reconstruct is not None and (request.start != "complete" or level is not None):
-        raise UserError("--reconstruct needs --start complete and no --per-level: leave it or them out")
-    targets = {"-o": request.output, "--reconstruct": request.reconstruct, "--plot": request.plot}
-    check_targets({**targets, "--json": request.json}, [request.robot, *request.data, request.start])
+    _check(request)
     robot = load(request.robot)
     out = console(request.json)
     with stages(out) as progress:
@@ -80,6 +77,14 @@ def run_identify(request: IdentifyRequest) -> None:
         out.print(f"complete link matrices: {complete}; wrote {request.reconstruct}")
     out.print(f"wrote {request.output}")
     write_json(request.json, result.as_dict())
+
+
+def _check(request: IdentifyRequest) -> None:
+    """Refuse what cannot be followed before the work begins."""
+    if request.reconstruct is not None and (request.start != "complete" or request.per_level is not None):
+        raise UserError("--reconstruct needs --start complete and no --per-level: leave it or them out")
+    targets = {"-o": request.output, "--reconstruct": request.reconstruct, "--plot": request.plot}
+    check_targets({**targets, "--json": request.json}, [request.robot, *request.data, request.start])
 
 
 def _joint(text: str | None) -> int | None:
