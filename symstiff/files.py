@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import os
 import shutil
 import tempfile
@@ -10,6 +11,11 @@ from contextlib import contextmanager
 from pathlib import Path
 
 from symstiff.errors import UserError
+
+LISTING = ".symstiff"
+"""File in a written folder that lists its files: what may be replaced when the folder is written again."""
+_HEAD = "# files of this folder that symstiff wrote, and replaces when it writes the folder again"
+_SCRATCH = ".symstiff-"
 
 
 def write_file(path: str | Path, data: bytes | str) -> None:
@@ -30,25 +36,33 @@ def write_file(path: str | Path, data: bytes | str) -> None:
 
 @contextmanager
 def new_folder(path: str | Path) -> Iterator[Path]:
-    """Fill a folder that appears only when all of it is there; an old one with the same files is replaced.
+    """Fill a folder that appears only when all of it is there; in an old one, files that symstiff wrote are replaced.
 
-    Yields the temporary folder. Raises UserError where the place cannot be written, or holds something else.
+    Yields the temporary folder. The list of what was written stays in the folder, as ``.symstiff``. Raises UserError
+    where the place cannot be written, or holds anything else.
     """
-    target = Path(path)
-    if target.is_file():
-        raise UserError(f"{target} is a file: give a folder")
+    check_folder(path)
+    target = Path(os.path.realpath(path))
     temporary = None
     missing = [p for p in target.parents if not p.exists()]  # the innermost first
     try:
         target.parent.mkdir(parents=True, exist_ok=True)
-        if target.exists() and not os.access(target, os.W_OK):
-            raise PermissionError(13, "Permission denied")
-        temporary = Path(tempfile.mkdtemp(prefix=f".{target.name}.", dir=target.parent.resolve()))
+        inside = target.exists()
+        temporary = Path(
+            tempfile.mkdtemp(
+                prefix=_SCRATCH if inside else f".{target.name}.", dir=target if inside else target.parent
+            )
+        )
         temporary.chmod(0o755)
         yield temporary
-        _moved(temporary, target)
+        (temporary / LISTING).write_bytes(_listing(temporary))
+        if inside:
+            check_folder(path)
+            _exchange(temporary, target)
+        else:
+            os.replace(temporary, target)
     except OSError as error:
-        raise cannot_write(target, error) from error
+        raise cannot_write(Path(path), error) from error
     finally:
         if temporary is not None:
             shutil.rmtree(temporary, ignore_errors=True)
@@ -57,12 +71,29 @@ def new_folder(path: str | Path) -> Iterator[Path]:
 
 def check_folder(path: str | Path) -> None:
     """Refuse a place for a folder before the work for it begins. Raises UserError as ``new_folder`` does."""
-    target = Path(path)
+    target = Path(os.path.realpath(path))
     if target.is_file():
-        raise UserError(f"{target} is a file: give a folder")
-    kept = _foreign(target) if target.is_dir() else None
-    if kept:
-        raise _not_ours(target, kept)
+        raise UserError(f"{path} is a file: give a folder")
+    if target.is_dir():
+        _check_contents(Path(path), target)
+    try:
+        _probe(next(p for p in (target, *target.parents) if p.exists()))
+    except OSError as error:
+        raise cannot_write(Path(path), error) from error
+
+
+def check_file(path: str | Path, option: str = "-o", inputs: Iterable[str | Path] = ()) -> None:
+    """Refuse a place for a file before the work for it begins; what the work reads is never replaced."""
+    target = Path(os.path.realpath(path))
+    try:
+        if any(_same(target, source) for source in inputs):
+            raise UserError(f"{path} is read by this command: choose another place with {option}")
+        if target.is_dir():
+            raise IsADirectoryError(21, "Is a directory")
+        if target.is_file() or not target.exists():  # a device or pipe is written to, whatever its folder
+            _probe(target.parent)
+    except OSError as error:
+        raise cannot_write(Path(path), error, option) from error
 
 
 def write_tree(folder: Path, files: Mapping[str, bytes]) -> None:
@@ -73,29 +104,90 @@ def write_tree(folder: Path, files: Mapping[str, bytes]) -> None:
         place.write_bytes(content)
 
 
-def _moved(temporary: Path, target: Path) -> None:
-    if not target.exists():
-        os.replace(temporary, target)
-        return
-    kept = _foreign(target)
-    if kept:
-        raise _not_ours(target, kept)
-    old = Path(tempfile.mkdtemp(prefix=f".{target.name}.old.", dir=target.parent))
-    os.replace(target, old / "was")
-    os.replace(temporary, target)
-    shutil.rmtree(old, ignore_errors=True)
+def _listing(folder: Path) -> bytes:
+    """The names of all files of a folder, as ``.symstiff`` holds them."""
+    names = sorted(p.relative_to(folder).as_posix() for p in folder.rglob("*") if not p.is_dir())
+    return ("".join(f"{name}\n" for name in (_HEAD, *names, LISTING))).encode()
 
 
-def _foreign(target: Path) -> str | None:
-    """A name in an old folder that shows that it is not one of ours, if any."""
-    names = sorted(p.name for p in target.iterdir())
-    if not names or "manifest.json" in names or "verdict.json" in names:
-        return None
-    return names[0]
+def _listed(target: Path) -> frozenset[str]:
+    """The files of a folder that symstiff wrote, by its own list; none where there is no such list."""
+    try:
+        lines = (target / LISTING).read_text(encoding="utf-8").splitlines()
+    except (OSError, ValueError):
+        return frozenset()
+    return frozenset(lines[1:]) if lines[:1] == [_HEAD] else frozenset()
 
 
-def _not_ours(target: Path, kept: str) -> UserError:
-    return UserError(f"{target} holds {kept}, which symstiff did not write: give a new or generated folder")
+def _check_contents(shown: Path, target: Path) -> None:
+    """Refuse a folder that holds a file which is not on symstiff's list of that folder."""
+    listed = _listed(target)
+    for name in sorted(_contents(target)):
+        if name not in listed:
+            old = (
+                ""
+                if listed or not _of_older_version(target)
+                else " (or an older version did, without a list)"
+            )
+            raise UserError(
+                f"{shown} holds {name}, which symstiff did not write{old}: move it away, or give a new folder"
+            )
+
+
+def _contents(target: Path) -> Iterator[str]:
+    """The files of a folder; caches of Python and scratch of other runs apart."""
+    for folder, below, files in os.walk(target):
+        below[:] = [d for d in below if d != "__pycache__" and not d.startswith(_SCRATCH)]
+        links = [d for d in below if (Path(folder) / d).is_symlink()]
+        yield from ((Path(folder) / name).relative_to(target).as_posix() for name in (*files, *links))
+
+
+def _of_older_version(target: Path) -> bool:
+    """Whether a folder without a list holds a manifest or a verdict such as symstiff writes."""
+    for name, keys in (
+        ("manifest.json", {"generator", "model_hash"}),
+        ("verdict.json", {"verdict", "effects"}),
+    ):
+        try:
+            table = json.loads((target / name).read_bytes())
+        except (OSError, ValueError):
+            continue
+        if isinstance(table, dict) and keys <= set(table):
+            return True
+    return False
+
+
+def _exchange(temporary: Path, target: Path) -> None:
+    """Put new entries in the place of the old ones; the folder itself stays, for shells that stand in it.
+
+    The old ones move into the temporary folder, which lies inside ``target``, and back where anything fails.
+    """
+    new = sorted(p.name for p in temporary.iterdir())
+    old = sorted({name.partition("/")[0] for name in _listed(target)})
+    kept = Path(tempfile.mkdtemp(prefix="old.", dir=temporary))
+    moves = [(target / n, kept / n) for n in old if (target / n).exists()]
+    moves += [(temporary / n, target / n) for n in new]
+    try:
+        for source, place in moves:
+            os.replace(source, place)
+    except BaseException:  # a signal too
+        for source, place in reversed(moves):
+            if place.exists() and not source.exists():
+                os.replace(place, source)
+        raise
+
+
+def _probe(folder: Path) -> None:
+    """Raise OSError where nothing can be written into a folder."""
+    with tempfile.TemporaryFile(dir=folder):
+        pass
+
+
+def _same(target: Path, source: str | Path) -> bool:
+    try:
+        return os.path.samefile(target, source)
+    except (OSError, ValueError):  # one of them is not there
+        return False
 
 
 def _remove(path: Path) -> None:
@@ -114,7 +206,7 @@ def _remove_empty(folders: Iterable[Path]) -> None:
             return
 
 
-def cannot_write(target: Path, error: OSError) -> UserError:
+def cannot_write(target: Path, error: OSError, option: str = "-o") -> UserError:
     """The message for a place that cannot be written."""
     reason = error.strerror or str(error)
-    return UserError(f"cannot write {target}: {reason}: choose another place with -o")
+    return UserError(f"cannot write {target}: {reason}: choose another place with {option}")

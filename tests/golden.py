@@ -6,6 +6,7 @@
 from __future__ import annotations
 
 import json
+import shutil
 import sys
 import tempfile
 from pathlib import Path
@@ -21,8 +22,9 @@ ROBOTS = {"kuka_kr270": "gravity", "ur10": "wrench"}
 
 
 def write(name: str, folder: Path) -> None:
-    """Generate one reference robot, without what differs between machines (``verified`` in the manifest)."""
+    """Generate one reference robot anew, without what differs between machines (``verified`` in the manifest)."""
     model = StiffnessModel.of(reduce(load(name), ROBOTS[name]))
+    shutil.rmtree(folder, ignore_errors=True)
     generate(model, folder, Options(), compile_c=False)
     manifest = folder / "manifest.json"
     table = json.loads(manifest.read_text())

@@ -142,6 +142,17 @@ def test_effects_says_which_kinds_of_data_there_are(run: Run) -> None:
     assert_users_mistake(run("effects", "planar2r", "--data", "both"), "deflection or absolute")
 
 
+def test_the_examples_of_plan_simulate_and_identify_work_in_sequence() -> None:
+    """What the plan takes to be measured is what simulate writes by default: positions of markers."""
+    from symstiff.cli.app import app
+
+    examples = {c.callback.__name__: c.epilog for c in app.registered_commands if c.callback and c.epilog}
+    assert "--markers p1,p2,p3 -o poses.csv" in examples["plan"]
+    assert "--poses poses.csv" in examples["simulate"]
+    assert "-o data.csv" in examples["simulate"]
+    assert "data.csv" in examples["identify"]
+
+
 # --- generate --------------------------------------------------------------------------------------------
 
 

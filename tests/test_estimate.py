@@ -321,6 +321,11 @@ def test_axes_that_fit_as_they_are_give_no_hint_and_a_refit_needs_no_nominal_mod
     negated = axis_hint_refit(A[rows], -true, positive=positive)
     assert negated is not None
     assert assignment(negated.signed) == "x = -x, y = -y, z = -z"
+    assert axis_hint_refit(A[rows], -true, positive=positive, force=true) is not None
+    another_robots = axis_hint_refit(
+        A[rows], -true, positive=positive, force=-true
+    )  # the forces do positive work
+    assert another_robots is None
 
 
 def test_swapped_wrench_axes_are_told_from_swapped_deflection_axes():

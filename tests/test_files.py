@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+import json
+import os
+
 import pytest
 
 from symstiff.cli import main
 from symstiff.errors import UserError
-from symstiff.files import new_folder
+from symstiff.files import check_file, check_folder, new_folder
 
 
 def test_a_folder_that_fails_leaves_no_parent_that_was_made_for_it(tmp_path):
@@ -49,6 +52,88 @@ def test_a_failed_generation_leaves_the_place_as_it_was(tmp_path, monkeypatch, c
     assert stopped.value.code == 2
     assert "No space left on device" in capsys.readouterr().err
     assert not list(tmp_path.iterdir())
+
+
+def fill(place, **files):
+    with new_folder(place) as folder:
+        for name, text in files.items():
+            (folder / name).write_text(text)
+
+
+def test_a_folder_is_written_again_and_loses_what_is_no_longer_written(tmp_path):
+    fill(tmp_path / "gen", a="old", b="old")
+    before = (tmp_path / "gen").stat().st_ino
+    fill(tmp_path / "gen", a="new", c="new")
+    assert {p.name: p.read_text() for p in (tmp_path / "gen").iterdir() if p.name != ".symstiff"} == {
+        "a": "new",
+        "c": "new",
+    }
+    assert (tmp_path / "gen").stat().st_ino == before  # a shell that stands in it still does
+    assert [p.name for p in tmp_path.iterdir()] == ["gen"]
+
+
+@pytest.mark.parametrize("name", ["manifest.json", "verdict.json"])
+def test_a_manifest_of_somebody_else_makes_no_folder_ours(tmp_path, name):
+    (tmp_path / "web").mkdir()
+    (tmp_path / "web" / name).write_text('{"name": "app"}')
+    for job in (check_folder, fill):
+        with pytest.raises(UserError, match=f"web holds {name}, which symstiff did not write: move it"):
+            job(tmp_path / "web")
+    assert [p.name for p in (tmp_path / "web").iterdir()] == [name]
+
+
+def test_a_users_file_in_a_generated_folder_stops_the_next_writing(tmp_path):
+    fill(tmp_path / "gen", a="old")
+    (tmp_path / "gen" / "src").mkdir()
+    (tmp_path / "gen" / "src" / "controller.c").write_text("mine")
+    with pytest.raises(UserError, match=r"gen holds src/controller\.c, which symstiff did not write"):
+        fill(tmp_path / "gen", a="new")
+    assert (tmp_path / "gen" / "src" / "controller.c").read_text() == "mine"
+    assert (tmp_path / "gen" / "a").read_text() == "old"
+
+
+def test_a_folder_of_an_older_version_without_a_list_is_left_alone(tmp_path):
+    (tmp_path / "gen").mkdir()
+    (tmp_path / "gen" / "manifest.json").write_text(json.dumps({"generator": "0.1", "model_hash": "x"}))
+    with pytest.raises(UserError, match="an older version did, without a list"):
+        check_folder(tmp_path / "gen")
+
+
+def test_the_folder_that_one_stands_in_is_filled(tmp_path, monkeypatch):
+    (tmp_path / "gen").mkdir()
+    monkeypatch.chdir(tmp_path / "gen")
+    for place in (".", ""):
+        fill(place, a="here")
+        assert sorted(os.listdir()) == [".symstiff", "a"]
+
+
+def test_an_exchange_that_fails_midway_is_undone(tmp_path, monkeypatch):
+    fill(tmp_path / "gen", a="old", b="old")
+    replace, calls = os.replace, []
+
+    def once_broken(source, place):
+        calls.append(place)
+        if len(calls) == 5:
+            raise OSError(5, "Input/output error")
+        replace(source, place)
+
+    monkeypatch.setattr(os, "replace", once_broken)
+    with pytest.raises(UserError, match="Input/output error"):
+        fill(tmp_path / "gen", a="new", b="new")
+    assert {p.name: p.read_text()[:3] for p in (tmp_path / "gen").iterdir()} == {
+        ".symstiff": "# f",
+        "a": "old",
+        "b": "old",
+    }
+
+
+def test_what_a_command_reads_is_never_its_target(tmp_path):
+    (tmp_path / "data.csv").write_text("mine")
+    (tmp_path / "link.csv").symlink_to("data.csv")
+    for name in ("data.csv", "link.csv"):
+        with pytest.raises(UserError, match=r"is read by this command: choose another place with --json"):
+            check_file(tmp_path / name, "--json", [tmp_path / "data.csv"])
+    check_file(tmp_path / "data.csv", "-o", ["kuka_kr270", tmp_path / "other.csv"])
 
 
 def _full(*_):

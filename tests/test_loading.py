@@ -47,3 +47,39 @@ def test_tables_that_tell_loading_from_unloading_stay_as_they_are(
 def test_load_factors_are_shares_of_the_largest_load_with_their_side() -> None:
     table = driven(-0.5, 0.25, 1.0, branch=(1, 1, 1))
     assert load_factor(table) == pytest.approx([-0.5, 0.25, 1.0])
+
+
+def test_a_table_of_many_poses_is_split_once_with_the_same_result() -> None:
+    rng = np.random.default_rng(3)
+    n = 4000
+    pose = rng.permutation(np.repeat(np.arange(n // 4), 4))
+    w = rng.choice([-1.0, -0.5, 0.5, 1.0], n)[:, None] * np.array([0.0, 3.0, -4.0, 0.0, 0.0, 0.0])
+    table = measurements(
+        np.zeros((n, 2)),
+        w,
+        pose=pose,
+        branch=rng.choice([1.0, -1.0], n),
+        labels=[str(k) for k in range(n // 4)],
+    )
+    share = np.zeros(n)
+    for number in np.unique(pose):
+        rows = pose == number
+        largest = w[rows][np.argmax(np.linalg.norm(w[rows], axis=1))]
+        share[rows] = w[rows] @ largest / (largest @ largest)
+    assert np.array_equal(load_factor(table), np.round(share, 9))
+    one_by_one = np.array(table.branch)
+    for number in np.unique(pose):
+        rows = np.flatnonzero(pose == number)
+        one_by_one[rows] = as_loading(table.select(rows)).branch
+    assert np.array_equal(as_loading(table).branch, one_by_one)
+
+
+def test_time_does_not_grow_with_the_square_of_the_poses() -> None:
+    from time import perf_counter
+
+    n = 60_000
+    w = np.array([[0.0, 3.0, -4.0, 0.0, 0.0, 0.0]]).repeat(n, axis=0)
+    table = measurements(np.zeros((n, 2)), w, pose=np.arange(n), branch=np.ones(n))
+    start = perf_counter()
+    as_loading(table)
+    assert perf_counter() - start < 6.0

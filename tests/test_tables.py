@@ -109,6 +109,7 @@ def test_tables_cannot_be_changed_behind_a_callers_back(tmp_path):
         ("b,-45,-0.5", "b,-45,-0,5", 5, "cells"),
         ("1.5,0.02,4", "1.5,0,4", 5, "positive"),
         ("1.5,0.02,4", "1.5,-0.02,4", 5, "positive"),
+        ("1.5,0.02,4", "1.5,1e-300,4", 5, "no device reads as finely"),
         ("down", "sideways", 5, "up or down"),
         ("1.4,0.01,2,294.15,1,up,2", "1.4,0.01,2,294.15,1,up,1", 3, "duplicate"),
         ("a,90,0.5,10,-2.5,3,p2", "a,90,0.6,10,-2.5,3,p2", 4, "label"),

@@ -264,6 +264,25 @@ def test_a_truth_finds_its_robot_beside_it(tmp_path):
     assert load_truth(tmp_path / "truth.toml").robot.name == "stick"
 
 
+@pytest.mark.parametrize(
+    ("line", "says"),
+    [
+        ("c2 = " + "9" * 1900, "compliance.c2: expected a finite number"),
+        ("c2 = " + "\n".join(["[", *["9,"] * 2, "]"]), "compliance.c2: expected a finite number"),
+        ("c2 = " + "9" * 5000, "longer than 2000 characters"),
+    ],
+)
+def test_a_number_of_thousands_of_digits_is_a_users_mistake(tmp_path, line, says):
+    (tmp_path / "truth.toml").write_text(f'format = 1\nrobot = "planar2r"\n[compliance]\n{line}\n')
+    with pytest.raises(UserError, match=says):
+        load_truth(tmp_path / "truth.toml")
+
+
+def test_a_truth_may_begin_with_a_byte_order_mark(tmp_path):
+    (tmp_path / "truth.toml").write_text('format = 1\nrobot = "planar2r"\n', encoding="utf-8-sig")
+    assert load_truth(tmp_path / "truth.toml").robot.name == "planar2r"
+
+
 def test_a_drift_without_a_shape_sits_where_it_is_put():
     rate = {"rate": [1e-6, 0, 0]}
     device = BARE.with_effects(Effect("thermal_drift", {"measurement": "frame"}, values=rate))

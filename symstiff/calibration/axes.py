@@ -82,13 +82,18 @@ def axis_hint(
 
 
 def axis_hint_refit(
-    A: Array, measured: Array, sigma: Array | None = None, positive: Sequence[bool] | None = None
+    A: Array,
+    measured: Array,
+    sigma: Array | None = None,
+    positive: Sequence[bool] | None = None,
+    force: Array | None = None,
 ) -> AxisHint | None:
     """Identify anew with each of 48 assignments and compare what the fits leave.
 
     A: (3N, P) observation matrix of the translations, row 3i + axis; measured: (N, 3) in m; sigma: (3,).
     positive: (P,) which parameters cannot be negative (diagonal terms, joints): negating all three axes only
-    negates the parameters, so of such a pair the one with fewer negative ones counts.
+    negates the parameters, so of such a pair the one with fewer negative ones counts. force: (N, 3) in N; an assignment
+    under which these forces do positive work, Σ F·d, stands even so: it is another robot's, not a mirrored one.
     """
     measured = _triples(measured)
     if np.shape(A)[0] != measured.size:
@@ -108,6 +113,8 @@ def axis_hint_refit(
         values = Vt[:rank].T @ (inside / s[:rank, None])
         signed = values[np.asarray(positive, dtype=bool)]
         mirrored = np.sum(np.minimum(signed, 0.0) ** 2, axis=0) > 0.5 * np.sum(signed**2, axis=0)
+        if force is not None:
+            mirrored &= np.array([np.sum(force * (measured @ S.T)) < 0 for S in changes])
         left = np.where(mirrored, 1.0, left)
     return _judge([max(float(value), 0.0) for value in left], "deflection")
 

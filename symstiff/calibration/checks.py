@@ -11,6 +11,8 @@ from symstiff.robot import Robot
 _SAME_POSE = 1e-3  # rad or m; commanded configurations of one label agree far better than this
 _FAR_OUTSIDE = 0.1  # of the joint's range
 _SHOWN = 3
+_TINY = float(np.radians(6.4))
+_FEW = 3  # configurations that may all be near zero
 
 
 def check_rows(table: Measurements) -> None:
@@ -25,15 +27,21 @@ def check_rows(table: Measurements) -> None:
 
 
 def _one_configuration_a_label(table: Measurements) -> None:
-    first = _first_rows(table.pose, len(table.labels))
-    apart = np.abs(table.q - table.q[first[table.pose]]).max(axis=1, initial=0.0)
-    if (apart > _SAME_POSE).any():
-        row = int(np.argmax(apart > _SAME_POSE))
+    same = same_configuration(table.pose, len(table.labels), table.q)
+    if not same.all():
+        row = int(np.argmin(same))
         label = table.labels[table.pose[row]]
+        first = _first_rows(table.pose, len(table.labels))
         raise UserError(
             f"{table.place(row)}: pose {label!r} has other joint values than at "
             f"{table.place(int(first[table.pose[row]]))}: give each configuration its own label"
         )
+
+
+def same_configuration(pose: np.ndarray, labels: int, q: np.ndarray) -> np.ndarray:
+    """Which rows (M,) have the joint values (M, n) of the first row of their pose (M,), as commands do."""
+    first = _first_rows(pose, labels)
+    return np.asarray(np.abs(q - q[first[pose]]).max(axis=1, initial=0.0) <= _SAME_POSE)
 
 
 def _first_rows(index: np.ndarray, count: int) -> np.ndarray:
@@ -86,7 +94,7 @@ def check_robot(table: Measurements, robot: Robot) -> list[str]:
                 f"{table.place(int(rows[0]))}: robot {robot.name} has no marker {name!r}: "
                 f"use one of {', '.join(sorted(known))}, or add a [[marker]] to the robot file"
             )
-    return _outside_limits(table, robot) + _copied(table)
+    return _outside_limits(table, robot) + _tiny_angles(table) + _copied(table)
 
 
 def _outside_limits(table: Measurements, robot: Robot) -> list[str]:
@@ -105,6 +113,17 @@ def _outside_limits(table: Measurements, robot: Robot) -> list[str]:
                 "sign and zero"
             )
     return warnings
+
+
+def _tiny_angles(table: Measurements) -> list[str]:
+    """Radians in a column of degrees: all of a file's angles within 2π degrees of zero."""
+    turning = [k for k, unit in enumerate(table.joint_units) if unit == "rad"]
+    largest = float(np.abs(table.q[:, turning]).max(initial=0.0))
+    if not table.files or not 0 < largest <= _TINY or len(np.unique(table.q[:, turning], axis=0)) <= _FEW:
+        return []
+    return [
+        f"no joint turns further than {np.degrees(largest):.2g} degrees from zero: if these are radians, write q1[rad]"
+    ]
 
 
 def _copied(table: Measurements) -> list[str]:

@@ -17,11 +17,19 @@ from symstiff.calibration.measurements import Measurements
 from symstiff.calibration.residuals import ResidualTable, residual_table, split
 from symstiff.calibration.robust import RobustEstimate, robust_estimate
 from symstiff.calibration.rows import Equations, equations, predict, weights
-from symstiff.calibration.soundness import check_determined, check_loads, check_poses
+from symstiff.calibration.soundness import (
+    aggregation_remarks,
+    check_determined,
+    check_loads,
+    check_poses,
+    outside_class,
+    unlike_file,
+    usable_model,
+)
 from symstiff.calibration.table import check_robot
 from symstiff.effects.base import EffectInstance
 from symstiff.errors import UserError
-from symstiff.model import StiffnessModel, joints_only, load_model
+from symstiff.model import StiffnessModel, joints_only
 from symstiff.reduction import Reduction, reduce
 from symstiff.reduction.complete import complete_map
 from symstiff.reduction.svd import numeric_partition
@@ -29,6 +37,7 @@ from symstiff.robot.schema import Robot
 
 _ROUNDS = 8
 _HINT_ROWS = 1000
+_NO_FIT = 1e-6  # probability of the residual sum below which the fit is questioned
 
 
 @dataclass(frozen=True)
@@ -101,7 +110,7 @@ def start_model(
         return StiffnessModel.of(reduction), reduction
     if start == "joints":
         return joints_only(robot, experiment.loads, experiment.measure, experiment.fixed), None
-    model = load_model(start)
+    model = usable_model(start)
     if model.robot.name != robot.name:
         raise UserError(f"{start} is a model of {model.robot.name}, not of {robot.name}")
     return model, None
@@ -125,12 +134,14 @@ def identify(
     ``held_out`` is the share of poses kept for validation; ``per_level`` a joint that gets one compliance for each of
     its distinct values (the seed's C2 and J2). Raises UserError for data that cannot determine the model.
     """
+    remarks = check_robot(table, robot)
+    if not 0 <= held_out < 1:
+        raise UserError(f"--held-out {held_out:g}: give a share of the poses from 0 to below 1, e.g. 0.2")
+    if table.kind == "absolute":
+        _refuse_for_absolute({"--robust": robust, "--physical": physical, "--held-out": held_out > 0})
     table = as_loading(table)
     seen = experiment_of(table, robot)
-    loading = check_loads(table.w) if table.kind == "deflection" else []
-    if seen.loads == "gravity":  # the model is reduced for one direction: nothing to warn of
-        loading = [remark for remark in loading if "one direction" not in remark]
-    remarks = [*check_robot(table, robot), *loading, *_repeated(table)]
+    remarks += [*_of_loads(table, seen.loads), *_repeated(table)]
     experiment = ExperimentClass(loads or seen.loads, measure or seen.measure, seen.fixed)
     if isinstance(start, StiffnessModel):
         model, reduction = start, None
@@ -139,6 +150,8 @@ def identify(
     if experiment.fixed and start in ("complete", "joints"):
         names = ", ".join(f"q{i}" for i in experiment.fixed)
         remarks.append(f"{names} never move(s): the model is reduced for that")
+    remarks += outside_class(table.w, model.loads)
+    remarks += aggregation_remarks(reduction.inexact_aggregations) if reduction is not None else []
     if per_level is not None:
         model = by_level(model, table, per_level)
     if table.kind == "absolute":
@@ -150,7 +163,7 @@ def identify(
     values, constrained = _values(fitted, reduction, physical)
     model = model.with_values(values, _finite(dict(zip(fitted.names, fitted.std.tolist(), strict=True))))
     training = residual_table(_measured(train), predict(model, train))
-    remarks += _explained(training)
+    remarks += [*_explained(training), *_fits(fitted), *unlike_file(model, robot)]
     return Identification(
         model,
         reduction,
@@ -185,7 +198,7 @@ def _from_absolute(
     if open_ones or len(names) < len(model.parameters):
         missing = [n for n in model.parameters if n not in names]
         remarks.append(f"not determined by these data: {', '.join([*open_ones, *missing])}")
-    remarks += _explained(found.residuals)
+    remarks += [*_explained(found.residuals), *_fits(found.fit), *unlike_file(model, model.robot)]
     return Identification(
         model, reduction, found.fit, found.equations, found.residuals, None, None, None, tuple(remarks), table, None
     )  # fmt: skip
@@ -259,11 +272,26 @@ def _explained(residuals: ResidualTable) -> list[str]:
     ]
 
 
+def _fits(fit: Estimate) -> list[str]:
+    """A warning where what is left is far more than the stated sigma."""
+    if fit.fit_p is None or fit.fit_p >= _NO_FIT:
+        return []
+    return [
+        "the model or the stated sigma does not fit these data: symstiff diagnose tells what may be missing"
+    ]
+
+
+def _refuse_for_absolute(given: Mapping[str, bool]) -> None:
+    for option, used in given.items():
+        if used:
+            raise UserError(
+                f"{option} is for deflections, these tables hold absolute positions: leave it out"
+            )
+
+
 def _split(table: Measurements, share: float, seed: int) -> tuple[Measurements, Measurements | None]:
-    if share <= 0:
+    if share == 0:
         return table, None
-    if not share < 1:
-        raise UserError(f"--held-out {share:g}: give a share of the poses below 1, e.g. 0.2")
     train, test = split(table.pose, share, seed)
     return table.select(train), table.select(test)
 
@@ -274,6 +302,13 @@ def _measured(table: Measurements) -> np.ndarray:
 
 def _finite(values: dict[str, float]) -> dict[str, float]:
     return {k: v for k, v in values.items() if np.isfinite(v)}
+
+
+def _of_loads(table: Measurements, loads: str) -> list[str]:
+    if table.kind != "deflection":
+        return []
+    # a model for vertical loads is reduced for one direction: nothing to warn of
+    return [r for r in check_loads(table.w) if loads != "gravity" or "one direction" not in r]
 
 
 def _repeated(table: Measurements) -> list[str]:
@@ -294,7 +329,7 @@ def axis_remarks(model: StiffnessModel, table: Measurements, e: Equations) -> li
     keep = np.flatnonzero(whole[e.row] & (e.component < 3))
     order = keep[np.lexsort((e.component[keep], e.row[keep]))]
     positive = [_cannot_be_negative(name) for name in model.parameters]
-    hint = axis_hint_refit(e.A[order], table.values[whole][:, :3], None, positive)
+    hint = axis_hint_refit(e.A[order], table.values[whole][:, :3], None, positive, table.w[whole][:, :3])
     return [str(hint)] if hint is not None else []
 
 

@@ -11,7 +11,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from symstiff.calibration.measurements import Floats, Measurements
+from symstiff.calibration.measurements import Floats, Ints, Measurements
 
 
 def as_loading(table: Measurements) -> Measurements:
@@ -22,8 +22,7 @@ def as_loading(table: Measurements) -> Measurements:
     """
     share = load_factor(table)
     branch = np.array(table.branch)
-    for pose in np.unique(table.pose):
-        rows = np.flatnonzero(table.pose == pose)
+    for rows in _by_pose(table):
         way = _through_zero(share[rows], table.branch[rows], table.load_step[rows])
         if way:
             side = np.sign(share[rows]) * way
@@ -34,13 +33,19 @@ def as_loading(table: Measurements) -> Measurements:
 def load_factor(table: Measurements) -> Floats:
     """(N,) every wrench's component along the largest of its pose, as a share of it; N·m count as N."""
     share = np.zeros(len(table))
-    for pose in np.unique(table.pose):
-        rows = table.pose == pose
+    for rows in _by_pose(table):
         loads = table.w[rows]
         largest = loads[np.argmax(np.linalg.norm(loads, axis=1))]
         square = float(largest @ largest)
         share[rows] = loads @ largest / square if square else 0.0
     return np.round(share, 9)
+
+
+def _by_pose(table: Measurements) -> list[Ints]:
+    """The rows of every pose, in the table's order: sorted once, for tables of many poses."""
+    order = np.argsort(table.pose, kind="stable")
+    starts = np.flatnonzero(np.diff(table.pose[order])) + 1
+    return np.split(order, starts) if len(order) else []
 
 
 def _through_zero(share: Floats, branch: Floats, step: Floats) -> float:

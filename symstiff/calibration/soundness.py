@@ -4,12 +4,21 @@ from __future__ import annotations
 
 import re
 from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from symstiff.calibration.compact import Array
 from symstiff.calibration.rank import RankDecision
 from symstiff.errors import UserError
+
+if TYPE_CHECKING:
+    from symstiff.model import StiffnessModel
+    from symstiff.robot import Robot
+
+_FAR = 100.0  # times the robot file's compliance from which a unit is questioned
+_CLEAR = 0.5  # largest deviation, as a share of the value, of a compliance that is compared
 
 _LINK = re.compile(r"k(\d+)_([1-6])([1-6])")
 _JOINT = re.compile(r"c(\d+)")
@@ -69,6 +78,64 @@ def check_poses(q: Array, w: Array, labels: Sequence[str]) -> list[str]:
         f"{len(copies)} pose(s) repeat another's joints and load ({some}{' …' if len(copies) > 5 else ''}): "
         "they lower the noise, and determine no further parameter"
     ]
+
+
+def usable_model(path: str | Path) -> StiffnessModel:
+    """Read a model whose laws have values; UserError where a shape divides by zero."""
+    import sympy
+
+    from symstiff.model import load_model
+
+    model = load_model(path)
+    for effect, realisation in zip(model.effects, model.realisations, strict=True):
+        if any(sympy.sympify(term.factor).has(sympy.zoo, sympy.nan, sympy.oo) for term in realisation.terms):
+            zeros = " with " + ", ".join(f"{key} = 0" for key, value in effect.shape.items() if value == 0)
+            raise UserError(f"{path}: effect {effect.effect}: its law has no value{zeros}: correct the shape")
+    return model
+
+
+def outside_class(w: Array, loads: str) -> list[str]:
+    """A remark where wrenches (N, 6) have components that a model's class of loads leaves out."""
+    names = ("fx", "fy", "fz", "mx", "my", "mz")
+    within = {"gravity": ("fz",), "force": names[:3]}.get(loads, names)
+    found = [n for n, used in zip(names, np.any(np.asarray(w) != 0, axis=0), strict=True) if used]
+    beyond = [n for n in found if n not in within]
+    if not beyond:
+        return []
+    wider = "wrench" if any(n[0] == "m" for n in found) else "force"
+    return [
+        f"the model is reduced for {loads} loads ({', '.join(within)}), and these have {', '.join(beyond)} too: what "
+        f"they do to the robot is not in the model; identify with --loads {wider}"
+    ]
+
+
+def unlike_file(model: StiffnessModel, robot: Robot) -> list[str]:
+    """A remark where identified joint compliances are far from those of the robot file: a unit is likely wrong."""
+    far = []
+    for i, joint in enumerate(robot.joint, start=1):
+        known, value = joint.compliance or 0.0, model.values.get(f"c{i}", 0.0)
+        clear = model.deviations.get(f"c{i}", 0.0) < _CLEAR * abs(value)
+        if known > 0 and value > 0 and clear and not 1 / _FAR < value / known < _FAR:
+            far.append(f"c{i} {value / known:.2g} times")
+    if not far:
+        return []
+    return [
+        f"joint compliances are far from the robot file's ({', '.join(far)}): check the units of loads and "
+        "deflections, such as kN under fz[N]"
+    ]
+
+
+def aggregation_remarks(names: Sequence[str]) -> list[str]:
+    """Remarks about joint compliances that a link takes over whose template cannot hold them."""
+    remarks = []
+    for name in names:
+        link = int(name[1:]) - 1
+        place = "[base.link]" if link == 0 else f"the link of joint {link}"
+        remarks.append(
+            f"M3 gives {name} to link {link}, whose template has no terms for a rotation about that joint's axis: "
+            f'the model is not complete; write template = "full" in {place}'
+        )
+    return remarks
 
 
 def missing_information(decision: RankDecision, names: Sequence[str], rows: int) -> str | None:

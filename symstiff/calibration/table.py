@@ -42,6 +42,7 @@ __all__ = [
 ]
 
 _MAX_BYTES = 1_000_000_000
+_SMALLEST_SIGMA = 1e-13  # m, rad
 Paths = str | Path | Sequence[str | Path]
 
 
@@ -76,7 +77,7 @@ def _read(paths: Paths, purpose: Literal["measured", "poses"]) -> Measurements:
 def read_file(path: Path, purpose: Literal["measured", "poses"]) -> Measurements:
     """Read one CSV file; rows are checked one by one here, against each other in ``check_rows``."""
     origin = str(path)
-    lines, rows = _cells(_text(path, origin), origin)
+    lines, rows = cells_of(path)
     columns = read_header(rows[0], f"{origin}: line {lines[0]}", purpose)
     lines, rows = lines[1:], rows[1:]
     if not rows:
@@ -89,6 +90,11 @@ def read_file(path: Path, purpose: Literal["measured", "poses"]) -> Measurements
                 "one comma between cells, a point as decimal mark"
             )
     return _Reader(origin, np.array(lines, dtype=np.intp), columns, list(zip(*rows, strict=True))).table()
+
+
+def cells_of(path: Path) -> tuple[list[int], list[list[str]]]:
+    """Return the line numbers and the cells of a file's rows, header first, as text."""
+    return _cells(_text(path, str(path)), str(path))
 
 
 def _text(path: Path, origin: str) -> str:
@@ -236,6 +242,9 @@ class _Reader:
         if (values <= 0).any():
             row = int(np.argmax(values <= 0))
             raise self._fail(row, name, "a standard deviation is positive: correct it or drop the column")
+        if (values < _SMALLEST_SIGMA).any():
+            row = int(np.argmin(values))
+            raise self._fail(row, name, "no device reads as finely as that: correct it or drop the column")
         return values
 
     def _context(self, name: str) -> Floats:

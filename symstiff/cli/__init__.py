@@ -2,23 +2,29 @@
 
 from __future__ import annotations
 
+import signal
 import sys
+import threading
 from typing import Any
+
+_INTERRUPTED = 130
 
 
 def main() -> None:
-    """Run a command; bad input is one line and exit code 2, a fault of ours exit code 1."""
+    """Run a command; bad input is one line and exit code 2, a fault of ours exit code 1, an interrupt 130."""
     from symstiff.cli.app import app
     from symstiff.errors import UserError
 
+    _prepare()
     try:
-        raise SystemExit(app(prog_name="symstiff", standalone_mode=False) or 0)
+        code = app(prog_name="symstiff", standalone_mode=False) or 0  # typer makes 130 of an interrupt
+        raise KeyboardInterrupt if code == _INTERRUPTED else SystemExit(code)
     except UserError as error:
         print(f"symstiff: {error}", file=sys.stderr)
         raise SystemExit(2) from None
     except KeyboardInterrupt:
-        print("symstiff: interrupted, nothing was written", file=sys.stderr)
-        raise SystemExit(1) from None
+        print("symstiff: interrupted", file=sys.stderr)
+        raise SystemExit(_INTERRUPTED) from None
     except BrokenPipeError:
         raise SystemExit(1) from None
     except Exception as error:
@@ -36,6 +42,20 @@ def main() -> None:
             file=sys.stderr,
         )
         raise SystemExit(1) from None
+
+
+def _prepare() -> None:
+    """Let no character that the terminal's encoding lacks stop a command, and let SIGTERM clean up as an error does."""
+    for stream in (sys.stdout, sys.stderr):
+        reconfigure = getattr(stream, "reconfigure", None)
+        if reconfigure is not None:
+            reconfigure(errors="replace")
+    if threading.current_thread() is threading.main_thread():
+        signal.signal(signal.SIGTERM, _terminated)
+
+
+def _terminated(number: int, _: Any) -> None:
+    raise SystemExit(128 + number)
 
 
 def _usage(error: Any) -> int:

@@ -107,15 +107,16 @@ def generate(
 
 
 @app.command(epilog="Example: symstiff targets")
-def targets() -> None:
+def targets(json: Json = None) -> None:
     """List what `generate --targets` can emit."""
-    from symstiff.codegen.targets import TARGETS
+    from symstiff.cli.show import show_targets
 
-    for name, target in TARGETS.items():
-        print(f"{name:10s} {target.writes}")
+    show_targets(json)
 
 
-@app.command(epilog="Example: symstiff plan kuka_kr270 --poses 15 --loads gravity -o poses.csv")
+@app.command(
+    epilog="Example: symstiff plan kuka_kr270 --poses 15 --loads gravity --markers p1,p2,p3 -o poses.csv"
+)
 def plan(
     robot: Robot,
     poses: Annotated[int, typer.Option(help="Number of poses.")],
@@ -128,7 +129,7 @@ def plan(
     test_poses: Annotated[
         Path | None, typer.Option(help="Poses at which accuracy matters, for criterion test.")
     ] = None,
-    force: Annotated[float, typer.Option(help="Magnitude of the load [N].")] = 1000.0,
+    force: Annotated[float, typer.Option(help="Magnitude of the load \\[N].")] = 1000.0,
     steps: Annotated[
         int, typer.Option(help="Steps in which every load comes; several show what is not linear in it.")
     ] = 1,
@@ -144,7 +145,7 @@ def plan(
     separate: Annotated[
         Path | None, typer.Option(help="A verdict.json: choose poses that decide among its effects.")
     ] = None,
-    seed: Annotated[int, typer.Option(help="Seed of the candidate set.")] = 1,
+    seed: Annotated[int, typer.Option(min=0, help="Seed of the candidate set.")] = 1,
     refine: Annotated[bool, typer.Option(help="Refine the chosen poses continuously.")] = True,
     cluster: Annotated[
         str | None, typer.Option(help="Address of a Dask scheduler, e.g. tcp://host:8786.")
@@ -153,7 +154,7 @@ def plan(
     json: Json = None,
 ) -> None:
     """Choose measurement poses by optimal experiment design."""
-    from symstiff.cli.calibrate import PlanRequest, run_plan
+    from symstiff.cli.plan import PlanRequest, run_plan
 
     run_plan(
         PlanRequest(
@@ -173,12 +174,13 @@ def simulate(
     poses: Annotated[Path, typer.Option(help="Poses and loads (CSV).")],
     output: Annotated[Path, typer.Option("-o", "--output", help="Measurement table to write.")],
     noise: Annotated[float | None, typer.Option(help="Standard deviation of a coordinate \\[mm].")] = None,
-    seed: Annotated[int, typer.Option(help="Seed of the noise.")] = 0,
+    seed: Annotated[int, typer.Option(min=0, help="Seed of the noise.")] = 0,
+    json: Json = None,
 ) -> None:
     """Run a virtual experiment: the nonlinear equilibrium of the elastic robot, measured with noise."""
     from symstiff.cli.calibrate import run_simulate
 
-    run_simulate(truth, poses, output, noise, seed)
+    run_simulate(truth, poses, output, noise, seed, json)
 
 
 @app.command(epilog="Example: symstiff identify kuka_kr270 data.csv -o model.toml")
@@ -207,11 +209,11 @@ def identify(
         Path | None, typer.Option(help="Write complete link matrices (JSON) with bounds.")
     ] = None,
     plot: Annotated[Path | None, typer.Option(help="Picture of the residuals (PNG or SVG).")] = None,
-    seed: Annotated[int, typer.Option(help="Seed of the held-out choice.")] = 0,
+    seed: Annotated[int, typer.Option(min=0, help="Seed of the held-out choice.")] = 0,
     json: Json = None,
 ) -> None:
     """Identify the parameters from measured deflections, with uncertainty."""
-    from symstiff.cli.calibrate import IdentifyRequest, run_identify
+    from symstiff.cli.identify import IdentifyRequest, run_identify
 
     run_identify(
         IdentifyRequest(
@@ -237,7 +239,7 @@ def diagnose(
     max_poses: Annotated[
         int | None, typer.Option(help="Use so many poses, evenly spread; absolute data: 200 where not given.")
     ] = None,
-    seed: Annotated[int, typer.Option(help="Seed of the bootstrap.")] = 0,
+    seed: Annotated[int, typer.Option(min=0, help="Seed of the bootstrap.")] = 0,
     json: Json = None,
 ) -> None:
     """Find where model and data disagree, name the missing effect, add it, prove it on held-out poses."""
@@ -271,7 +273,7 @@ def footprint(robot: Robot, loads: Loads = "wrench", measure: Measure = "pose", 
 
 @app.command(epilog="Example: symstiff reproduce")
 def reproduce(
-    seed: Annotated[int, typer.Option(help="Seed of the virtual experiment.")] = 1,
+    seed: Annotated[int, typer.Option(min=0, help="Seed of the virtual experiment.")] = 1,
     plot: Annotated[Path | None, typer.Option(help="Picture of the errors (PNG or SVG).")] = None,
     json: Json = None,
 ) -> None:

@@ -6,7 +6,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from symstiff.cli.output import console, stages, write_json
+from symstiff.cli.output import check_targets, console, inside, note, stages, write_json
+from symstiff.errors import UserError
 from symstiff.robot import load
 
 if TYPE_CHECKING:
@@ -33,17 +34,23 @@ class DiagnoseRequest:
 
 def run_diagnose(request: DiagnoseRequest) -> None:
     """Read, diagnose, grow, write the folder, say the verdict."""
-    from symstiff.calibration.table import read_measurements
+    from symstiff.calibration.table import check_robot, read_measurements
     from symstiff.discrepancy.workflow import Task, run
-    from symstiff.files import check_folder
     from symstiff.report.folder import write_folder
 
     robot = load(request.robot)
-    check_folder(request.output)
+    inputs: list[str | Path] = [request.robot, *request.data, request.start]
+    for source in inputs:
+        if Path(source).is_file() and inside(source, request.output):
+            raise UserError(
+                f"{source} lies in {request.output}, which this command writes: give another folder"
+            )
+    check_targets({"--json": request.json}, inputs, folder=request.output)
     out = console(request.json)
     with stages(out) as progress:
         progress("reading the tables")
         table = read_measurements(request.data)
+        warned = check_robot(table, robot)
         task = Task(
             robot, table, request.start, request.loads, request.measure, request.max_effects,
             request.max_poses, request.seed,
@@ -51,6 +58,8 @@ def run_diagnose(request: DiagnoseRequest) -> None:
         finding = run(task, progress)
         written = write_folder(finding, request.output, progress)
     _print(out, finding)
+    for warning in warned:
+        note(out, warning)
     out.print(f"code: {written.code}")
     out.print(f"wrote {request.output}: report.html, verdict.json, model.toml", end="")
     out.print((", code" if written.verdict["code"]["folder"] else "") + _more(written.verdict))
@@ -64,18 +73,17 @@ def _more(verdict: dict[str, object]) -> str:
 
 
 def _print(out: Console, finding: Finding) -> None:
-    from rich.markup import escape
     from rich.table import Table
 
     from symstiff.report.tables import step_rows
     from symstiff.report.words import headline, p_text, sentence
 
-    out.print(f"[bold]{escape(headline(finding))}[/bold]")
-    out.print(escape(sentence(finding)))
+    out.print(headline(finding), style="bold")
+    out.print(sentence(finding))
     rows = step_rows(finding)
     whole: list[str] = [a for a in ("positional", "rotational") if a in rows[0].sizes]
     shown = whole or list(rows[0].sizes)  # axes are in the report; positions as a whole fit a terminal
-    table = Table(title="residuals \\[mm, mrad]", title_justify="left")
+    table = Table(title="residuals [mm, mrad]", title_justify="left")
     table.add_column("step")
     table.add_column("n", justify="right")
     for axis in shown:
@@ -85,9 +93,7 @@ def _print(out: Console, finding: Finding) -> None:
     table.add_column("p left", justify="right")
     for row in rows:
         cells = [f"{x:.3f}" for a in shown for x in row.sizes.get(a, (float("nan"),) * 2)]
-        table.add_row(
-            escape(row.title), row.parameters, *cells, "" if row.p_left is None else p_text(row.p_left)
-        )
+        table.add_row(row.title, row.parameters, *cells, "" if row.p_left is None else p_text(row.p_left))
     out.print(table)
     for remark in finding.remarks:
-        out.print(f"[yellow]note[/yellow]: {escape(remark)}")
+        note(out, remark)

@@ -1,31 +1,83 @@
-"""Where results go: tables to the terminal, JSON to a file or to standard output."""
+"""Where results go: tables to the terminal, JSON to a file or standard output; places are checked before the work."""
 
 from __future__ import annotations
 
 import json
+import os
 import sys
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator, Mapping
 from contextlib import contextmanager
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
+
+from symstiff.errors import UserError
 
 if TYPE_CHECKING:
     from collections.abc import Callable
 
     from rich.console import Console
 
+_PICTURES = (".png", ".svg")
+
 
 def console(json_target: str | None = None) -> Console:
-    """The terminal; standard error where JSON takes standard output."""
+    """The terminal; standard error where JSON takes standard output. Text stays as it is: no markup, no emoji."""
     from rich.console import Console
 
-    return Console(stderr=json_target == "-", highlight=False, soft_wrap=False)
+    return Console(stderr=json_target == "-", highlight=False, soft_wrap=False, markup=False, emoji=False)
+
+
+def note(out: Console, text: str, head: str = "note") -> None:
+    """Print a remark with its head in colour."""
+    from rich.text import Text
+
+    out.print(Text.assemble((head, "yellow"), f": {text}"))
+
+
+def check_targets(
+    targets: Mapping[str, str | Path | None],
+    inputs: Iterable[str | Path] = (),
+    folder: str | Path | None = None,
+) -> None:
+    """Refuse places before the work begins: files by option, and a folder that the command writes as a whole.
+
+    Raises UserError where a file cannot be written, is read by the command, is named twice, or lies in the folder;
+    where a picture has an ending that is not written.
+    """
+    from symstiff.files import check_file, check_folder
+
+    inputs = tuple(inputs)
+    if folder is not None:
+        check_folder(folder)
+    seen: dict[str, str] = {}
+    for option, place in targets.items():
+        if place is None or (option == "--json" and place == "-"):
+            continue
+        if option == "--plot" and Path(place).suffix.lower() not in _PICTURES:
+            raise UserError(f"{option} {place}: a plot is written as .png or .svg")
+        check_file(place, option, inputs)
+        if folder is not None and inside(place, folder):
+            raise UserError(
+                f"{option} {place} lies in {folder}, which this command writes: choose another place"
+            )
+        if Path(place).exists() and not Path(place).is_file():
+            continue  # a device may take several
+        other = seen.setdefault(os.path.realpath(place), option)
+        if other != option:
+            raise UserError(f"{option} and {other} name the same file {place}: give each its own")
+
+
+def inside(place: str | Path, folder: str | Path) -> bool:
+    """Whether a place lies in a folder."""
+    return Path(os.path.realpath(place)).is_relative_to(os.path.realpath(folder))
 
 
 def write_json(target: str | None, result: Any) -> None:
     """Write a result as JSON to a file, or to standard output for ``-``."""
     if target is None:
         return
-    text = json.dumps(result, indent=2, ensure_ascii=False, default=float) + "\n"
+    ascii_only = target == "-" and not (sys.stdout.encoding or "").lower().startswith("utf")
+    text = json.dumps(result, indent=2, ensure_ascii=ascii_only, default=float) + "\n"
     if target == "-":
         sys.stdout.write(text)
         return
@@ -39,8 +91,7 @@ def stages(out: Console) -> Iterator[Callable[[str], None]]:
     """Show which stage of a longer job runs, with the time it takes, on a terminal."""
     from rich.progress import Progress, SpinnerColumn, TextColumn, TimeElapsedColumn
 
-    with Progress(
-        SpinnerColumn(), TextColumn("{task.description}"), TimeElapsedColumn(), console=out, transient=True
-    ) as bar:
+    text = TextColumn("{task.description}", markup=False)
+    with Progress(SpinnerColumn(), text, TimeElapsedColumn(), console=out, transient=True) as bar:
         task = bar.add_task("starting", total=None)
-        yield lambda text: bar.update(task, description=text)
+        yield lambda stage: bar.update(task, description=stage)

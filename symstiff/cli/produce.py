@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from symstiff.cli.output import console, stages, write_json
+from symstiff.cli.output import check_targets, console, stages, write_json
 from symstiff.cli.show import parse_fixed, print_stages
 from symstiff.errors import UserError
 from symstiff.robot import load
@@ -35,6 +35,9 @@ def run_generate(
     from symstiff.codegen.options import Options
 
     options = Options(precision, layout, targets)
+    if model_file is not None and fixed:
+        raise UserError("--fixed has no effect with --model, which was reduced already: leave it out")
+    check_targets({"--json": json}, [p for p in (robot, model_file) if p is not None], folder=output)
     out = console(json)
     with stages(out) as progress:
         progress("deriving and reducing")
@@ -57,9 +60,9 @@ def _fresh(out: Console, robot: str, loads: str, measure: str, fixed: str | None
 
 
 def _identified(robot: str, model_file: Path, loads: str | None, measure: str | None) -> StiffnessModel:
-    from symstiff.model import load_model
+    from symstiff.calibration.soundness import usable_model
 
-    model = load_model(model_file)
+    model = usable_model(model_file)
     name = load(robot).name
     if model.robot.name != name:
         raise UserError(f"{model_file} is a model of {model.robot.name}, not of {name}")
@@ -85,7 +88,7 @@ def _report(out: Console, result: Generated) -> None:
         out.print(f"compiled by {proof.compiler} without a warning, self-test passed")
     elif "c" in result.manifest["options"]["targets"].split(","):
         out.print(
-            "not compiled: no C compiler was found or wanted (pip install symstiff\\[compiler] brings one)"
+            "not compiled: no C compiler was found or wanted (pip install symstiff[compiler] brings one)"
         )
     if proof.max_relative_error is not None:
         out.print(f"greatest relative error against 50-digit values: {proof.max_relative_error:.1e}")
@@ -99,6 +102,7 @@ def run_footprint(robot: str, loads: str, measure: str, json: str | None) -> Non
     from symstiff.model import StiffnessModel
     from symstiff.reduction import reduce
 
+    check_targets({"--json": json}, [robot])
     out = console(json)
     with stages(out) as progress:
         progress("compiling and measuring")

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from symstiff.cli.output import console, stages, write_json
+from symstiff.cli.output import check_targets, console, stages, write_json
 from symstiff.cli.show import print_stages
 
 
@@ -16,12 +16,13 @@ def run_reproduce(seed: int, plot: Path | None, json: str | None) -> None:
     from symstiff.reduction import reduce
     from symstiff.robot import load
 
+    check_targets({"--plot": plot, "--json": json})
     out = console(json)
     print_stages(out, reduce(load(ROBOT), "gravity", "pose"))
     with stages(out) as progress:
         measured, rows = table2(seed, progress)
     table = Table(
-        title=r"positional errors \[mm]: a virtual KR 270, and the seed's Table 2", title_justify="left"
+        title="positional errors [mm]: a virtual KR 270, and the seed's Table 2", title_justify="left"
     )
     for column in ("model", "n", "rank", "MAX", "RMS", "comp.", "fresh RMS", "seed n", "MAX", "RMS"):
         table.add_column(column, justify="left" if column == "model" else "right")

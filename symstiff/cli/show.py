@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
-from symstiff.cli.output import console, stages, write_json
+from symstiff.cli.output import check_targets, console, note, stages, write_json
 from symstiff.errors import UserError
 from symstiff.robot import library, load
 from symstiff.robot.exact import Exact, parse_exact
@@ -20,6 +20,7 @@ if TYPE_CHECKING:
 
 def show_robots(json: str | None) -> None:
     """List the library."""
+    check_targets({"--json": json})
     from rich.table import Table
 
     table = Table(box=None, pad_edge=False)
@@ -50,13 +51,18 @@ def parse_fixed(text: str | None) -> dict[int, Exact]:
         if not part.strip():
             continue
         name, _, value = part.partition("=")
-        joint = name.strip().removeprefix("q")
-        if not (joint.isascii() and joint.isdigit()) or not value.strip():
+        joint = whole(name.strip().removeprefix("q"))
+        if joint is None or not value.strip():
             raise UserError(f"--fixed {part.strip()!r}: write a joint and its value, e.g. q1=0 or q4=pi/2")
-        if int(joint) in fixed:
-            raise UserError(f"--fixed: q{int(joint)} stands there twice: give it one value")
-        fixed[int(joint)] = parse_exact(value.strip())
+        if joint in fixed:
+            raise UserError(f"--fixed: q{joint} stands there twice: give it one value")
+        fixed[joint] = parse_exact(value.strip())
     return fixed
+
+
+def whole(text: str) -> int | None:
+    """The whole number that a text of plain digits stands for, None for any other text."""
+    return int(text) if text.isascii() and text.isdigit() and len(text) <= 9 else None
 
 
 def show_reduction(
@@ -72,6 +78,7 @@ def show_reduction(
     from symstiff.reduction import reduce
     from symstiff.reduction.closed_form import closed_form
 
+    check_targets({"--json": json}, [robot])
     reduction = reduce(load(robot), loads, measure, parse_fixed(fixed), prefer, avoid)
     symbolic = closed_form(reduction)
     out = console(json)
@@ -87,6 +94,7 @@ def print_stages(out: Console, reduction: Reduction) -> None:
     """The seed's Table 1 for this robot and class."""
     from rich.table import Table
 
+    from symstiff.calibration.soundness import aggregation_remarks
     from symstiff.reduction.reading import steps
 
     robot, e = reduction.robot, reduction.experiment
@@ -99,13 +107,8 @@ def print_stages(out: Console, reduction: Reduction) -> None:
     for step, n, what in steps(reduction):
         table.add_row(step, str(n), what)
     out.print(table)
-    for name in reduction.inexact_aggregations:
-        link = int(name[1:]) - 1
-        place = "\\[base.link]" if link == 0 else f"the link of joint {link}"
-        out.print(
-            f"[yellow]warning:[/yellow] M3 gives {name} to link {link}, whose template has no terms for a "
-            f'rotation about that joint\'s axis: the model is not complete; write template = "full" in {place}'
-        )
+    for remark in aggregation_remarks(reduction.inexact_aggregations):
+        note(out, remark, "warning")
 
 
 def _print_groups(out: Console, reduction: Reduction) -> None:
@@ -115,11 +118,17 @@ def _print_groups(out: Console, reduction: Reduction) -> None:
         ("G2 without influence", p.g2),
         ("G3 semi-identifiable", p.g3),
     ):
-        out.print(f"[bold]{label}[/bold] ({len(names)}): {' '.join(names) or '–'}")
+        _headed(out, label, f" ({len(names)}): {' '.join(names) or '–'}")
     for k, block in enumerate(p.blocks, start=1):
         kept = sum(name in p.kept for name in block)
         out.print(f"  coupled group {k}: {len(block)} parameters, {kept} independent")
-    out.print(f"[bold]identifiable set[/bold] ({p.rank}): {' '.join(p.kept)}")
+    _headed(out, "identifiable set", f" ({p.rank}): {' '.join(p.kept)}")
+
+
+def _headed(out: Console, head: str, text: str) -> None:
+    from rich.text import Text
+
+    out.print(Text.assemble((head, "bold"), text))
 
 
 def _print_couplings(out: Console, couplings: dict[str, dict[str, Any]]) -> None:
@@ -148,6 +157,17 @@ def _combination(row: dict[str, Any]) -> str:
     return text.removeprefix(" + ").strip()
 
 
+def show_targets(json: str | None) -> None:
+    """List what can be emitted."""
+    from symstiff.codegen.targets import TARGETS
+
+    check_targets({"--json": json})
+    out = console(json)
+    for name, target in TARGETS.items():
+        out.print(f"{name:10s} {target.writes}", soft_wrap=True)
+    write_json(json, [{"target": name, "writes": target.writes} for name, target in TARGETS.items()])
+
+
 def show_effects(robot: str, loads: str, measure: str, data: str, json: str | None) -> None:
     """The catalogue on a robot: what a class of experiments can tell of each effect from the complete model."""
     from symstiff.discrepancy.distinguish import survey
@@ -157,6 +177,7 @@ def show_effects(robot: str, loads: str, measure: str, data: str, json: str | No
 
     if data not in ("deflection", "absolute"):
         raise UserError(f"--data {data!r}: write deflection or absolute")
+    check_targets({"--json": json}, [robot])
     model = StiffnessModel.of(reduce(load(robot), loads, measure))
     out = console(json)
     found: dict[str, list[tuple[Where, Distinction]]] = {}

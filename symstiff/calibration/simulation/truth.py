@@ -44,14 +44,12 @@ out. Joints and links by number as in parameter names.
 
 from __future__ import annotations
 
+import math
 import re
-import tomllib
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any, Literal
-
-import numpy as np
 
 from symstiff.calibration.simulation.chain import chain_of
 from symstiff.calibration.simulation.nominal import nominal_truth
@@ -59,6 +57,8 @@ from symstiff.calibration.simulation.phenomena import Effect
 from symstiff.calibration.simulation.rehearsal import rehearse
 from symstiff.errors import UserError
 from symstiff.robot import Robot, library, load
+from symstiff.robot.loading import toml_table
+from symstiff.robot.mistakes import printable
 
 _TERM = re.compile(r"^(?:c(\d+)|k(\d+)_([1-6])([1-6]))$")
 Triple = tuple[float, float, float]
@@ -119,11 +119,10 @@ def load_truth(path: str | Path) -> Truth:
     """Read a TRUTH.toml. Raises UserError in one line: file, key, remedy."""
     origin = str(path)
     try:
-        table = tomllib.loads(Path(path).read_bytes().decode("utf-8"))
+        data = Path(path).read_bytes()
     except OSError as error:
         raise UserError(f"{origin}: cannot read the truth: {error.strerror}: check the path") from error
-    except (UnicodeDecodeError, tomllib.TOMLDecodeError, RecursionError) as error:
-        raise UserError(f"{origin}: not valid TOML: {error}") from error
+    table = toml_table(data, origin, "truth file")
     try:
         return truth_from_table(table, Path(path).parent)
     except UserError as error:
@@ -222,9 +221,13 @@ def _section(defaults: Any, table: Mapping[str, Any], name: str) -> Any:
 
 
 def _number(value: Any, label: str) -> float:
-    if isinstance(value, bool) or not isinstance(value, int | float) or not np.isfinite(value):
-        raise UserError(f"{label}: expected a finite number, found {value!r}")
-    return float(value)
+    try:
+        number = math.nan if isinstance(value, bool) or not isinstance(value, int | float) else float(value)
+    except OverflowError:  # an integer of hundreds of digits
+        number = math.inf
+    if not math.isfinite(number):
+        raise UserError(f"{label}: expected a finite number, found {printable(repr(value), 40)}")
+    return number
 
 
 def _choice(value: Any, allowed: tuple[Any, ...], label: str) -> Any:

@@ -1,0 +1,157 @@
+"""The command that identifies a model."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from symstiff.cli.output import check_targets, console, note, stages, write_json
+from symstiff.cli.show import whole
+from symstiff.errors import UserError
+from symstiff.robot import load
+
+if TYPE_CHECKING:
+    from rich.console import Console
+
+    from symstiff.calibration.identify import Identification
+
+
+@dataclass(frozen=True)
+class IdentifyRequest:
+    """The options of ``symstiff identify``."""
+
+    robot: str
+    data: tuple[Path, ...]
+    output: Path
+    start: str
+    loads: str | None
+    measure: str | None
+    robust: bool
+    physical: bool
+    held_out: float
+    per_level: str | None
+    reconstruct: Path | None
+    plot: Path | None
+    seed: int
+    json: str | None
+
+
+def run_identify(request: IdentifyRequest) -> None:
+    """Fit, report, save."""
+    from symstiff.calibration.complete import reconstruct_model
+    from symstiff.calibration.identify import identify
+    from symstiff.calibration.table import read_measurements
+
+    level = _joint(request.per_level)
+    _check(request)
+    robot = load(request.robot)
+    out = console(request.json)
+    with stages(out) as progress:
+        progress("reading the tables")
+        table = read_measurements(request.data)
+        if table.kind == "absolute" and request.reconstruct is not None:
+            raise UserError(
+                "--reconstruct needs deflections, these tables hold absolute positions: leave it out"
+            )
+        progress("identifying")
+        result = identify(
+            robot, table, request.start, loads=request.loads, measure=request.measure, robust=request.robust,
+            physical=request.physical, held_out=request.held_out, per_level=level,
+            seed=request.seed,
+        )  # fmt: skip
+        complete = None
+        if request.reconstruct is not None:
+            progress("reconstructing complete link matrices")
+            complete = reconstruct_model(result)
+    if request.plot is not None:
+        from symstiff.calibration.planning.poses import save_figure
+        from symstiff.report.residuals import draw_residuals
+
+        save_figure(draw_residuals(result), request.plot)
+    if complete is not None:
+        write_json(str(request.reconstruct), complete.to_dict())
+    result.model.save(request.output)
+    _print_identification(out, result)
+    if complete is not None:
+        out.print(f"complete link matrices: {complete}; wrote {request.reconstruct}")
+    out.print(f"wrote {request.output}")
+    write_json(request.json, result.as_dict())
+
+
+def _check(request: IdentifyRequest) -> None:
+    """Refuse what cannot be followed before the work begins."""
+    if request.reconstruct is not None and (request.start != "complete" or request.per_level is not None):
+        raise UserError("--reconstruct needs --start complete and no --per-level: leave it or them out")
+    targets = {"-o": request.output, "--reconstruct": request.reconstruct, "--plot": request.plot}
+    check_targets({**targets, "--json": request.json}, [request.robot, *request.data, request.start])
+
+
+def _joint(text: str | None) -> int | None:
+    if text is None:
+        return None
+    joint = whole(text.removeprefix("q"))
+    if joint is None:
+        raise UserError(f"--per-level {text!r}: name a joint, e.g. q2")
+    return joint
+
+
+def _print_identification(out: Console, result: Identification) -> None:
+    from rich.table import Table
+
+    fit, model = result.fit, result.model
+    table = Table(
+        title=f"{model.robot.title or model.robot.name}: {len(fit.names)} parameters", title_justify="left"
+    )
+    for column in ("parameter", "value", "σ", "σ/value", "95 % ±", "unit"):
+        table.add_column(column, justify="left" if column in ("parameter", "unit") else "right")
+    for k, name in enumerate(fit.names):
+        value, std = (
+            float(fit.values[k] if name not in model.values else model.values[name]),
+            float(fit.std[k]),
+        )
+        share = f"{100 * std / abs(value):.1f} %" if value else "–"
+        table.add_row(
+            name,
+            f"{value:.4e}",
+            f"{std:.1e}",
+            share,
+            f"{(fit.upper[k] - fit.lower[k]) / 2:.1e}",
+            fit.units[k],
+        )
+    out.print(table)
+    print_residuals(out, [("identified poses", result.training), ("held-out poses", result.validation)])
+    out.print(str(fit.rank))
+    if fit.fit_p is not None:
+        p = f"= {fit.fit_p:.2g}" if fit.fit_p >= 1e-16 else "< 1e-16"
+        out.print(f"unit variance {fit.s0_squared:.2f} ({fit.dof} degrees of freedom), fit p {p}")
+    for a, b, value in fit.correlated()[:5]:
+        out.print(f"strongly correlated: {a}, {b} ({value:+.3f})")
+    if result.robust is not None:
+        for suspect in (*result.robust.poses[:5], *result.robust.rows[:5]):
+            out.print(f"outlier: {suspect}")
+    if result.physical is not None:
+        for bound in result.physical.active:
+            out.print(f"physics: {bound}")
+    for remark in result.remarks:
+        note(out, remark)
+
+
+def print_residuals(out: Console, parts: list[tuple[str, Any]]) -> None:
+    """MAX and RMS by axis before and after compensation, as the seed's Table 2."""
+    from rich.table import Table
+
+    for title, residuals in parts:
+        if residuals is None:
+            continue
+        share = f": {100 * residuals.compensated:.1f} % of the deflection compensated"
+        table = Table(title=title + share, title_justify="left")
+        table.add_column("mm, mrad")
+        for axis in residuals.before:
+            short = {"positional": "pos.", "rotational": "rot."}.get(axis, axis)
+            table.add_column(f"{short} MAX", justify="right")
+            table.add_column(f"{short} RMS", justify="right")
+        for label, sizes in (("before", residuals.before), ("after", residuals.after)):
+            cells = [f"{1e3 * x:.3f}" for s in sizes.values() for x in (s.max, s.rms)]
+            table.add_row(label, *cells)
+        out.print(table)

@@ -1,0 +1,212 @@
+"""The command that chooses measurement poses."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from symstiff.cli.output import check_targets, console, note, stages, write_json
+from symstiff.cli.show import parse_fixed, whole
+from symstiff.errors import UserError
+from symstiff.robot import load
+
+if TYPE_CHECKING:
+    from rich.console import Console
+
+    from symstiff.calibration.planning.plan import Plan
+    from symstiff.calibration.planning.region import Region
+    from symstiff.robot import Robot
+
+
+@dataclass(frozen=True)
+class PlanRequest:
+    """The options of ``symstiff plan``."""
+
+    robot: str
+    poses: int
+    output: Path
+    loads: str
+    measure: str
+    criterion: str
+    test_poses: Path | None
+    force: float
+    steps: int
+    candidates: int
+    sigma: float
+    levels: str | None
+    markers: tuple[str, ...]
+    fixed: str | None
+    keep_out: str | None
+    floor: float | None
+    separate: Path | None
+    seed: int
+    refine: bool
+    cluster: str | None
+    plot: Path | None
+    json: str | None
+
+
+def run_plan(request: PlanRequest) -> None:
+    """Choose poses, write them, say what they promise."""
+    from symstiff.calibration.plan import Goal, Load, Search, plan_for, robot_of
+    from symstiff.calibration.planning.poses import draw_plan, poses_table, save_figure, summary
+    from symstiff.calibration.poses import in_steps, with_markers
+    from symstiff.calibration.table import write_table
+    from symstiff.model import StiffnessModel
+    from symstiff.reduction import reduce
+
+    if request.criterion not in ("D", "A", "test"):
+        raise UserError(f"--criterion {request.criterion}: use D, A or test")
+    if request.steps < 1:
+        raise UserError(f"--steps {request.steps}: 1 or more")
+    inputs = [p for p in (request.robot, request.test_poses, request.separate) if p is not None]
+    check_targets({"-o": request.output, "--plot": request.plot, "--json": request.json}, inputs)
+    if request.separate is not None:
+        return _separate(request)
+    robot = load(request.robot)
+    fixed, levels = parse_fixed(request.fixed), _levels(request.levels)
+    out = console(request.json)
+    with stages(out) as progress:
+        progress("deriving and reducing")
+        model = StiffnessModel.of(reduce(robot, request.loads, request.measure, fixed))
+        test_q, test_w = _test_poses(request, robot)
+        goal = Goal(request.poses, request.criterion, None, test_q, test_w)  # type: ignore[arg-type]
+        load_class: Any = request.loads
+        search = Search(request.candidates, seed=request.seed, refine=request.refine, cluster=request.cluster)
+        sigma = (request.sigma * 1e-3, request.sigma * 1e-3 / 0.3)
+        plan = plan_for(
+            model, goal, Load(load_class, request.force), request.markers, sigma, _region(request),
+            {j: float(v) for j, v in fixed.items()}, levels, search,
+            lambda label, share: progress(f"{label} {share:.0%}"),
+        )  # fmt: skip
+    geometry = robot_of(model)
+    table = poses_table(plan, geometry)
+    if request.markers:
+        table = with_markers(plan.q, plan.w, request.markers, table.joint_units)
+    write_table(in_steps(table, request.steps) if request.steps > 1 else table, request.output, "deg")
+    if request.plot is not None:
+        save_figure(draw_plan(plan, geometry), request.plot)
+    _print_plan(out, plan, model.units)
+    out.print(_measured(request, sigma))
+    out.print(f"wrote {request.output}")
+    measured = {"points": list(request.markers), "sigma_mm": request.sigma, "measure": request.measure}
+    write_json(request.json, {**summary(plan), "measured": measured})
+
+
+def _measured(request: PlanRequest, sigma: tuple[float, float]) -> str:
+    """What the promised deviations take for granted."""
+    position = f"σ {1e3 * sigma[0]:g} mm a coordinate"
+    if request.markers:
+        return f"assumed measured: positions of {', '.join(request.markers)}, {position}"
+    if request.measure == "position":
+        return f"assumed measured: position of the tool centre point, {position}"
+    return (
+        f"assumed measured: position and rotation of the tool, {position}, {1e3 * sigma[1]:g} mrad: a device that "
+        "reads points needs --markers, e.g. p1,p2,p3"
+    )
+
+
+def _separate(request: PlanRequest) -> None:
+    """Poses that decide among the explanations of an ambiguous verdict."""
+    from symstiff.calibration.table import write_table
+    from symstiff.discrepancy.separate import Wish, separate
+
+    assert request.separate is not None
+    _refuse_unused(request)
+    robot = load(request.robot)
+    out = console(request.json)
+    wish = Wish(
+        request.poses, request.loads, request.measure, request.force, request.markers, request.sigma * 1e-3,
+        request.seed, _region(request),
+    )  # fmt: skip
+    with stages(out) as progress:
+        progress("deciding poses")
+        table, found, names = separate(robot, request.separate, wish, progress)
+    if not found.poses:
+        raise UserError(
+            "no pose tells these explanations apart under such loads: other loads (--loads), or a reading of "
+            "the whole pose (--measure pose)"
+        )
+    write_table(table, request.output, "deg")
+    out.print(f"{len(found.poses)} poses that decide between: " + " | ".join(names))
+    out.print(
+        f"separation {found.separation[-1]:.3g} (squared distance of the predictions in units of the noise "
+        "variance that no fit closes; 20 is ample)"
+    )
+    if found.separation[-1] < 1.0:
+        note(out, "these loads do not tell them apart: other loads, or more force")
+    out.print(f"wrote {request.output}")
+    write_json(
+        request.json, {"explanations": names, "poses": table.labels, "separation": list(found.separation)}
+    )
+
+
+def _refuse_unused(request: PlanRequest) -> None:
+    """Refuse options that poses for a verdict do not follow."""
+    given = {
+        "--criterion": request.criterion != "D", "--test-poses": request.test_poses, "--steps": request.steps != 1,
+        "--levels": request.levels, "--fixed": request.fixed, "--no-refine": not request.refine,
+        "--cluster": request.cluster, "--plot": request.plot,
+    }  # fmt: skip
+    for option, used in given.items():
+        if used:
+            raise UserError(f"{option} has no effect with --separate: leave it out")
+
+
+def _test_poses(request: PlanRequest, robot: Robot) -> tuple[Any, Any]:
+    if request.test_poses is None:
+        if request.criterion == "test":
+            raise UserError("--criterion test needs --test-poses FILE: joint variables and loads that matter")
+        return None, None
+    from symstiff.calibration.table import check_robot, read_poses
+
+    table = read_poses(request.test_poses)
+    check_robot(table, robot)
+    return table.q, table.w
+
+
+def _levels(text: str | None) -> dict[int, int]:
+    levels: dict[int, int] = {}
+    for part in (text or "").split(","):
+        if part.strip():
+            name, _, count = part.partition("=")
+            joint, values = whole(name.strip().removeprefix("q")), whole(count.strip())
+            if joint is None or values is None:
+                raise UserError(f"--levels {part.strip()!r}: write a joint and a number of values, e.g. q2=5")
+            levels[joint] = values
+    return levels
+
+
+def _region(request: PlanRequest) -> Region | None:
+    from symstiff.calibration.planning.region import Box, Region, above_floor
+
+    boxes: tuple[Any, ...] = ()
+    if request.keep_out is not None:
+        try:
+            x = [float(v) for v in request.keep_out.split(",")]
+        except ValueError as error:
+            raise UserError(f"--keep-out {request.keep_out!r}: six numbers in metres") from error
+        if len(x) != 6:
+            raise UserError(f"--keep-out {request.keep_out!r}: six numbers in metres, x1,y1,z1,x2,y2,z2")
+        low, high = (tuple(f(a, b) for a, b in zip(x[:3], x[3:], strict=True)) for f in (min, max))
+        boxes = (Box(low, high),)  # type: ignore[arg-type]
+    spaces = () if request.floor is None else (above_floor(request.floor),)
+    return Region(boxes, spaces) if boxes or spaces else None
+
+
+def _print_plan(out: Console, plan: Plan, units: dict[str, str]) -> None:
+    from rich.table import Table
+
+    table = Table(
+        title=f"{len(plan)} poses, criterion {plan.criterion}: predicted standard deviations",
+        title_justify="left",
+    )
+    for column in ("parameter", "σ", "unit"):
+        table.add_column(column, justify="right" if column == "σ" else "left")
+    for name, std in zip(plan.parameters, plan.std, strict=True):
+        table.add_row(name, f"{std:.2e}", units[name])
+    out.print(table)
+    out.print(f"as good as {plan.over_random:.2f} times as many random poses (mean of 100 draws)")
+    if plan.expected_error is not None:
+        out.print(f"expected error after compensation at the test poses: {1e3 * plan.expected_error:.4f} mm")

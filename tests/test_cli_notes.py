@@ -1,0 +1,186 @@
+"""What commands say beside their result: doubtful units, loads outside a model's class, fits that do not fit."""
+
+from __future__ import annotations
+
+import csv
+import json
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from command_line import OBLIQUE, Result, Run, assert_users_mistake, run_command_line  # noqa: F401
+
+from symstiff.calibration.measurements import measurements
+from symstiff.calibration.rows import predict
+from symstiff.calibration.table import write_table
+from symstiff.effects.base import EffectInstance
+from symstiff.model import StiffnessModel, joints_only
+from symstiff.robot import load
+
+VALUES = {"c1": 2e-6, "c2": 3e-6}
+
+
+def arm(loads: str = "wrench") -> StiffnessModel:
+    return joints_only(load("planar2r"), loads).with_values(VALUES)
+
+
+def measured(
+    file: Path, scale: float = 1.0, sigma: float = 1e-6, added: float = 0.0, turns: float = 1.0
+) -> None:
+    """A table of the planar arm; ``scale`` is what the loads are multiplied with before they are written."""
+    rng = np.random.default_rng(5)
+    q, w = rng.uniform(-1.5, 1.5, (12, 2)) * turns, np.zeros((12, 6))
+    w[:, :2] = rng.uniform(-900, 900, (12, 2))
+    table = measurements(q, w, kind="deflection")
+    values = predict(arm(), table) + rng.normal(0, 1e-6, (12, 6))
+    values[:, 1] += added
+    values[:, 3:] = np.nan
+    known = np.where(np.isfinite(values), sigma, np.nan)
+    write_table(replace(table, w=w * scale, values=values, sigma=known), file)
+
+
+def notes(run: Run, *arguments: object) -> str:
+    done = run(*arguments, "-o", "m.toml")
+    assert done.code == 0, done.err
+    return " ".join(done.out.split())
+
+
+IDENTIFY = ("identify", "planar2r", "data.csv", "--start", "joints")
+
+
+@pytest.fixture(autouse=True)
+def _here(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+
+
+def test_sound_data_need_no_note(run: Run) -> None:
+    measured(Path("data.csv"))
+    assert "note" not in notes(run, *IDENTIFY)
+
+
+def test_a_fit_beyond_the_stated_sigma_points_to_diagnose(run: Run) -> None:
+    measured(Path("data.csv"), added=1e-3)
+    said = notes(run, *IDENTIFY)
+    assert "fit p < 1e-16" in said
+    assert "the model or the stated sigma does not fit these data: symstiff diagnose" in said
+
+
+def test_negated_deflections_look_swapped(run: Run) -> None:
+    measured(Path("data.csv"))
+    rows = list(csv.reader(Path("data.csv").read_text().splitlines()))
+    signed = [k for k, header in enumerate(rows[0]) if header[:2] in ("dx", "dy", "dz")]
+    negated = [[str(-float(c)) if k in signed else c for k, c in enumerate(row)] for row in rows[1:]]
+    Path("data.csv").write_text("".join(",".join(row) + "\n" for row in (rows[0], *negated)))
+    assert "axes look swapped" in notes(run, *IDENTIFY)
+
+
+def test_compliances_far_from_the_robot_files_question_the_units(run: Run) -> None:
+    text = OBLIQUE.replace('name = "oblique"', 'name = "arm"').replace(
+        "d = 0.2", "d = 0.2\ncompliance = 2e-6"
+    )
+    Path("arm.toml").write_text(text.replace("beam_axis = [0.5, 0, 0.2]", 'template = "rigid"'))
+    robot = load("arm.toml")
+    model = joints_only(robot).with_values({"c1": 2e-6, "c2": 3e-6})
+    rng = np.random.default_rng(1)
+    table = measurements(rng.uniform(-1, 1, (9, 2)), rng.uniform(-500, 500, (9, 6)), kind="deflection")
+    table = replace(table, values=predict(model, table) + rng.normal(0, 1e-7, (9, 6)))
+    for scale, doubted in ((1.0, False), (1e-3, True)):
+        write_table(replace(table, w=table.w * scale), "data.csv")
+        said = notes(run, "identify", "arm.toml", "data.csv", "--start", "joints")
+        assert ("far from the robot file's (c1 1e+03 times)" in said) == doubted
+        assert ("such as kN under fz[N]" in said) == doubted
+
+
+def test_loads_outside_a_models_class_are_named(run: Run) -> None:
+    measured(Path("data.csv"))
+    said = notes(run, *IDENTIFY, "--loads", "force")
+    assert "reduced for" not in said
+    arm("force").save("force.toml")
+    Path("way.csv").write_text("q1[deg],q2[deg],fx[N],mz[N*m]\n0,30,100,5\n")
+    said = notes(run, "compensate", "force.toml", "way.csv")
+    assert "reduced for force loads (fx, fy, fz), and these have mz too" in said
+    assert "identify with --loads wrench" in said
+
+
+def test_radians_under_degrees_are_asked_about(run: Run) -> None:
+    measured(Path("data.csv"), turns=0.06)
+    assert "if these are radians, write q1[rad]" in notes(run, *IDENTIFY)
+
+
+def test_a_link_that_cannot_hold_its_joint_is_remarked_by_identify(run: Run) -> None:
+    from symstiff.reduction import reduce
+
+    Path("arm.toml").write_text(OBLIQUE)
+    model = StiffnessModel.of(reduce(load("arm.toml"), "wrench", "pose"))
+    model = model.with_values(dict.fromkeys(model.parameters, 1e-6))
+    rng = np.random.default_rng(1)
+    table = measurements(rng.uniform(-1, 1, (40, 2)), rng.uniform(-500, 500, (40, 6)), kind="deflection")
+    write_table(replace(table, values=predict(model, table)), "data.csv")
+    assert "M3 gives c2 to link 1" in notes(run, "identify", "arm.toml", "data.csv")
+
+
+def test_a_trajectory_keeps_its_columns_units_and_order(run: Run) -> None:
+    arm().save("model.toml")
+    text = (
+        "fx[N],q2[deg],pose,q1[rad],time[s],temperature[degC]\n100,30,a,0.5,0.10,\n-50,40,b,0.25,0.20,21.50\n"
+    )
+    Path("way.csv").write_text(text)
+    notes(run, "compensate", "model.toml", "way.csv")
+    before, after = (list(csv.reader(t.splitlines())) for t in (text, Path("m.toml").read_text()))
+    assert after[0] == before[0]
+    for old, new in zip(before[1:], after[1:], strict=True):
+        assert [new[k] for k in (0, 2, 4, 5)] == [old[k] for k in (0, 2, 4, 5)]
+        assert all(0 < abs(float(new[k]) - float(old[k])) < 0.2 for k in (1, 3))
+
+
+def test_one_pose_under_several_loads_becomes_several_only_where_its_commands_part(run: Run) -> None:
+    arm().with_values({"c1": 2e-5, "c2": 3e-5}).save("model.toml")
+    rows = ("a,0,30,1", "a,0,30,2", "a,0,30,900", "b,0,40,900")
+    Path("way.csv").write_text("pose,q1[deg],q2[deg],fy[N]\n" + "\n".join(rows) + "\n")
+    said = notes(run, "compensate", "model.toml", "way.csv")
+    assert "pose a became a/1, a/2, …" in said
+    labels = [row[0] for row in csv.reader(Path("m.toml").read_text().splitlines())]
+    assert labels == ["pose", "a/1", "a/2", "a/3", "b"]
+    from symstiff.calibration.table import read_poses
+
+    assert len(read_poses("m.toml")) == 4
+
+
+def test_a_trajectory_without_loads_is_remarked(run: Run) -> None:
+    arm().save("model.toml")
+    Path("way.csv").write_text("q1[deg],q2[deg]\n0,30\n")
+    assert "no loads: nothing to compensate" in notes(run, "compensate", "model.toml", "way.csv")
+
+
+@pytest.mark.parametrize(
+    ("effect", "shape"),
+    [
+        ("backlash", {"width": 0.0}),
+        ("hysteresis", {"width": 20.0, "load": 0.0, "power": 0.5}),
+        ("nonlinear_stiffness", {"load": 0.0, "power": 3.0}),
+    ],
+)
+def test_a_shape_that_divides_by_zero_is_a_users_mistake(
+    run: Run, effect: str, shape: dict[str, float]
+) -> None:
+    arm().with_effect(EffectInstance(effect, {"joint": 2}, shape)).save("model.toml")
+    Path("way.csv").write_text("q1[deg],q2[deg],fx[N],branch\n0,30,10,up\n")
+    measured(Path("data.csv"))
+    for command in (
+        ("compensate", "model.toml", "way.csv"),
+        ("generate", "planar2r", "--model", "model.toml"),
+        ("identify", "planar2r", "data.csv", "--start", "model.toml"),
+    ):
+        assert_users_mistake(
+            run(*command, "-o", "out"), "model.toml", f"effect {effect}", "= 0: correct the shape"
+        )
+
+
+def test_a_plan_says_what_it_takes_to_be_measured(run: Run) -> None:
+    plan = ("plan", "planar2r", "--candidates", "100", "--no-refine", "--poses", "8", "--sigma", "0.06")
+    said = notes(run, *plan, "--json", "plan.json")
+    assert "assumed measured: position and rotation of the tool, σ 0.06 mm a coordinate, 0.2 mrad" in said
+    assert json.loads(Path("plan.json").read_text())["measured"]["sigma_mm"] == 0.06
+    said = notes(run, *plan, "--loads", "force", "--measure", "position")
+    assert "assumed measured: position of the tool centre point, σ 0.06 mm" in said

@@ -1,0 +1,191 @@
+"""Where commands write: checked before the work, never what they read, nothing where an option cannot be followed."""
+
+from __future__ import annotations
+
+import csv
+import io
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import pytest
+from command_line import OBLIQUE, Result, Run, assert_users_mistake, run_command_line  # noqa: F401
+
+POSES = "pose,q1[deg],q2[deg],fx[N],fy[N]\n" + "".join(
+    f"a{k},{10 * k},{30 + 7 * k * k},{100 - 10 * k},{50 + 9 * k}\n" for k in range(6)
+)
+TRUTH = 'format = 1\nrobot = "planar2r"\n[noise]\nsigma_mm = 0.01\n'
+
+
+@pytest.fixture(name="place")
+def _place(run: Run, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """A folder with the measurements of a planar arm."""
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "truth.toml").write_text(TRUTH)
+    (tmp_path / "poses.csv").write_text(POSES)
+    assert run("simulate", "truth.toml", "--poses", "poses.csv", "-o", "data.csv").code == 0
+    return tmp_path
+
+
+IDENTIFY = ("identify", "planar2r", "data.csv", "--start", "joints", "-o", "m.toml")
+REFUSED = [
+    ((*IDENTIFY, "--plot", "missing/x.png"), "choose another place with --plot"),
+    ((*IDENTIFY, "--plot", "x.foo"), ".png or .svg"),
+    ((*IDENTIFY, "--json", "missing/x.json"), "choose another place with --json"),
+    ((*IDENTIFY, "--json", "m.toml"), "name the same file"),
+    ((*IDENTIFY, "--reconstruct", "r.json"), "--reconstruct needs --start complete"),
+    (("identify", "planar2r", "data.csv", "-o", "missing/m", "--reconstruct", "r.json"), "cannot write missing/m"),
+    (("identify", "planar2r", "data.csv", "-o", "data.csv"), "data.csv is read by this command"),
+    ((*IDENTIFY, "--json", "data.csv"), "data.csv is read by this command"),
+    ((*IDENTIFY, "--held-out", "-0.5"), "--held-out -0.5: give a share"),
+    ((*IDENTIFY, "--held-out", "nan"), "--held-out nan: give a share"),
+    ((*IDENTIFY, "--per-level", "q²"), "--per-level 'q²': name a joint"),
+    ((*IDENTIFY, "--seed", "-1"), "--seed"),
+    (("plan", "planar2r", "--poses", "3", "--seed", "-1", "-o", "x.csv"), "--seed"),
+    (("plan", "planar2r", "--poses", "3", "--levels", "q²=5", "-o", "x.csv"), "--levels 'q²=5'"),
+    (("plan", "planar2r", "--poses", "3", "--plot", "x.pdf", "-o", "x.csv"), ".png or .svg"),
+    (("simulate", "truth.toml", "--poses", "poses.csv", "--seed", "-1", "-o", "x.csv"), "--seed"),
+    (("simulate", "truth.toml", "--poses", "poses.csv", "-o", "poses.csv"), "poses.csv is read by this command"),
+    (("reproduce", "--seed", "-1"), "--seed"),
+    (("reproduce", "--plot", "missing/x.png"), "choose another place with --plot"),
+    (("diagnose", "planar2r", "data.csv", "-o", "out", "--json", "missing/x"), "choose another place with --json"),
+    (("diagnose", "planar2r", "data.csv", "-o", "."), "which this command writes"),
+    (("generate", "planar2r", "-o", "."), "holds data.csv, which symstiff did not write"),
+    (("generate", "planar2r", "-o", ""), "holds data.csv, which symstiff did not write"),
+    (("generate", "planar2r", "-o", "out", "--json", "missing/x"), "choose another place with --json"),
+    (("generate", "planar2r", "-o", "out", "--model", "m", "--fixed", "q1=0"), "--fixed has no effect with --model"),
+    (("compensate", "truth.toml", "poses.csv", "-o", "poses.csv"), "poses.csv is read by this command"),
+]  # fmt: skip
+
+
+@pytest.mark.parametrize(("arguments", "says"), REFUSED, ids=lambda a: " ".join(a))
+def test_what_cannot_be_followed_is_refused_before_anything_is_written(
+    run: Run, place: Path, monkeypatch: pytest.MonkeyPatch, arguments: tuple[str, ...], says: str
+) -> None:
+    def worked(*_: object, **__: object) -> None:
+        raise AssertionError("the work began")
+
+    for work in ("reduction.reduce", "codegen.generate.generate", "discrepancy.workflow.run"):
+        monkeypatch.setattr(f"symstiff.{work}", worked)
+    before = {p: p.read_bytes() for p in place.iterdir()}
+    assert_users_mistake(run(*arguments), says)
+    assert {p: p.read_bytes() for p in place.iterdir()} == before
+
+
+SEPARATE = [
+    ("--criterion", "A"), ("--test-poses", "t.csv"), ("--steps", "2"), ("--levels", "q1=2"), ("--fixed", "q1=0"),
+    ("--no-refine",), ("--cluster", "tcp://host:1"), ("--plot", "x.png"),
+]  # fmt: skip
+
+
+@pytest.mark.parametrize("option", SEPARATE, ids=lambda o: o[0])
+def test_options_that_deciding_poses_do_not_follow_are_refused(
+    run: Run, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, option: tuple[str, ...]
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    done = run("plan", "planar2r", "--poses", "3", "--separate", "verdict.json", "-o", "x.csv", *option)
+    assert_users_mistake(done, f"{option[0]} has no effect with --separate")
+
+
+@pytest.mark.parametrize(
+    "option", [("--robust",), ("--physical",), ("--held-out", "0.3"), ("--reconstruct", "r")]
+)
+def test_options_for_deflections_are_refused_for_absolute_positions(
+    run: Run, place: Path, option: tuple[str, ...]
+) -> None:
+    (place / "truth.toml").write_text(TRUTH + '[measure]\nkind = "absolute"\n')
+    assert run("simulate", "truth.toml", "--poses", "poses.csv", "-o", "positions.csv").code == 0
+    done = run("identify", "planar2r", "positions.csv", "-o", "m.toml", *option)
+    assert_users_mistake(done, option[0], "absolute positions: leave it out")
+    assert not (place / "m.toml").exists()
+
+
+def test_a_missing_joint_column_is_said_as_simulate_says_it(run: Run, place: Path) -> None:
+    rows = list(csv.reader(io.StringIO((place / "data.csv").read_text())))
+    short = [
+        [cell for header, cell in zip(rows[0], row, strict=True) if not header.startswith("q2")]
+        for row in rows
+    ]
+    (place / "short.csv").write_text("".join(",".join(row) + "\n" for row in short))
+    for arguments in (("identify", "-o", "m.toml"), ("diagnose", "-o", "out")):
+        done = run(arguments[0], "planar2r", "short.csv", *arguments[1:])
+        assert_users_mistake(done, "short.csv: line 2: 1 joint columns, robot planar2r has 2 joints")
+
+
+def test_mistakes_in_tables_name_file_and_line(run: Run, place: Path) -> None:
+    (place / "bare.csv").write_text("pose,q1[deg],q2[deg]\na,0,10\n")
+    done = run("simulate", "truth.toml", "--poses", "bare.csv", "-o", "x.csv")
+    assert_users_mistake(done, "bare.csv: line 2: every wrench is zero")
+    (place / "other.csv").write_text("q1[deg],q2[deg],q3[deg],fx[N]\n0,10,0,5\n")
+    done = run("plan", "planar2r", "--poses", "9", "--test-poses", "other.csv", "-o", "x.csv")
+    assert_users_mistake(done, "other.csv: line 2: 3 joint columns")
+    text = (place / "data.csv").read_text().splitlines()
+    marked = [f"{line},{'point' if k == 0 else 'zz'}" for k, line in enumerate(text)]
+    (place / "marked.csv").write_text("\n".join(marked) + "\n")
+    done = run("identify", "planar2r", "marked.csv", "-o", "m.toml")
+    assert_users_mistake(done, "marked.csv: line 2: robot planar2r has no marker 'zz'")
+
+
+def test_text_of_users_is_no_markup(run: Run, place: Path) -> None:
+    (place / "robot.toml").write_text(OBLIQUE.replace('"oblique"', '"oblique"\ntitle = "KR [/b] 270 :x:"'))
+    assert "KR [/b] 270 :x:" in run("inspect", "robot.toml").out
+    assert run(*IDENTIFY).code == 0
+    (place / "way.csv").write_text(POSES.replace("a0", "[/x]"))
+    done = run("compensate", "m.toml", "way.csv", "-o", "d[bold]y.csv")
+    assert (done.code, "wrote d[bold]y.csv" in done.out) == (0, True)
+    copied = (place / "data.csv").read_text().splitlines()
+    (place / "twice.csv").write_text("\n".join([*copied, copied[1].replace("a0", "[/x]")]) + "\n")
+    done = run("identify", "planar2r", "twice.csv", "--start", "joints", "-o", "m.toml")
+    assert (done.code, "[/x] = a0" in done.out) == (0, True)
+
+
+@pytest.mark.parametrize("command", [("robots",), ("inspect", "planar2r")])
+def test_characters_that_an_encoding_lacks_stop_no_command(command: tuple[str, ...]) -> None:
+    environment = {**os.environ, "PYTHONIOENCODING": "cp1252"}
+    for extra in ((), ("--json", "-")):
+        done = subprocess.run(
+            [sys.executable, "-m", "symstiff", *command, *extra],
+            capture_output=True,
+            env=environment,
+            check=False,
+        )
+        assert done.returncode == 0, done.stderr
+    assert json.loads(done.stdout)  # the last one: whole in any encoding
+
+
+@pytest.mark.parametrize(("number", "code"), [(signal.SIGINT, 130), (signal.SIGTERM, 143)])
+def test_a_stopped_command_leaves_nothing_behind(tmp_path: Path, number: signal.Signals, code: int) -> None:
+    program = (
+        "import sys, time\nfrom symstiff.cli import main\nimport symstiff.codegen.generate as g\n"
+        "def slow(*_):\n    print('now', flush=True)\n    time.sleep(60)\n"
+        "g.write_tree = slow\nsys.argv = ['symstiff', 'generate', 'planar2r', '-o', 'out']\nmain()\n"
+    )
+    job = subprocess.Popen(
+        [sys.executable, "-c", program],
+        cwd=tmp_path,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+    )
+    assert job.stdout is not None
+    while "now" not in (line := job.stdout.readline()):
+        assert line or job.poll() is None
+    time.sleep(0.05)
+    job.send_signal(number)
+    _, err = job.communicate(timeout=30)
+    assert job.returncode == code
+    assert err.strip() == ("symstiff: interrupted" if number == signal.SIGINT else "")
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_targets_and_simulate_have_json(run: Run, place: Path) -> None:
+    assert {t["target"] for t in json.loads(run("targets", "--json", "-").out)} >= {"c", "casadi"}
+    found = run("simulate", "truth.toml", "--poses", "poses.csv", "-o", "x.csv", "--json", "-")
+    record = json.loads(found.out)
+    assert (record["robot"], record["kind"], record["rows"], record["components"]) == (
+        "planar2r", "deflection", 6, ["x", "y", "z"],
+    )  # fmt: skip
