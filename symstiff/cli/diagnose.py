@@ -34,7 +34,7 @@ class DiagnoseRequest:
 
 def run_diagnose(request: DiagnoseRequest) -> None:
     """Read, diagnose, grow, write the folder, say the verdict."""
-    from symstiff.calibration.table import check_robot, read_measurements
+    from symstiff.calibration.table import read_measurements
     from symstiff.discrepancy.workflow import Task, run
     from symstiff.report.folder import write_folder
 
@@ -50,7 +50,6 @@ def run_diagnose(request: DiagnoseRequest) -> None:
     with stages(out) as progress:
         progress("reading the tables")
         table = read_measurements(request.data)
-        warned = check_robot(table, robot)
         task = Task(
             robot, table, request.start, request.loads, request.measure, request.max_effects,
             request.max_poses, request.seed,
@@ -58,8 +57,6 @@ def run_diagnose(request: DiagnoseRequest) -> None:
         finding = run(task, progress)
         written = write_folder(finding, request.output, progress)
     _print(out, finding)
-    for warning in warned:
-        note(out, warning)
     out.print(f"code: {written.code}")
     out.print(f"wrote {request.output}: report.html, verdict.json, model.toml", end="")
     out.print((", code" if written.verdict["code"]["folder"] else "") + _more(written.verdict))
