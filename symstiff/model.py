@@ -20,6 +20,7 @@ from symstiff.errors import UserError
 from symstiff.files import write_file
 from symstiff.reduction.aggregation import joint_direction
 from symstiff.reduction.physical import Parameter, terms_of
+from symstiff.robot.frozen import FrozenDict
 from symstiff.robot.loading import from_table
 from symstiff.robot.schema import Robot
 from symstiff.robot.table import to_table
@@ -45,7 +46,7 @@ class StiffnessModel:
     """A stiffness model: Δt = Σ_v J_v·Δθ_v over the terms of its compliances and effects.
 
     compliances: the identifiable parameters π″; effects: what was added to them; values, deviations: by parameter name,
-    SI units (a missing value is zero).
+    SI units, read-only (a missing value is zero).
     """
 
     robot: Robot
@@ -55,6 +56,10 @@ class StiffnessModel:
     effects: tuple[EffectInstance, ...] = ()
     values: Mapping[str, float] = field(default_factory=dict)
     deviations: Mapping[str, float] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        for name in ("values", "deviations"):
+            object.__setattr__(self, name, FrozenDict(getattr(self, name)))
 
     @classmethod
     def of(cls, reduction: Reduction, values: Mapping[str, float] | None = None) -> StiffnessModel:
@@ -156,7 +161,7 @@ class StiffnessModel:
         return np.array([float(source.get(n, 0.0)) for n in self.parameters])
 
     def _known(self, values: Mapping[str, float]) -> Mapping[str, float]:
-        """The values as they are. Raises UserError for a name that is no parameter, nor a compliance that one replaced."""
+        """The values as they are. Raises UserError for a name that is no parameter, nor a compliance one replaced."""
         unknown = sorted(set(values).difference(self.parameters, (p.name for p in self.compliances)))
         if unknown:
             close = get_close_matches(str(unknown[0])[:40], self.parameters, 1, 0.0)
@@ -272,7 +277,9 @@ class StiffnessModel:
         return f"StiffnessModel({self.robot.name}{effects}: {len(self.parameters)} parameters)"
 
     def _repr_latex_(self) -> str:
-        return latex(self.terms)
+        from symstiff.symbolic.reading import laws_latex
+
+        return laws_latex(self.terms)
 
     def _repr_html_(self) -> str:
         meanings = {p.name: p.meaning for p in self.compliances}
@@ -328,20 +335,6 @@ def _context(program: Program, context: Context | None, n: int) -> dict[str, np.
                     )
             return {"context": np.stack([np.broadcast_to(column, n) for column in columns], -1)}
     return {}
-
-
-def latex(terms: Sequence[Term]) -> str:
-    """The laws Δθ_v = Σ π·g of a model, one line a virtual joint."""
-    import sympy as sp
-
-    lines: dict[str, Any] = {}
-    for term in terms:
-        law = sp.Symbol(term.parameter) * term.factor
-        lines[term.at.name] = lines.get(term.at.name, 0) + law
-    rows = [
-        rf"\Delta\theta_{{\mathrm{{{n.replace('_', ',')}}}}} &= {sp.latex(law)}" for n, law in lines.items()
-    ]
-    return r"$$\begin{aligned}" + r"\\".join(rows) + r"\end{aligned}$$"
 
 
 def known_values(robot: Robot, parameters: Sequence[Parameter]) -> dict[str, float]:
