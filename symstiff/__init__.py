@@ -1,4 +1,17 @@
-"""Complete stiffness models of serial robots: derived, reduced, identified, emitted."""
+"""Complete stiffness models of serial robots: derived, reduced, identified, emitted.
+
+    from symstiff import StiffnessModel, generate, load, reduce
+
+    robot = load("kuka_kr270")
+    reduction = reduce(robot, loads="gravity", measure="pose")
+    model = StiffnessModel.of(reduction)
+    dt = model.deflection(q=[[0.0, -1.2, 1.4, 0.0, 0.6, 0.0]], w=[[0, 0, -2500, 0, 0, 0]])
+    generate(model, "kr270")
+
+With measurements: ``read_table``, then ``identify``, or ``diagnose(Task(robot, table))`` and ``write_report``. Without
+a robot: ``plan`` poses for a model, and ``simulate`` the truth that ``load_truth`` reads at the poses that
+``read_poses`` reads. Mistakes in files and arguments raise ``UserError``, a ValueError of one line.
+"""
 
 from __future__ import annotations
 
@@ -6,40 +19,90 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from symstiff.calibration.identify import identify as identify
-    from symstiff.codegen.generate import generate as generate
-    from symstiff.compensation import compensate as compensate
-    from symstiff.model import StiffnessModel as StiffnessModel
-    from symstiff.model import load_model as load_model
-    from symstiff.reduction import reduce as reduce
-    from symstiff.robot import library as library
-    from symstiff.robot import load as load
-    from symstiff.symbolic.chain import ElasticChain as ElasticChain
-    from symstiff.symbolic.reading import observation_matrix as observation_matrix
-    from symstiff.symbolic.reading import virtual_jacobian as virtual_jacobian
+    from symstiff.calibration.identify import identify
+    from symstiff.calibration.plan import Goal, Load
+    from symstiff.calibration.plan import plan_for as plan
+    from symstiff.calibration.simulation import load_truth, simulate
+    from symstiff.calibration.table import read_measurements as read_table
+    from symstiff.calibration.table import read_poses, write_table
+    from symstiff.codegen.generate import generate
+    from symstiff.compensation import compensate
+    from symstiff.discrepancy.workflow import Task
+    from symstiff.discrepancy.workflow import run as diagnose
+    from symstiff.errors import UserError
+    from symstiff.model import StiffnessModel, load_model
+    from symstiff.reduction import reduce
+    from symstiff.report.folder import write_folder as write_report
+    from symstiff.robot import library, load
+    from symstiff.symbolic.chain import ElasticChain
+    from symstiff.symbolic.reading import observation_matrix, virtual_jacobian
 
 __version__ = "0.1.0"
+
+__all__ = [
+    "ElasticChain",
+    "Goal",
+    "Load",
+    "StiffnessModel",
+    "Task",
+    "UserError",
+    "compensate",
+    "diagnose",
+    "generate",
+    "identify",
+    "library",
+    "load",
+    "load_model",
+    "load_truth",
+    "observation_matrix",
+    "plan",
+    "read_poses",
+    "read_table",
+    "reduce",
+    "simulate",
+    "virtual_jacobian",
+    "write_report",
+    "write_table",
+]
 
 # Resolved when first asked for: `import symstiff` and `symstiff --help` load no SymPy, CasADi or pandas.
 _HOME = {
     "ElasticChain": "symstiff.symbolic.chain",
+    "Goal": "symstiff.calibration.plan",
+    "Load": "symstiff.calibration.plan",
     "StiffnessModel": "symstiff.model",
+    "Task": "symstiff.discrepancy.workflow",
+    "UserError": "symstiff.errors",
     "compensate": "symstiff.compensation",
+    "diagnose": "symstiff.discrepancy.workflow",
     "generate": "symstiff.codegen.generate",
     "identify": "symstiff.calibration.identify",
     "library": "symstiff.robot",
     "load": "symstiff.robot",
     "load_model": "symstiff.model",
+    "load_truth": "symstiff.calibration.simulation",
     "observation_matrix": "symstiff.symbolic.reading",
+    "plan": "symstiff.calibration.plan",
+    "read_poses": "symstiff.calibration.table",
+    "read_table": "symstiff.calibration.table",
     "reduce": "symstiff.reduction",
+    "simulate": "symstiff.calibration.simulation",
     "virtual_jacobian": "symstiff.symbolic.reading",
+    "write_report": "symstiff.report.folder",
+    "write_table": "symstiff.calibration.table",
+}
+_NAME_AT_HOME = {
+    "diagnose": "run",
+    "plan": "plan_for",
+    "read_table": "read_measurements",
+    "write_report": "write_folder",
 }
 
 
 def __getattr__(name: str) -> Any:
     if name not in _HOME:
         raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
-    return getattr(import_module(_HOME[name]), name)
+    return getattr(import_module(_HOME[name]), _NAME_AT_HOME.get(name, name))
 
 
 def __dir__() -> list[str]:

@@ -4,13 +4,15 @@ from __future__ import annotations
 
 import hashlib
 import json
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
+from difflib import get_close_matches
 from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+import numpy.typing as npt
 
 from symstiff.display import html_table
 from symstiff.effects.base import EffectInstance, EffectParameter, Realisation
@@ -18,6 +20,7 @@ from symstiff.errors import UserError
 from symstiff.files import write_file
 from symstiff.reduction.complete import known_values
 from symstiff.reduction.physical import Parameter, terms_of
+from symstiff.robot.frozen import FrozenDict
 from symstiff.robot.loading import from_table
 from symstiff.robot.schema import Robot
 from symstiff.robot.table import to_table
@@ -31,7 +34,7 @@ if TYPE_CHECKING:
     from symstiff.codegen.runtime import Evaluator
     from symstiff.reduction.reduce import Reduction
 
-Context = Mapping[str, np.ndarray]
+Context = Mapping[str, npt.ArrayLike]
 _WITHOUT_VALUES = {
     "realisations", "units", "terms", "linear_parameters", "steps", "deflection_program", "observation_program",
     "linear_program", "compliance_program", "structure_hash",
@@ -43,7 +46,7 @@ class StiffnessModel:
     """A stiffness model: Δt = Σ_v J_v·Δθ_v over the terms of its compliances and effects.
 
     compliances: the identifiable parameters π″; effects: what was added to them; values, deviations: by parameter name,
-    SI units (a missing value is zero).
+    SI units, read-only (a missing value is zero).
     """
 
     robot: Robot
@@ -54,13 +57,18 @@ class StiffnessModel:
     values: Mapping[str, float] = field(default_factory=dict)
     deviations: Mapping[str, float] = field(default_factory=dict)
 
+    def __post_init__(self) -> None:
+        for name in ("values", "deviations"):
+            object.__setattr__(self, name, FrozenDict(getattr(self, name)))
+
     @classmethod
     def of(cls, reduction: Reduction, values: Mapping[str, float] | None = None) -> StiffnessModel:
         """The model that a reduction leaves; values default to those the robot file knows."""
         if values is None:
             values = known_values(reduction)
         experiment = reduction.experiment
-        return cls(reduction.robot, reduction.kept, experiment.loads, experiment.measure, (), dict(values))
+        model = cls(reduction.robot, reduction.kept, experiment.loads, experiment.measure)
+        return model.with_values(values)
 
     @property
     def chain(self) -> ElasticChain:
@@ -148,44 +156,70 @@ class StiffnessModel:
         return compliance_program(self.chain, self.terms, self.parameters)
 
     def vector(self, values: Mapping[str, float] | None = None) -> np.ndarray:
-        """Parameter values in order (missing ones zero)."""
-        source = self.values if values is None else values
+        """Parameter values in order (missing ones zero). Raises UserError for a name that the model does not have."""
+        source = self.values if values is None else self._known(values)
         return np.array([float(source.get(n, 0.0)) for n in self.parameters])
+
+    def _known(self, values: Mapping[str, float]) -> Mapping[str, float]:
+        """The values as they are. Raises UserError for a name that is no parameter, nor a compliance one replaced."""
+        unknown = sorted(set(values).difference(self.parameters, (p.name for p in self.compliances)))
+        if unknown:
+            close = get_close_matches(str(unknown[0])[:40], self.parameters, 1, 0.0)
+            hint = f": did you mean {close[0]!r}?" if close else ""
+            raise UserError(f"{self.robot.name}: the model has no parameter {str(unknown[0])[:40]!r}{hint}")
+        return values
 
     def deflection(
         self,
-        q: np.ndarray,
-        w: np.ndarray,
+        q: npt.ArrayLike,
+        w: npt.ArrayLike,
         values: Mapping[str, float] | None = None,
         context: Context | None = None,
     ) -> np.ndarray:
-        """Deflection of the tool centre point (N, 6) [m, rad] for q (N, n), W (N, 6)."""
-        return self._deflection(q, w, self.vector(values), context)
+        """Deflection of the tool centre point (N, 6) [m, rad] for q (N, n), W (N, 6); one row stands for all.
+
+        Raises UserError for other shapes, unknown names in ``values`` and a missing column of ``context``.
+        """
+        return self._deflection(*self._poses(q, w), self.vector(values), context)
 
     def _deflection(self, q: np.ndarray, w: np.ndarray, p: np.ndarray, context: Context | None) -> np.ndarray:
-        extra = _context(self.deflection_program, context)
+        extra = _context(self.deflection_program, context, len(q))
         return evaluate_numpy(self.deflection_program, p=p, q=q, w=w, **extra)["dt"]
 
     def observation(
         self,
-        q: np.ndarray,
-        w: np.ndarray,
+        q: npt.ArrayLike,
+        w: npt.ArrayLike,
         context: Context | None = None,
         values: Mapping[str, float] | None = None,
     ) -> np.ndarray:
-        """∂Δt/∂π (N, 6, P) in the order of ``parameters``, at ``values`` where the model is not linear in them."""
+        """∂Δt/∂π (N, 6, P) in the order of ``parameters``, at ``values`` where the model is not linear in them.
+
+        Raises UserError as ``deflection`` does.
+        """
+        q, w = self._poses(q, w)
+        p = self.vector(values)
         if self.is_linear:
             program = self.linear_program
-            return evaluate_numpy(program, q=q, w=w, **_context(program, context))["A"]
-        n = max(len(np.atleast_2d(q)), len(np.atleast_2d(w)))
-        matrix = np.empty((n, 6, len(self.parameters)))
-        p = self.vector(values)
+            return evaluate_numpy(program, q=q, w=w, **_context(program, context, len(q)))["A"]
+        matrix = np.empty((len(q), 6, len(self.parameters)))
         for k, name in enumerate(self.parameters):  # bilinear: a central difference is exact but for rounding
             step = np.zeros(len(p))
             step[k] = self.steps[name]
             ahead, behind = (self._deflection(q, w, p + s * step, context) for s in (1, -1))
             matrix[:, :, k] = (ahead - behind) / (2 * step[k])
         return matrix
+
+    def _poses(self, q: npt.ArrayLike, w: npt.ArrayLike) -> tuple[np.ndarray, np.ndarray]:
+        """q (N, n) and W (N, 6) with as many rows. Raises UserError with the expected and the found shape."""
+        joints, wrenches = _rows("q", q, self.robot.dof), _rows("w", w, 6)
+        counts = {len(joints), len(wrenches)}
+        if len(counts - {1}) > 1:
+            raise UserError(
+                f"q and w: expected as many rows, or one, found {len(joints)} in q and {len(wrenches)} in w"
+            )
+        n = min(counts) if 0 in counts else max(counts)
+        return np.broadcast_to(joints, (n, joints.shape[1])), np.broadcast_to(wrenches, (n, 6))
 
     def compile(self, threads: int = 1) -> Evaluator:
         """Compiled ``deflection`` and ``observation`` on arrays; NumPy's, with a warning, where no compiler is."""
@@ -196,8 +230,9 @@ class StiffnessModel:
     def with_values(
         self, values: Mapping[str, float], deviations: Mapping[str, float] | None = None
     ) -> StiffnessModel:
-        """The same model with other values."""
-        other = replace(self, values=dict(values), deviations=dict(deviations or {}))
+        """The same model with other values. Raises UserError for a name that the model does not have."""
+        known, spread = dict(self._known(values)), dict(self._known(deviations or {}))
+        other = replace(self, values=known, deviations=spread)
         derived = {n: x for n, x in self.__dict__.items() if n in _WITHOUT_VALUES}
         other.__dict__.update(derived)  # nothing is derived twice
         return other
@@ -223,7 +258,7 @@ class StiffnessModel:
             "measure": self.measure,
             "parameters": [p.name for p in self.compliances],
             "values": {n: float(self.values.get(n, 0.0)) for n in self.parameters},
-            "deviations": {n: float(v) for n, v in self.deviations.items()},
+            "deviations": {n: float(self.deviations[n]) for n in self.parameters if n in self.deviations},
             "effect": [
                 {"effect": e.effect, "where": dict(e.where), "shape": dict(e.shape)} for e in self.effects
             ],
@@ -242,7 +277,9 @@ class StiffnessModel:
         return f"StiffnessModel({self.robot.name}{effects}: {len(self.parameters)} parameters)"
 
     def _repr_latex_(self) -> str:
-        return latex(self.terms)
+        from symstiff.symbolic.reading import laws_latex
+
+        return laws_latex(self.terms)
 
     def _repr_html_(self) -> str:
         meanings = {p.name: p.meaning for p in self.compliances}
@@ -270,29 +307,34 @@ def _bilinear(term: Term) -> bool:
     return any(s.name.startswith("dt_") for s in term.factor.free_symbols)
 
 
-def _context(program: Program, context: Context | None) -> dict[str, np.ndarray]:
+def _rows(name: str, given: npt.ArrayLike, width: int) -> np.ndarray:
+    """An array (N, width); one row may come without its outer brackets. Raises UserError."""
+    try:
+        array = np.atleast_2d(np.asarray(given, dtype=float))
+    except (TypeError, ValueError) as error:
+        raise UserError(f"{name}: expected numbers of shape (N, {width}): {error}") from error
+    if array.ndim != 2 or array.shape[1] != width:
+        raise UserError(f"{name}: expected an array of shape (N, {width}), found {np.shape(given)}")
+    return array
+
+
+def _context(program: Program, context: Context | None, n: int) -> dict[str, np.ndarray]:
+    """The columns of ``context`` that a program needs, for n poses. Raises UserError."""
     for vector in program.inputs:
         if vector.name == "context":
-            missing = [s.name for s in vector.symbols if context is None or s.name not in context]
+            given = context or {}
+            names = [s.name for s in vector.symbols]
+            missing = [name for name in names if name not in given]
             if missing:
                 raise UserError(f"the model needs the column {missing[0]}: add it to the table")
-            assert context is not None
-            return {"context": np.stack([np.asarray(context[s.name], float) for s in vector.symbols], -1)}
+            columns = [np.asarray(given[name], float) for name in names]
+            for name, column in zip(names, columns, strict=True):
+                if column.shape not in ((), (1,), (n,)):
+                    raise UserError(
+                        f"context: {name}: expected an array of shape ({n},), found {column.shape}"
+                    )
+            return {"context": np.stack([np.broadcast_to(column, n) for column in columns], -1)}
     return {}
-
-
-def latex(terms: Sequence[Term]) -> str:
-    """The laws Δθ_v = Σ π·g of a model, one line a virtual joint."""
-    import sympy as sp
-
-    lines: dict[str, Any] = {}
-    for term in terms:
-        law = sp.Symbol(term.parameter) * term.factor
-        lines[term.at.name] = lines.get(term.at.name, 0) + law
-    rows = [
-        rf"\Delta\theta_{{\mathrm{{{n.replace('_', ',')}}}}} &= {sp.latex(law)}" for n, law in lines.items()
-    ]
-    return r"$$\begin{aligned}" + r"\\".join(rows) + r"\end{aligned}$$"
 
 
 def joints_only(

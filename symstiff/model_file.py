@@ -23,7 +23,7 @@ def _deviation(value: float) -> float:
 
 
 Deviation = Annotated[Number, AfterValidator(_deviation)]
-Place = StrictInt | StrictStr | list[StrictInt]
+Place = StrictInt | StrictStr | list[StrictInt] | list[StrictStr]
 
 
 class _Strict(BaseModel):

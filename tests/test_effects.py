@@ -21,11 +21,12 @@ from symstiff.effects import EffectInstance, catalogue
 from symstiff.effects.base import Effect, Scales
 from symstiff.effects.common import weight_load
 from symstiff.errors import UserError
-from symstiff.model import StiffnessModel, joints_only, latex, load_model
+from symstiff.model import StiffnessModel, joints_only, load_model
 from symstiff.reduction.reduce import reduce
 from symstiff.robot import load
 from symstiff.symbolic.algebras import NumpyAlgebra
 from symstiff.symbolic.program import walk
+from symstiff.symbolic.reading import laws_latex
 from symstiff.symbolic.terms import q
 
 ALL = {
@@ -161,7 +162,7 @@ def test_latex_of_a_model_shows_every_term_that_an_effect_adds() -> None:
             continue
         seen.add(instance.effect)
         realised = instance.realise(robot)
-        text = latex(realised.terms)
+        text = laws_latex(realised.terms)
         assert text.startswith("$$")
         for term in realised.terms:
             assert sp.latex(sp.Symbol(term.parameter)) in text

@@ -17,7 +17,7 @@ from definition import jacobians, places, samples
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from symstiff.effects.base import EffectInstance
+from symstiff.effects.base import EffectInstance, Scales, catalogue, find
 from symstiff.errors import UserError
 from symstiff.model import StiffnessModel, joints_only, load_model
 from symstiff.reduction import reduce
@@ -69,6 +69,35 @@ def test_a_model_with_effects_survives_the_file_and_predicts_the_same(tmp_path: 
     assert again.parameters == model.parameters
     q, w = samples(model.robot, 5, 1)
     np.testing.assert_array_equal(again.deflection(q, w), model.deflection(q, w))
+
+
+@pytest.mark.parametrize("identifier", catalogue())
+def test_a_model_with_any_effect_reads_back_the_same(identifier: str, tmp_path: Path) -> None:
+    robot = load("kuka_kr270")
+    effect = find(identifier)
+    place = {**(effect.places(robot) or ({"rows": ["p4", "a pose"]},))[0]}
+    lists = {k: list(v) if isinstance(v, list | tuple) else v for k, v in place.items()}
+    for shape in effect.shapes(robot, place, Scales(context={"time": 60.0}))[:1]:
+        model = joints_only(robot, "gravity").with_effect(EffectInstance(identifier, lists, dict(shape)))
+        model = model.with_values(
+            dict.fromkeys(model.parameters, 1e-7), dict.fromkeys(model.parameters, 1e-9)
+        )
+        model.save(tmp_path / "model.toml")
+        again = load_model(tmp_path / "model.toml")
+        assert again == model
+        assert again.parameters == model.parameters
+
+
+def test_a_deviation_of_a_compliance_that_an_effect_replaced_does_not_spoil_the_file(tmp_path: Path) -> None:
+    model = joints_only(KR270, "gravity")
+    model = model.with_values(model.values, dict.fromkeys(model.parameters, 1e-9))
+    angles = EffectInstance("gravity_compensator", {"joint": 2}, {"angle_1": -1.0, "angle_2": 0.0})
+    grown = model.with_effect(angles)
+    assert "c2" not in grown.parameters
+    grown.save(tmp_path / "model.toml")
+    assert load_model(tmp_path / "model.toml").deviations == {
+        n: 1e-9 for n in grown.parameters if n[0] == "c"
+    }
 
 
 def test_observation_times_values_is_the_deflection_and_any_number_of_poses_will_do() -> None:

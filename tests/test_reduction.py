@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from fractions import Fraction
 from itertools import pairwise
 from typing import Any
@@ -18,6 +19,7 @@ from symstiff.errors import UserError
 from symstiff.reduction import reduce
 from symstiff.reduction.closed_form import closed_form
 from symstiff.reduction.physical import Stage, physical_stages, terms_of
+from symstiff.reduction.reading import combination
 from symstiff.reduction.template import beam_compliance, beam_pattern, pattern
 from symstiff.robot import Robot, from_table, library, load
 from symstiff.robot.table import to_table
@@ -347,3 +349,33 @@ def test_a_constant_can_be_given_only_to_what_was_eliminated() -> None:
         REDUCTION.full_values(known, {"k0_35": 1.0})
     with pytest.raises(UserError, match="no parameter 'k7_11'"):
         REDUCTION.reduced_values({"k7_11": 1.0})
+
+
+def test_couplings_are_printed_in_one_notation_and_mean_what_was_found() -> None:
+    found = closed_form(reduce(KR270, "gravity", "pose"))
+    assert combination(found["k1_26"]) == "(k0_44 + k0_55 − k1_66 − k1_44)/a_1 − a_1·k0_33"
+    t, d = sp.symbols("t_x d_6")
+    made_up = {
+        "c6": t**-2,
+        "k3_44": -t / (d * (d + t)),
+        "k4_55": sp.Rational(-5, 3),
+        "k5_66": 1,
+        "k5_55": (t - d) * t,
+    }
+    assert (
+        combination(made_up)
+        == "c6/t_x² − t_x·k3_44/(d_6·(d_6 + t_x)) − 5·k4_55/3 + k5_66 + t_x·(−d_6 + t_x)·k5_55"
+    )
+    raised = str.maketrans("⁰¹²³⁴⁵⁶⁷⁸⁹", "0123456789")
+    for row in (
+        made_up,
+        *found.values(),
+        *closed_form(reduce(load("planar2r"), "force", "position")).values(),
+    ):
+        text = combination(row)
+        assert not set(text) & set("*^-")
+        plain = re.sub("[⁰¹²³⁴-⁹]+", lambda power: f"**{power[0].translate(raised)}", text)
+        powers = plain.replace("−", "-").replace("·", "*")
+        wanted = sp.Add(*[sp.sympify(c) * sp.Symbol(k) for k, c in row.items()])
+        same = {str(s): s for s in wanted.free_symbols}
+        assert sp.simplify(sp.sympify(powers, locals=same) - wanted) == 0

@@ -2,7 +2,11 @@
 
 from __future__ import annotations
 
+import copy
+import json
 import math
+import pickle
+from collections.abc import Callable
 from fractions import Fraction
 from typing import Any
 
@@ -12,7 +16,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from symstiff.errors import UserError
+from symstiff.model import StiffnessModel
+from symstiff.reduction import reduce
 from symstiff.robot import Exact, Robot, elementary_chain, from_table, library, load, parse_exact
+from symstiff.robot.table import to_table
 
 # --- frames, written here from the definitions, with nothing of the package -------------------------------
 
@@ -277,3 +284,57 @@ def test_a_number_that_no_computer_number_can_hold_is_refused(value: Any) -> Non
 def test_arithmetic_that_leaves_the_exact_numbers_is_refused(value: str) -> None:
     with pytest.raises(UserError, match=r"multiple of pi|multiples of pi|division by zero"):
         parse_exact(value)
+
+
+@pytest.mark.parametrize(
+    "change",
+    [
+        lambda d: d.__setitem__("11", 1.0),
+        lambda d: d.__delitem__("66"),
+        lambda d: d.update({"11": 1.0}),
+        lambda d: d.setdefault("11", 1.0),
+        lambda d: d.pop("66"),
+        lambda d: d.popitem(),
+        lambda d: d.clear(),
+        lambda d: d.__ior__({"11": 1.0}),
+    ],
+)
+def test_the_values_of_a_robot_and_of_a_model_are_read_only(change: Callable[[Any], Any]) -> None:
+    table = to_table(load("planar2r"))
+    table["joint"][0]["link"] = {"compliance": {"66": 1e-7}}
+    robot = from_table(table)
+    model = StiffnessModel.of(reduce(load("planar2r"), "gravity"))
+    for shared in (
+        robot.joint[0].link.compliance,
+        load("planar2r").base.link.compliance,
+        model.values,
+        model.deviations,
+    ):
+        before = dict(shared)
+        with pytest.raises(TypeError, match="read-only"):
+            change(shared)
+        assert shared == before
+
+
+def test_read_only_values_equal_copy_pickle_and_serialise_as_others() -> None:
+    table = to_table(load("planar2r"))
+    table["joint"][0]["link"] = {"compliance": {"66": 1e-7}}
+    robot = from_table(table)
+    for same in (
+        copy.copy(robot),
+        copy.deepcopy(robot),
+        pickle.loads(pickle.dumps(robot)),
+        robot.model_copy(deep=True),
+    ):
+        assert same == robot
+        assert same.joint[0].link.compliance == {"66": 1e-7}
+        with pytest.raises(TypeError):
+            same.joint[0].link.compliance["66"] = 1.0
+    assert type(robot.model_dump()["joint"][0]["link"]["compliance"]) is dict
+    assert from_table(to_table(robot)) == robot
+    model = StiffnessModel.of(reduce(load("planar2r"), "gravity")).with_values(
+        {"k1_55": 2e-7}, {"k1_55": 1e-9}
+    )
+    for other in (copy.deepcopy(model), pickle.loads(pickle.dumps(model))):
+        assert other == model
+    assert json.loads(json.dumps(model.values)) == {"k1_55": 2e-7}

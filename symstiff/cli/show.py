@@ -147,14 +147,9 @@ def _print_couplings(out: Console, couplings: dict[str, dict[str, Any]]) -> None
 
 
 def _combination(row: dict[str, Any]) -> str:
-    text = ""
-    for kept, coefficient in row.items():
-        c = str(coefficient).replace("**", "^").replace("*", "·")
-        negative = c.startswith("-") and not any(s in c[1:] for s in "+-")
-        sign = " − " if negative else " + "
-        c = c.removeprefix("-") if negative else (f"({c})" if any(s in c[1:] for s in "+-") else c)
-        text += sign + (kept if c == "1" else f"{c}·{kept}")
-    return text.removeprefix(" + ").strip()
+    from symstiff.reduction.reading import combination
+
+    return combination(row)
 
 
 def show_targets(json: str | None) -> None:

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+import re
+from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
 from symstiff.display import html_table, shortened
@@ -62,6 +63,48 @@ def stage_html(stage: Stage) -> str:
         ("body", "parameters", "which"), kept, f"{stage.step}: {len(stage.parameters)} parameters"
     )
     return html + (html_table(("reason", "eliminated", "which"), gone) if gone else "")
+
+
+def combination(row: Mapping[str, Any]) -> str:
+    """Σ coefficient × kept as one line, equal coefficients together: ``(k0_44 − k1_44)/a_1 − a_1·k0_33``."""
+    import sympy as sp
+
+    groups: dict[Any, list[tuple[bool, str]]] = {}
+    for kept, coefficient in row.items():
+        c = sp.sympify(coefficient)
+        negative = c.could_extract_minus_sign()
+        groups.setdefault(-c if negative else c, []).append((negative, kept))
+    text = ""
+    for c, found in groups.items():
+        members = sorted(found, key=lambda member: member[0])  # those with a plus first
+        numerator, denominator = sp.fraction(c)
+        first = members[0][0]
+        what = _signed([(negative != first, name) for negative, name in members])
+        factors = [_factor(numerator, sp.Add)] if numerator != 1 else []
+        factors.append(f"({what})" if len(members) > 1 and (factors or denominator != 1) else what)
+        over = "" if denominator == 1 else f"/{_factor(denominator, sp.Add, sp.Mul)}"
+        part = "·".join(factors) + over
+        inner = len(members) > 1 and part == what  # a bare sum: its signs are those of the line
+        text += _signed(members, text != "") if inner else _signed([(first, part)], text != "")
+    return text
+
+
+def _signed(terms: Sequence[tuple[bool, str]], go_on: bool = False) -> str:
+    """Terms with their signs; the first one's too, spaced, where a line goes on."""
+    text = "".join(f" {'−' if negative else '+'} {term}" for negative, term in terms)
+    if go_on:
+        return text
+    return text.removeprefix(" + ") if text.startswith(" + ") else "−" + text.removeprefix(" − ")
+
+
+def _factor(expression: Any, *in_brackets: type) -> str:
+    """An expression as a factor: products with ·, powers raised, in brackets where it is of one of the kinds."""
+    text = str(expression).replace("**", "^").replace("*", "·").replace("-", "−")
+    text = re.sub(r"\^(\d+)", lambda power: power[1].translate(_RAISED), text)
+    return f"({text})" if isinstance(expression, in_brackets) else text
+
+
+_RAISED = str.maketrans("0123456789", "⁰¹²³⁴⁵⁶⁷⁸⁹")
 
 
 def couplings_latex(couplings: Mapping[str, Mapping[str, Any]]) -> str:

@@ -18,6 +18,7 @@ from pydantic import (
 
 from symstiff.errors import UserError
 from symstiff.robot.exact import Exact, parse_exact, shown
+from symstiff.robot.frozen import FrozenDict
 
 MAX_JOINTS = 64
 _MAX_ROWS = 100  # markers, templates
@@ -133,7 +134,9 @@ class Link(_Frozen):
     template: str = "beam"
     mass: Mass = 0.0  # kg
     com: tuple[Metres, Metres, Metres] = (0.0, 0.0, 0.0)  # m, in DH frame i
-    compliance: dict[str, Entry] = {}  # known values by "11" … "66", SI units
+    compliance: Annotated[dict[str, Entry], AfterValidator(FrozenDict)] = (
+        FrozenDict()
+    )  # by "11" … "66", SI units
 
     @field_validator("compliance")
     @classmethod

@@ -130,7 +130,8 @@ def count(program: Program) -> dict[str, int]:
 def evaluate_numpy(program: Program, **inputs: Any) -> dict[str, np.ndarray]:
     """Outputs of shape (N, …) for inputs of shape (N, size), by name; N configurations at once."""
     arrays = {name: np.atleast_2d(np.asarray(value, dtype=float)) for name, value in inputs.items()}
-    n = max(a.shape[0] for a in arrays.values())
+    lengths = {len(a) for a in arrays.values()}
+    n = min(lengths) if 0 in lengths else max(lengths)
     flat = evaluate(program, {k: list(a.T) for k, a in arrays.items()}, NumpyAlgebra())
     result = {}
     for name, shape in program.outputs:

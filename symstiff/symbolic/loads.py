@@ -24,12 +24,6 @@ def turns(chain: ElasticChain, b: Builder) -> Turns:
     return Turns(tuple(b.cos_sin(chain.angle(i), f"_{i}") for i in range(1, chain.dof + 1)))
 
 
-def to_parent(chain: ElasticChain, b: Builder, t: Turns, i: int, v: Vec) -> Vec:
-    """Vector from axes of frame i to axes of frame i−1."""
-    c, s = t.pairs[i - 1]
-    return b.vector(turn_z(b.vector(turn_x(v, *chain.alpha(b, i))), c, s))
-
-
 def lever(chain: ElasticChain, b: Builder, t: Turns) -> Vec:
     """Frame 0's origin to the tool centre point, in the axes of frame 0; passed from the tip to the base."""
     r = chain.tool_offset()

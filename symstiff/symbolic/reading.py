@@ -67,6 +67,18 @@ def original_terms(chain: ElasticChain) -> tuple[Term, ...]:
     return tuple(terms)
 
 
+def laws_latex(terms: Sequence[Term]) -> str:
+    """The laws Δθ_v = Σ π·g of a model, one line a virtual joint."""
+    lines: dict[str, sp.Expr] = {}
+    for term in terms:
+        law = sp.Symbol(term.parameter) * term.factor
+        lines[term.at.name] = lines.get(term.at.name, 0) + law
+    rows = [
+        rf"\Delta\theta_{{\mathrm{{{n.replace('_', ',')}}}}} &= {sp.latex(law)}" for n, law in lines.items()
+    ]
+    return r"$$\begin{aligned}" + r"\\".join(rows) + r"\end{aligned}$$"
+
+
 def chain_html(chain: ElasticChain) -> str:
     """Which virtual joint gives which column of J_θ, counted from 0, and along which axes it gives way."""
     rows: list[tuple[str, str, str]] = []

@@ -1,0 +1,78 @@
+"""StiffnessModel evaluated on arrays and values: what is taken, and one line for what is not."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pytest
+
+from symstiff.effects.base import EffectInstance
+from symstiff.errors import UserError
+from symstiff.model import StiffnessModel
+from symstiff.reduction import reduce
+from symstiff.robot import load
+
+
+def small() -> StiffnessModel:
+    model = StiffnessModel.of(reduce(load("planar2r"), "wrench"))
+    return model.with_values({n: 1e-7 * (k + 1) for k, n in enumerate(model.parameters)})
+
+
+@pytest.mark.parametrize(
+    ("q", "w", "expected"),
+    [
+        ([[0.1]], [[0] * 6], "q: expected an array of shape (N, 2), found (1, 1)"),
+        ([0.1, 0.2, 0.3], [0] * 6, "q: expected an array of shape (N, 2), found (3,)"),
+        ([[0.1, 0.2]], [[0] * 5], "w: expected an array of shape (N, 6), found (1, 5)"),
+        ([[[0.1, 0.2]]], [[0] * 6], "q: expected an array of shape (N, 2), found (1, 1, 2)"),
+        ([[0.1, 0.2]] * 3, [[0] * 6] * 2, "found 3 in q and 2 in w"),
+        ([[0.1, 0.2], [0.1]], [[0] * 6], "q: expected numbers of shape (N, 2)"),
+        ([["a", "b"]], [[0] * 6], "q: expected numbers of shape (N, 2)"),
+        ([[0.1, 0.2]], None, "w: expected an array of shape (N, 6), found ()"),
+    ],
+)
+def test_arrays_of_another_shape_are_a_users_mistake(q: Any, w: Any, expected: str) -> None:
+    model = small()
+    for method in (model.deflection, model.observation):
+        with pytest.raises(UserError) as caught:
+            method(q, w)
+        assert expected in str(caught.value)
+
+
+def test_lists_and_single_rows_will_do_and_no_pose_is_no_mistake() -> None:
+    model = small()
+    one = model.deflection([0.1, 0.2], [1, 2, 3, 4, 5, 6])
+    assert one.shape == (1, 6)
+    np.testing.assert_array_equal(
+        model.deflection([[0.1, 0.2]] * 3, [1, 2, 3, 4, 5, 6]), np.tile(one, (3, 1))
+    )
+    assert model.observation([0.1, 0.2], [[1, 2, 3, 4, 5, 6]] * 2).shape == (2, 6, len(model.parameters))
+    assert model.deflection(np.empty((0, 2)), [0] * 6).shape == (0, 6)
+
+
+def test_a_column_of_another_length_than_the_poses_is_refused() -> None:
+    model = small().with_effect(EffectInstance("thermal_drift", {"link": 1}, {"time": 100.0}))
+    q, w = [[0.1, 0.2]] * 3, [0] * 6
+    assert model.deflection(q, w, context={"time": 5.0}).shape == (3, 6)
+    with pytest.raises(UserError, match=r"context: time: expected an array of shape \(3,\), found \(2,\)"):
+        model.deflection(q, w, context={"time": [1.0, 2.0]})
+    with pytest.raises(UserError, match="needs the column time"):
+        model.observation(q, w)
+
+
+def test_values_of_parameters_that_a_model_does_not_have_are_refused() -> None:
+    model = small()
+    q, w = [[0.1, 0.2]], [0] * 6
+    for spoilt in (
+        lambda: model.deflection(q, w, values={"k2_67": 1.0}),
+        lambda: model.observation(q, w, values={"k2_67": 1.0}),
+        lambda: model.with_values({"k2_67": 1.0}),
+        lambda: model.with_values({}, {"k2_67": 1.0}),
+        lambda: model.vector({"k2_67": 1.0}),
+        lambda: StiffnessModel.of(reduce(load("planar2r"), "wrench"), {"k2_67": 1.0}),
+    ):
+        with pytest.raises(
+            UserError, match="planar2r: the model has no parameter 'k2_67': did you mean 'k2_66'"
+        ):
+            spoilt()
