@@ -14,7 +14,15 @@ from symstiff.codegen.compact import compact
 from symstiff.codegen.functions import Functions
 from symstiff.codegen.names import CONTEXT_DEFAULTS, CONTEXT_MEANING, LOADS_MEANING, SUMMARIES, meaning
 from symstiff.codegen.options import Options
-from symstiff.codegen.reference import DIGITS, Case, cases, configurations, plausible_values, unit_length
+from symstiff.codegen.reference import (
+    DIGITS,
+    LARGEST_CORRECTION,
+    Case,
+    cases,
+    configurations,
+    plausible_values,
+    unit_length,
+)
 from symstiff.codegen.targets import TARGETS
 from symstiff.codegen.text import CAlgebra, c_body, context_names
 from symstiff.symbolic.algebras import count
@@ -108,6 +116,7 @@ def base_context(functions: Functions, options: Options) -> dict[str, Any]:
         "solve_columns": min(robot.dof, 6),
         "unit_length": literal(unit_length(model)),
         "singular": literal(1e-5 if single else 1e-10),
+        "largest_correction": literal(LARGEST_CORRECTION),
         "options": [
             ("loads", model.loads),
             ("measure", model.measure),
@@ -252,7 +261,8 @@ def _selftest(functions: Functions, options: Options) -> dict[str, Any]:
     def members(c: Case) -> list[str]:
         condition = algebra.literal(round(c.condition) + 1.0 if c.K is not None else c.condition)
         arrays = [literals(x) for x in (c.q, c.w, c.dt, c.A, c.J, c.T, c.K or [0.0] * 36)]
-        return [*arrays, condition, literals(c.q_cmd)]
+        expected = 1 if c.compensation is None else c.compensation
+        return [*arrays, condition, literals(c.q_cmd), str(expected)]
 
     return {
         "cases": [members(c) for c in found],
