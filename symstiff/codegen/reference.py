@@ -20,6 +20,7 @@ DIGITS = 50
 LARGEST_CORRECTION = 0.25  # rad, m: a compensation that moves a joint further is no small correction
 OK, SINGULAR, RANGE = 0, -3, -5  # what the generated functions return
 _SIZES = {"m/N": 5e-8, "rad/N": 5e-8, "rad/(N*m)": 5e-7}
+_DEFICIENT = 1e-8
 Input = tuple[tuple[float, ...], tuple[float, ...]]
 
 
@@ -62,19 +63,26 @@ def plausible_values(model: StiffnessModel, seed: int = 7) -> dict[str, float]:
 
 
 def configurations(functions: Functions, n: int, seed: int = 3) -> list[Input]:
-    """Joint variables within limits and wrenches, multiples of powers of two, away from singular poses."""
+    """Joint variables within limits and wrenches, multiples of powers of two, away from singular poses.
+
+    Where the Jacobian is deficient at every pose, away from those where its rank is smaller still; where few poses
+    are regular, the best of many.
+    """
     rng = random.Random(seed)
     robot = functions.model.robot
-    found: list[Input] = []
+    drawn: list[Input] = []
+    share = np.zeros((0, min(robot.dof, 6)))  # singular values over the greatest
     for _ in range(100):
-        drawn = [_drawn(robot, rng) for _ in range(2 * n)]
-        J = evaluate_numpy(functions.jacobian, q=np.array([q for q, _ in drawn]))["J"]
+        new = [_drawn(robot, rng) for _ in range(2 * n)]
+        J = evaluate_numpy(functions.jacobian, q=np.array([q for q, _ in new]))["J"]
         J[:, 3:] *= 0.25 * robot.reach
         s = np.linalg.svd(J, compute_uv=False)
-        found += [x for x, regular in zip(drawn, s[:, -1] > 0.01 * s[:, 0], strict=True) if regular]
-        if len(found) >= n:
-            break
-    return found[:n]
+        drawn, share = drawn + new, np.vstack([share, s / s[:, :1]])
+        rank = (share > _DEFICIENT).sum(axis=1).max()
+        regular = np.flatnonzero(share[:, rank - 1] > 0.01)
+        if len(regular) >= n:
+            return [drawn[k] for k in regular[:n]]
+    return [drawn[k] for k in np.argsort(-share[:, rank - 1], kind="stable")[:n]]
 
 
 def _drawn(robot: Any, rng: random.Random) -> Input:
