@@ -8,11 +8,12 @@ import re
 import pytest
 
 from symstiff.codegen.functions import Functions
+from symstiff.codegen.generate import generate
 from symstiff.codegen.options import CHOICES, Options
 from symstiff.codegen.targets import TARGETS
 from symstiff.effects.base import EffectInstance, Scales, find
 from symstiff.errors import UserError
-from tests.generated_c import STRICT, compiler, emitted, model, run, written
+from tests.generated_c import STRICT, compiler, described, emitted, model, run, written
 
 ROBOT = "scara"
 
@@ -115,3 +116,14 @@ def test_every_target_takes_a_model_that_depends_on_the_moment(target):
     options = Options(targets=("c", target) if target != "c" else ("c",))
     if target != "c":  # slow: its reference values have 50 digits
         assert TARGETS[target].emitter()(Functions(grown), options)
+
+
+@pytest.mark.parametrize("name", ["t", "te", "ma", "test_main", "e", "n"])
+def test_a_name_that_begins_names_of_other_files_is_no_obstacle(name, tmp_path):
+    compiler()
+    options = Options(targets=("c", "cpp", "params", "rls"))
+    made = generate(described("planar2r", name=name), tmp_path / "code", options)
+    assert made.verification.compiled
+    (tmp_path / "use.cpp").write_text(f'#include "{name}.hpp"\nint main() {{ return 0; }}\n')
+    flags = ["-std=c++17", "-Wall", "-Wextra", "-Werror", "-fsyntax-only"]
+    run(compiler("g++"), *flags, f"-I{tmp_path / 'code'}", tmp_path / "use.cpp")

@@ -7,7 +7,11 @@ import importlib.util
 import numpy as np
 import pytest
 
-from tests.generated_c import compiler, model, poses, written
+from symstiff.codegen.functions import Functions
+from symstiff.codegen.options import Options
+from symstiff.codegen.wrappers import emit_python
+from symstiff.errors import UserError
+from tests.generated_c import compiler, described, model, poses, written
 
 
 @pytest.fixture(scope="module", params=["double", "float"])
@@ -68,6 +72,13 @@ def test_single_calls_work_and_errors_are_exceptions(module, compiled):
         compiled.deflection(q, w, {"k9_99": 1.0})
     with pytest.raises(ValueError, match="q: expected"):
         compiled.deflection(q[:, :3], w)
+
+
+@pytest.mark.parametrize("name", ["random", "numpy", "lambda"])
+def test_a_module_that_would_hide_one_of_pythons_is_refused(name):
+    functions = Functions(described("planar2r", name=name))
+    with pytest.raises(UserError, match="rename the robot"):
+        emit_python(functions, Options(targets=("c", "python")))
 
 
 def test_without_a_compiler_it_says_what_to_do(module, monkeypatch):

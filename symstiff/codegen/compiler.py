@@ -27,13 +27,6 @@ class Compiler:
         """How to call it in a message."""
         return Path(self.command[0]).name if len(self.command) == 1 else "zig cc"
 
-    @property
-    def is_gcc(self) -> bool:
-        """Whether it understands -fstack-usage as gcc does."""
-        return _version(self.command).startswith("gcc") or "Free Software Foundation" in _version(
-            self.command
-        )
-
     def run(self, arguments: Sequence[str], cwd: Path | None = None) -> subprocess.CompletedProcess[str]:
         """Run it; the caller looks at the return code."""
         return subprocess.run(
@@ -52,13 +45,3 @@ def find_compiler() -> Compiler | None:
     if importlib.util.find_spec("ziglang") is not None:
         return Compiler((sys.executable, "-m", "ziglang", "cc"))
     return None
-
-
-def library_sources(folder: Path, name: str) -> list[Path]:
-    """C sources of a generated library, self-test included; test, example and fuzzing programs are others."""
-    return sorted(folder.glob(f"{name}*.c"))
-
-
-def _version(command: Sequence[str]) -> str:
-    done = subprocess.run([*command, "--version"], capture_output=True, text=True, check=False, timeout=60)
-    return done.stdout

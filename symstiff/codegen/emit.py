@@ -148,10 +148,7 @@ def base_context(functions: Functions, options: Options) -> dict[str, Any]:
             f"{robot.name}.h",
             *(h for t in options.targets for h in TARGETS[t].files(robot.name, ".h")),
         ],
-        "sources": [
-            *(f"{robot.name}{end}.c" for end in ("", "_batch", "_selftest")),
-            *(c for t in options.targets for c in TARGETS[t].files(robot.name, ".c")),
-        ],
+        "sources": options.sources(robot.name),
     }
     counts = operations(functions, options)
     context["functions"] = [

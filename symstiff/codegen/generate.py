@@ -52,15 +52,7 @@ def generate(
         model.save(temporary / "model.toml")
         progress("verifying")
         compiler = find_compiler() if compile_c else None
-        proof = verify(
-            temporary,
-            functions,
-            compiler,
-            options.single,
-            "casadi" in options.targets,
-            "c" in options.targets,
-            footprint,
-        )
+        proof = verify(temporary, functions, compiler, options, footprint)
         manifest = manifest_of(functions, options, proof)
         (temporary / "manifest.json").write_bytes((json.dumps(manifest, indent=2) + "\n").encode())
     return Generated(Path(folder), manifest, proof)

@@ -13,8 +13,9 @@ from typing import Any
 
 import numpy as np
 
-from symstiff.codegen.compiler import STRICT, Compiler, library_sources
+from symstiff.codegen.compiler import STRICT, Compiler
 from symstiff.codegen.functions import Functions
+from symstiff.codegen.options import Options
 from symstiff.codegen.reference import Case, cases, plausible_values
 from symstiff.codegen.text import context_names
 from symstiff.errors import UserError
@@ -61,47 +62,44 @@ def verify(
     folder: Path,
     functions: Functions,
     compiler: Compiler | None,
-    single: bool,
-    casadi: bool,
-    c: bool = True,
+    options: Options,
     footprint: bool = False,
 ) -> Verification:
     """Compile and run the self-test in a scratch folder, then compare all evaluations of the model.
 
     footprint: also measure code, stack and instructions, on every machine that the tools at hand can show.
     """
-    compiled = compiler is not None and c
+    if "c" not in options.targets:
+        compiler = None
     values = plausible_values(functions.model)
-    found = cases(functions, values, n=CONFIGURATIONS if compiled else 4, seed=23)
+    found = cases(functions, values, n=CONFIGURATIONS if compiler else 4, seed=23)
     errors: dict[str, float] = {}
-    if casadi:
+    if "casadi" in options.targets:
         errors["casadi"] = _casadi_error(folder, functions, found[:4], values)
-    if compiler is None or not c:
+    if compiler is None:
         return Verification(False, errors=errors)
     with tempfile.TemporaryDirectory() as scratch:
         name = functions.model.robot.name
-        objects = _objects(folder, Path(scratch), name, compiler)
+        objects = _objects(folder, Path(scratch), options.sources(name), compiler)
         worst = _run_selftest(folder, Path(scratch), name, compiler, objects)
         library = _linked(Path(scratch) / f"lib{name}.so", objects, compiler)
-        bounds = c_errors(library, functions, found, values, single)
+        bounds = c_errors(library, functions, found, values, options.single)
     errors["c"] = max(bounds.values())
     measured: dict[str, Any] = {}
     if footprint:
         from symstiff.codegen.footprint import measure
 
-        measured = measure(folder, functions, single)
+        measured = measure(folder, functions, options.single)
     return Verification(True, compiler.name, worst, errors, bounds, measured)
 
 
-def _objects(
-    folder: Path, scratch: Path, name: str, compiler: Compiler, flags: Sequence[str] = ("-O2",)
-) -> list[str]:
+def _objects(folder: Path, scratch: Path, sources: Sequence[str], compiler: Compiler) -> list[str]:
     objects = []
-    for source in library_sources(
-        folder, name
-    ):  # one at a time: zig's compiler writes no more than one object
-        target = str(scratch / f"{source.stem}.o")
-        done = compiler.run([*STRICT, *flags, "-fPIC", f"-I{folder}", "-c", str(source), "-o", target])
+    for source in sources:  # one at a time: zig's compiler writes no more than one object
+        target = str(scratch / f"{source}.o")
+        done = compiler.run(
+            [*STRICT, "-O2", "-fPIC", f"-I{folder}", "-c", str(folder / source), "-o", target]
+        )
         if done.returncode != 0:
             raise RuntimeError(f"the generated C does not compile:\n{done.stderr[:2000]}")
         objects.append(target)
@@ -130,11 +128,10 @@ def _linked(library: Path, objects: Sequence[str], compiler: Compiler) -> Path:
     return library
 
 
-def build_library(
-    folder: Path, scratch: Path, name: str, compiler: Compiler, flags: Sequence[str] = ("-O2",)
-) -> Path:
-    """Compile a shared library of the generated sources."""
-    return _linked(scratch / f"lib{name}.so", _objects(folder, scratch, name, compiler, flags), compiler)
+def build_library(folder: Path, scratch: Path, name: str, compiler: Compiler) -> Path:
+    """Compile a shared library of the generated sources of target ``c``."""
+    sources = Options(targets=("c",)).sources(name)
+    return _linked(scratch / f"lib{name}.so", _objects(folder, scratch, sources, compiler), compiler)
 
 
 def relative(x: Sequence[float] | np.ndarray, reference: Sequence[Any], blocks: Sequence[slice]) -> float:
