@@ -28,12 +28,14 @@ TWIST = (slice(0, 3), slice(3, 6))
 class Verification:
     """What was compiled and seen: greatest relative errors by function, against 50-digit values.
 
+    reason: why nothing was compiled, "" where it was or nobody wanted it.
     errors: CasADi's and C's greatest; bounds: C's by function, the stiffness matrix's divided by its condition
     number, the compensated joint variables' absolute [rad, m]; footprint: code, stack, instructions by machine.
     """
 
     compiled: bool
     compiler: str = ""
+    reason: str = ""
     selftest: float | None = None
     errors: dict[str, float] = field(default_factory=dict)
     bounds: dict[str, float] = field(default_factory=dict)
@@ -50,6 +52,7 @@ class Verification:
         return {
             "compiled": self.compiled,
             "compiler": self.compiler,
+            **({"reason": self.reason} if self.reason else {}),
             "max_relative_error": self.max_relative_error,
             "selftest_error": self.selftest,
             "errors": self.errors,
@@ -64,10 +67,12 @@ def verify(
     compiler: Compiler | None,
     options: Options,
     footprint: bool = False,
+    reason: str = "",
 ) -> Verification:
     """Compile and run the self-test in a scratch folder, then compare all evaluations of the model.
 
-    footprint: also measure code, stack and instructions, on every machine that the tools at hand can show.
+    footprint: also measure code, stack and instructions, on every machine that the tools at hand can show; reason:
+    why there is no compiler.
     """
     if "c" not in options.targets:
         compiler = None
@@ -77,7 +82,7 @@ def verify(
     if "casadi" in options.targets:
         errors["casadi"] = _casadi_error(folder, functions, found[:4], values)
     if compiler is None:
-        return Verification(False, errors=errors)
+        return Verification(False, reason=reason, errors=errors)
     with tempfile.TemporaryDirectory() as scratch:
         name = functions.model.robot.name
         objects = _objects(folder, Path(scratch), options.sources(name), compiler)
@@ -90,7 +95,7 @@ def verify(
         from symstiff.codegen.footprint import measure
 
         measured = measure(folder, functions, options.single)
-    return Verification(True, compiler.name, worst, errors, bounds, measured)
+    return Verification(True, compiler.name, "", worst, errors, bounds, measured)
 
 
 def _objects(folder: Path, scratch: Path, sources: Sequence[str], compiler: Compiler) -> list[str]:
