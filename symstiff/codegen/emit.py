@@ -14,6 +14,7 @@ from symstiff.codegen.compact import compact
 from symstiff.codegen.functions import Functions
 from symstiff.codegen.names import CONTEXT_DEFAULTS, CONTEXT_MEANING, LOADS_MEANING, SUMMARIES, meaning
 from symstiff.codegen.options import Options
+from symstiff.codegen.quoting import FILTERS
 from symstiff.codegen.reference import (
     DIGITS,
     LARGEST_CORRECTION,
@@ -41,7 +42,7 @@ def environment() -> Any:
     """Jinja2 as this project uses it: strict about missing values, quiet about white space."""
     from jinja2 import Environment, FileSystemLoader, StrictUndefined
 
-    return Environment(
+    jinja = Environment(
         loader=FileSystemLoader(templates()),
         undefined=StrictUndefined,
         trim_blocks=True,
@@ -49,6 +50,8 @@ def environment() -> Any:
         keep_trailing_newline=True,
         autoescape=False,
     )
+    jinja.filters.update(FILTERS)
+    return jinja
 
 
 def emit_c(functions: Functions, options: Options) -> dict[str, bytes]:
@@ -89,12 +92,11 @@ def base_context(functions: Functions, options: Options) -> dict[str, Any]:
     suffix = "f" if single else ""
     values = {n: float(model.values.get(n, 0.0)) for n in model.parameters}
     by_name = {p.name: p for p in model.compliances}
-    title = (robot.title or robot.name).replace("*/", "* /")
     context: dict[str, Any] = {
         "generator": __version__,
         "name": robot.name,
         "upper": robot.name.upper(),
-        "title": title,
+        "title": robot.title or robot.name,
         "n": robot.dof,
         "real": options.precision,
         "single": single,
