@@ -10,6 +10,7 @@ from xml.etree import ElementTree
 
 import pytest
 
+from symstiff.codegen.emit import emit_c
 from symstiff.codegen.functions import Functions
 from symstiff.codegen.generate import generate
 from symstiff.codegen.options import CHOICES, Options
@@ -186,3 +187,12 @@ def test_quoted_text_is_spaced_and_escaped():
     assert markdown("a_b*c`<d>") == r"a\_b\*c\`\<d\>"
     assert c_comment("???/") == "? ? ?/"
     assert pkgconfig("a@b$c#d") == "a b c d"
+
+
+@pytest.mark.parametrize("loads", ["gravity", "force", "wrench"])
+def test_the_header_says_which_loads_a_reduced_model_holds_for(loads):
+    functions = Functions(model("planar2r", loads))
+    header = emit_c(functions, Options(targets=("c",)))["planar2r.h"].decode()
+    text = " ".join(header.replace("\n *", "").split())
+    reduced = f'hold for loads of the class "{loads}" only' in text and "K may be indefinite" in text
+    assert reduced == (loads != "wrench")

@@ -80,7 +80,9 @@ typedef struct {
 extern const kuka_kr270_params_t kuka_kr270_default_params;
 
 /* Every function returns 0 or a negative error; on error its outputs are zeros, never NaN. Output arrays may be the
- * input arrays. No function allocates or keeps state: all may be called from several threads. */
+ * input arrays. No function allocates or keeps state: all may be called from several threads.
+ * Deflection, compensate and stiffness hold for loads of the class "gravity" only:
+ * a vertical force at the tool centre point (world z). */
 
 /* Deflection dt [m, rad] of the tool centre point under the wrench w [N, N*m] at joints q. */
 int kuka_kr270_deflection(const kuka_kr270_params_t *p, const double q[6], const double w[6], double dt[6]);
@@ -96,7 +98,8 @@ int kuka_kr270_observation(const double q[6], const double w[6], double A[6 * KU
 /* Jacobian J (6 x 6) of the tool centre point in base axes. */
 int kuka_kr270_jacobian(const double q[6], double J[6 * 6]);
 
-/* Cartesian stiffness K (6 x 6) [N/m, N/rad, N*m/rad] at small load. */
+/* Cartesian stiffness K (6 x 6) [N/m, N/rad, N*m/rad] at small load: the inverse of the
+ * reduced compliance, whose entries beside the class "gravity" carry what the reduction left out: K may be indefinite. */
 int kuka_kr270_stiffness(const kuka_kr270_params_t *p, const double q[6], double K[6 * 6]);
 
 /* Pose T (4 x 4) of the tool centre point in world axes, rigid robot. */
