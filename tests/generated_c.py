@@ -5,6 +5,7 @@ from __future__ import annotations
 import ctypes
 import shutil
 import subprocess
+from dataclasses import replace
 from functools import cache
 from pathlib import Path
 
@@ -35,6 +36,12 @@ def model(robot: str = "kuka_kr270", loads: str = "gravity") -> StiffnessModel:
     sizes = [1e-6 if reduced.units[n] == "rad/(N*m)" else 1e-7 for n in reduced.parameters]
     values = rng.uniform(0.5, 1.5, len(sizes)) * np.float32(sizes)
     return reduced.with_values(dict(zip(reduced.parameters, map(float, np.float32(values)), strict=True)))
+
+
+def described(robot: str, **text: str) -> StiffnessModel:
+    """The model of a robot with another name or title."""
+    known = model(robot)
+    return replace(known, robot=known.robot.model_copy(update=text))
 
 
 @cache

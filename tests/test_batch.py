@@ -192,6 +192,18 @@ def test_poses_in_error_are_zeros_in_their_tile(built):
     assert library.kuka_kr270_observation_tiles(ctypes.c_size_t(1), None, None, None, None, pointer(A)) == -1
 
 
+@pytest.mark.parametrize("missing", range(4))
+def test_a_missing_input_of_tiles_leaves_zeros_in_whole_tiles(built, missing):
+    library, _ = built["kuka_kr270", "double"]
+    A = np.ones((3, 156, 8))
+    stride = (ctypes.c_size_t * 2)(9, 1)
+    given = [pointer(np.zeros((6, 9))), stride, pointer(np.zeros((6, 9))), stride]
+    given[missing] = None
+    assert library.kuka_kr270_observation_tiles(ctypes.c_size_t(9), *given, pointer(A)) == -1
+    assert not A[:2].any()
+    assert (A[2] == 1).all()
+
+
 @pytest.mark.parametrize(("robot", "precision"), CASES)
 def test_matrices_that_need_no_check_are_finite_at_the_bounds_of_the_inputs(built, robot, precision):
     library, real = built[robot, precision]

@@ -35,7 +35,7 @@ STRICT = [
 STRICT += ["-Wshadow", "-Werror"]
 LAYOUTS = ("unrolled", "compact")
 VARIANTS = [(p, y) for p in ("double", "float") for y in LAYOUTS]
-E_NULL, E_NONFINITE, E_SINGULAR = -1, -2, -3
+E_NULL, E_NONFINITE, E_SINGULAR, E_RANGE = -1, -2, -3, -5
 
 
 def need(*tools: str) -> None:
@@ -222,6 +222,22 @@ def test_a_singular_pose_leaves_the_joint_command_as_it_was(libraries, functions
     q[2] = math.inf
     assert compensate(p, q, w, q_cmd) == E_NONFINITE
     assert list(q_cmd) == [0.0] * 6
+
+
+@pytest.mark.parametrize(("precision", "bend"), [("double", 1e-6), ("float", 1e-3)])
+def test_a_correction_that_is_not_small_leaves_the_joint_command_as_it_was(
+    libraries, functions, precision, bend
+):
+    library = libraries[precision, "unrolled"]
+    p = _numbers(precision, [1e-7] * len(functions.model.parameters))
+    q = _numbers(precision, [0.1, -1.0, 1.2, 0.3, bend, -0.2])  # axes 4 and 6 almost on one line
+    w, q_cmd = _numbers(precision, [0, 0, -2500, 0, 0, 0]), _numbers(precision, [9.0] * 6)
+    compensate = getattr(library, f"{NAME}_compensate")
+    assert compensate(p, q, w, q_cmd) == E_RANGE
+    assert list(q_cmd) == list(q)
+    q[4] = 0.5
+    assert compensate(p, q, w, q_cmd) == 0
+    assert 0 < max(abs(a - b) for a, b in zip(q_cmd, q, strict=True)) < 0.05
 
 
 def test_output_arrays_may_be_the_input_arrays(libraries, functions):

@@ -28,6 +28,8 @@ PROGRAM = """
 namespace m = {robot};
 
 static_assert(noexcept(m::deflection(m::default_params(), m::joints{{}}, m::wrench{{}}, std::declval<m::twist &>())));
+static_assert(static_cast<int>(m::status::range) == -5);
+static_assert(m::message(m::status::range).find("_MAX_CORRECTION") != std::string_view::npos);
 static_assert(noexcept(m::compensate(m::default_params(), m::joints{{}}, m::wrench{{}}, std::declval<m::joints &>())));
 static_assert(std::is_same_v<m::real, {real}>);
 static_assert(m::parameter_names.size() == m::n_parameters);

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from symstiff.codegen.compiler import find_compiler
@@ -11,10 +12,12 @@ from symstiff.codegen.functions import Functions
 from symstiff.codegen.generate import generate
 from symstiff.codegen.options import Options
 from symstiff.codegen.reference import cases, plausible_values
+from symstiff.compensation import compensate, compensate_online
 from symstiff.effects import EffectInstance
 from symstiff.model import StiffnessModel
 from symstiff.reduction import reduce
-from symstiff.robot import load
+from symstiff.robot import Robot, load
+from symstiff.robot.loading import parse
 
 
 def narrow_loop() -> StiffnessModel:
@@ -35,3 +38,45 @@ def test_such_a_model_passes_its_self_test(tmp_path: Path) -> None:
     made = generate(narrow_loop(), tmp_path / "code", Options(targets=("c",)))
     assert made.verification.compiled
     assert made.verification.max_relative_error < 1e-9
+
+
+def arm(name: str, rows: list[tuple[float, str, float]], tool: str) -> Robot:
+    """A revolute arm of DH rows (a, alpha, d)."""
+    joints = "".join(
+        f'[[joint]]\na = {a}\nalpha = "{alpha}"\nd = {d}\n[joint.link]\nbeam_axis = "x"\n'
+        for a, alpha, d in rows
+    )
+    text = f'format = 1\nname = "{name}"\n{joints}[tool]\nxyz = {tool}\n'
+    return parse(text.encode(), name)
+
+
+PLANAR_4R = [(0.5, "0", 0), (0.4, "0", 0), (0.3, "0", 0), (0.2, "0", 0)]
+FOUR_PARALLEL = [
+    (0.5, "0", 0.1), (0.4, "0", 0), (0.3, "0", 0), (0.2, "pi/2", 0), (0.1, "pi/2", 0.1), (0.1, "0", 0.05)
+]  # fmt: skip
+
+
+@pytest.mark.parametrize("precision", ["double", "float"])
+@pytest.mark.parametrize(
+    ("rows", "tool"), [(PLANAR_4R, "[0, 0, 0]"), (FOUR_PARALLEL, "[0.05, 0.1, 0.3]")], ids=["4R", "6R"]
+)
+def test_a_robot_that_is_singular_everywhere_is_generated_and_compensates_nowhere(
+    rows: list[tuple[float, str, float]], tool: str, precision: str, tmp_path: Path
+) -> None:
+    model = StiffnessModel.of(reduce(arm("dull", rows, tool), "wrench"))
+    values = plausible_values(model)
+    found = cases(Functions(model), values)
+    assert [(c.compensation, [float(x) for x in c.q_cmd]) for c in found] == [(-3, list(c.q)) for c in found]
+    made = generate(
+        model,
+        tmp_path / "code",
+        Options(precision=precision, targets=("c",)),
+        compile_c=find_compiler() is not None,
+    )
+    if made.verification.compiled:
+        assert made.verification.max_relative_error < (1e-12 if precision == "double" else 2e-5)
+    q, w = np.array([c.q for c in found]), np.array([c.w for c in found])
+    corrected = compensate(model.with_values(values), q, w)
+    assert not corrected.solved.any()
+    np.testing.assert_array_equal(corrected.q_cmd, q)
+    np.testing.assert_array_equal(compensate_online(model.with_values(values), q, w), q)

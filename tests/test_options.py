@@ -2,17 +2,24 @@
 
 from __future__ import annotations
 
+import ast
 import itertools
 import re
+import zipfile
+from xml.etree import ElementTree
 
 import pytest
 
+from symstiff.codegen.emit import emit_c
 from symstiff.codegen.functions import Functions
+from symstiff.codegen.generate import generate
 from symstiff.codegen.options import CHOICES, Options
+from symstiff.codegen.quoting import c_comment, markdown, pkgconfig, st_comment
 from symstiff.codegen.targets import TARGETS
 from symstiff.effects.base import EffectInstance, Scales, find
 from symstiff.errors import UserError
-from tests.generated_c import STRICT, compiler, emitted, model, run, written
+from symstiff.model import load_model
+from tests.generated_c import STRICT, compiler, described, emitted, model, run, written
 
 ROBOT = "scara"
 
@@ -115,3 +122,77 @@ def test_every_target_takes_a_model_that_depends_on_the_moment(target):
     options = Options(targets=("c", target) if target != "c" else ("c",))
     if target != "c":  # slow: its reference values have 50 digits
         assert TARGETS[target].emitter()(Functions(grown), options)
+
+
+@pytest.mark.parametrize("name", ["t", "te", "ma", "test_main", "e", "n"])
+def test_a_name_that_begins_names_of_other_files_is_no_obstacle(name, tmp_path):
+    compiler()
+    options = Options(targets=("c", "cpp", "params", "rls"))
+    made = generate(described("planar2r", name=name), tmp_path / "code", options)
+    assert made.verification.compiled
+    (tmp_path / "use.cpp").write_text(f'#include "{name}.hpp"\nint main() {{ return 0; }}\n')
+    flags = ["-std=c++17", "-Wall", "-Wextra", "-Werror", "-fsyntax-only"]
+    run(compiler("g++"), *flags, f"-I{tmp_path / 'code'}", tmp_path / "use.cpp")
+
+
+TITLES = [
+    'arm /* old */ // C:\\Users\\new """ \'\'\' (* st *) *) <b> & "quoted" `code` \\',
+    "@PROJECT_NAME@ ${x} # ???/ %d {{ n }} {% x %}",
+    "*/ int x; /*/ é √ |",
+    "arm /* old",
+    'ends in three quotes """',
+]
+
+
+@pytest.mark.parametrize("title", TITLES)
+def test_whatever_a_title_says_every_target_stays_what_it_is(title, tmp_path):
+    compiler()
+    folder = tmp_path / "code"
+    m = described("planar2r", title=title, source=title)
+    made = generate(m, folder, Options(targets=tuple(t for t in TARGETS if t != "casadi")))
+    assert made.verification.compiled
+    run("gcc", *STRICT, f"-I{folder}", "-c", folder / "fuzz_planar2r.c", "-o", tmp_path / "fuzz.o")
+    (tmp_path / "use.cpp").write_text('#include "planar2r.hpp"\nint main() { return 0; }\n')
+    flags = ["-std=c++17", "-Wall", "-Wextra", "-Werror", "-fsyntax-only"]
+    run(compiler("g++"), *flags, f"-I{folder}", tmp_path / "use.cpp")
+    names: dict = {}
+    for node in ast.parse((folder / "planar2r.py").read_text()).body:
+        if isinstance(node, ast.Assign) and getattr(node.targets[0], "id", "") == "TITLE":
+            names["TITLE"] = ast.literal_eval(node.value)
+    assert names == {"TITLE": title}
+    for version in (2, 3):
+        with zipfile.ZipFile(folder / f"planar2r_fmi{version}.fmu") as archive:
+            root = ElementTree.fromstring(archive.read("modelDescription.xml"))
+            code = archive.read(f"sources/planar2r_fmi{version}.c").decode()
+        assert root.get("description") == f"Stiffness model of {title}"
+        assert "/*" not in code[2 : code.index("*/")]
+    assert after_comment((folder / "FB_planar2r.st").read_text()).startswith("FUNCTION_BLOCK FB_planar2r")
+    assert not set("@$#\\") & set((folder / "planar2r.pc.in").read_text().splitlines()[5])
+    assert load_model(folder / "model.toml").robot.title == title
+
+
+def after_comment(text: str) -> str:
+    """What follows a comment in which comments nest."""
+    depth, at = 0, 0
+    while depth or not at:
+        pair = text[at : at + 2]
+        depth += (pair == "(*") - (pair == "*)")
+        at += 2 if pair in ("(*", "*)") else 1
+    return text[at:].lstrip()
+
+
+def test_quoted_text_is_spaced_and_escaped():
+    assert c_comment("*/*/ /*/ ??/") == "* / * / / * / ? ?/"
+    assert st_comment("(*)(*") == "( * )( *"
+    assert markdown("a_b*c`<d>") == r"a\_b\*c\`\<d\>"
+    assert c_comment("???/") == "? ? ?/"
+    assert pkgconfig("a@b$c#d") == "a b c d"
+
+
+@pytest.mark.parametrize("loads", ["gravity", "force", "wrench"])
+def test_the_header_says_which_loads_a_reduced_model_holds_for(loads):
+    functions = Functions(model("planar2r", loads))
+    header = emit_c(functions, Options(targets=("c",)))["planar2r.h"].decode()
+    text = " ".join(header.replace("\n *", "").split())
+    reduced = f'hold for loads of the class "{loads}" only' in text and "K may be indefinite" in text
+    assert reduced == (loads != "wrench")

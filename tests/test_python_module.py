@@ -7,7 +7,11 @@ import importlib.util
 import numpy as np
 import pytest
 
-from tests.generated_c import compiler, model, poses, written
+from symstiff.codegen.functions import Functions
+from symstiff.codegen.options import Options
+from symstiff.codegen.wrappers import emit_python
+from symstiff.errors import UserError
+from tests.generated_c import compiler, described, model, poses, written
 
 
 @pytest.fixture(scope="module", params=["double", "float"])
@@ -62,10 +66,19 @@ def test_single_calls_work_and_errors_are_exceptions(module, compiled):
     with pytest.raises(module.ModelError) as caught:
         compiled.compensate(np.full(4, np.inf), w[0])
     assert caught.value.code == -2
+    with pytest.raises(module.ModelError, match=r"more than 0\.25 rad or m"):
+        compiled.compensate(q[0], 1e6 * w[0])
     with pytest.raises(KeyError, match="k9_99"):
         compiled.deflection(q, w, {"k9_99": 1.0})
     with pytest.raises(ValueError, match="q: expected"):
         compiled.deflection(q[:, :3], w)
+
+
+@pytest.mark.parametrize("name", ["random", "numpy", "lambda"])
+def test_a_module_that_would_hide_one_of_pythons_is_refused(name):
+    functions = Functions(described("planar2r", name=name))
+    with pytest.raises(UserError, match="rename the robot"):
+        emit_python(functions, Options(targets=("c", "python")))
 
 
 def test_without_a_compiler_it_says_what_to_do(module, monkeypatch):

@@ -122,6 +122,14 @@ def test_a_singular_pose_is_an_error_that_keeps_the_joints():
     np.testing.assert_array_equal(outputs["q_cmd"], q)
 
 
+def test_a_correction_that_is_not_small_is_an_error_that_keeps_the_joints():
+    q = np.array([0.1, -0.4, 0.3, 0.2, 1e-6, 0.5])
+    outputs = Block(source("puma560"))(q=q, w=np.full(6, 100.0))
+    assert outputs["status"] == -5
+    assert not outputs["dt"].any()
+    np.testing.assert_array_equal(outputs["q_cmd"], q)
+
+
 @pytest.mark.parametrize("effect", ["backlash", "transmission_error"])
 def test_laws_of_effects_are_written_in_standard_functions(effect):
     m = model("planar2r")

@@ -104,13 +104,25 @@ static void check_outputs(int status, const double *x, int n)
     }
 }
 
+/* Four roundings of the difference are allowed for. */
+static void check_correction(int status, const double *q, const double *q_cmd)
+{
+    int i;
+    for (i = 0; (i < N_JOINTS) && (status == KUKA_KR270_OK); ++i) {
+        const double rounding = 8.9e-16 * fabs(q[i]);
+        check(fabs(q_cmd[i] - q[i]) <= (KUKA_KR270_MAX_CORRECTION + rounding), "a correction is small");
+    }
+}
+
 static void check_compensation(const kuka_kr270_params_t *p, const double *q, const double *w)
 {
     double q_cmd[N_JOINTS];
     const int status = kuka_kr270_compensate(p, q, w, q_cmd);
     if ((status == KUKA_KR270_OK) || (q == NULL) || (all_finite(q, N_JOINTS) == 0)) {
         check_outputs(status, q_cmd, N_JOINTS);
+        check_correction(status, q, q_cmd);
     } else {
+        check((status < 0) && (status >= KUKA_KR270_E_RANGE) && (status != KUKA_KR270_E_SELFTEST), "the error has a name");
         check(all_same(q_cmd, q, N_JOINTS), "the command stays as it was on error");
     }
 }

@@ -1304,7 +1304,7 @@ static int solved(const double J[6 * N_JOINTS], double x[SOLVE_ROWS], const doub
     return status;
 }
 
-/* q_cmd = q - x where that can be had, else q. */
+/* q_cmd = q - x where that can be had and x is small, else q. */
 static int compensated(const kuka_kr270_params_t *p, const double q[N_JOINTS], const double w[6], double q_cmd[N_JOINTS])
 {
     double J[6 * N_JOINTS];
@@ -1314,6 +1314,10 @@ static int compensated(const kuka_kr270_params_t *p, const double q[N_JOINTS], c
     int status = kuka_kr270_deflection(p, q, w, dt);
     status = (status == KUKA_KR270_OK) ? kuka_kr270_jacobian(q, J) : status;
     status = (status == KUKA_KR270_OK) ? solved(J, x, dt) : status;
+    status = (status == KUKA_KR270_OK) ? status_of(x, N_JOINTS) : status;
+    if ((status == KUKA_KR270_OK) && (bounded_all(KUKA_KR270_MAX_CORRECTION, x, N_JOINTS) == 0)) {
+        status = KUKA_KR270_E_RANGE;
+    }
     if (status == KUKA_KR270_OK) {
         for (i = 0; i < N_JOINTS; ++i) {
             x[i] = q[i] - x[i];

@@ -68,6 +68,9 @@ extern "C" {
 #define KUKA_KR270_E_NONFINITE (-2) /* an input is NaN or infinite, or a result overflowed */
 #define KUKA_KR270_E_SINGULAR (-3)  /* the pose is singular, or the compliance has no inverse */
 #define KUKA_KR270_E_SELFTEST (-4)  /* a stored value was not reproduced */
+#define KUKA_KR270_E_RANGE (-5)     /* compensate: a joint would move by more than KUKA_KR270_MAX_CORRECTION */
+
+#define KUKA_KR270_MAX_CORRECTION 0.25 /* rad, m: beyond it a correction to first order is none */
 
 typedef struct {
     double k[KUKA_KR270_N_PARAMETERS]; /* compliances, in the order of the table above */
@@ -77,13 +80,16 @@ typedef struct {
 extern const kuka_kr270_params_t kuka_kr270_default_params;
 
 /* Every function returns 0 or a negative error; on error its outputs are zeros, never NaN. Output arrays may be the
- * input arrays. No function allocates or keeps state: all may be called from several threads. */
+ * input arrays. No function allocates or keeps state: all may be called from several threads.
+ * Deflection, compensate and stiffness hold for loads of the class "gravity" only:
+ * a vertical force at the tool centre point (world z). */
 
 /* Deflection dt [m, rad] of the tool centre point under the wrench w [N, N*m] at joints q. */
 int kuka_kr270_deflection(const kuka_kr270_params_t *p, const double q[6], const double w[6], double dt[6]);
 
 /* Joint command q_cmd = q - J(q)^+ * dt(q, w) that puts the loaded tool where the unloaded one would be at q
- * (to first order in the deflection). On error q_cmd is q where that is finite, else zeros. */
+ * (to first order in the deflection). No joint moves by more than KUKA_KR270_MAX_CORRECTION: more, as near a singular
+ * pose, is KUKA_KR270_E_RANGE. On error q_cmd is q where that is finite, else zeros. */
 int kuka_kr270_compensate(const kuka_kr270_params_t *p, const double q[6], const double w[6], double q_cmd[6]);
 
 /* Observation matrix A (6 x 26): dt = A * k for the compliances k. */
@@ -92,7 +98,8 @@ int kuka_kr270_observation(const double q[6], const double w[6], double A[6 * KU
 /* Jacobian J (6 x 6) of the tool centre point in base axes. */
 int kuka_kr270_jacobian(const double q[6], double J[6 * 6]);
 
-/* Cartesian stiffness K (6 x 6) [N/m, N/rad, N*m/rad] at small load. */
+/* Cartesian stiffness K (6 x 6) [N/m, N/rad, N*m/rad] at small load: the inverse of the
+ * reduced compliance, whose entries beside the class "gravity" carry what the reduction left out: K may be indefinite. */
 int kuka_kr270_stiffness(const kuka_kr270_params_t *p, const double q[6], double K[6 * 6]);
 
 /* Pose T (4 x 4) of the tool centre point in world axes, rigid robot. */

@@ -104,13 +104,25 @@ static void check_outputs(int status, const double *x, int n)
     }
 }
 
+/* Four roundings of the difference are allowed for. */
+static void check_correction(int status, const double *q, const double *q_cmd)
+{
+    int i;
+    for (i = 0; (i < N_JOINTS) && (status == UR10_OK); ++i) {
+        const double rounding = 8.9e-16 * fabs(q[i]);
+        check(fabs(q_cmd[i] - q[i]) <= (UR10_MAX_CORRECTION + rounding), "a correction is small");
+    }
+}
+
 static void check_compensation(const ur10_params_t *p, const double *q, const double *w)
 {
     double q_cmd[N_JOINTS];
     const int status = ur10_compensate(p, q, w, q_cmd);
     if ((status == UR10_OK) || (q == NULL) || (all_finite(q, N_JOINTS) == 0)) {
         check_outputs(status, q_cmd, N_JOINTS);
+        check_correction(status, q, q_cmd);
     } else {
+        check((status < 0) && (status >= UR10_E_RANGE) && (status != UR10_E_SELFTEST), "the error has a name");
         check(all_same(q_cmd, q, N_JOINTS), "the command stays as it was on error");
     }
 }

@@ -1321,7 +1321,7 @@ static int solved(const double J[6 * N_JOINTS], double x[SOLVE_ROWS], const doub
     return status;
 }
 
-/* q_cmd = q - x where that can be had, else q. */
+/* q_cmd = q - x where that can be had and x is small, else q. */
 static int compensated(const ur10_params_t *p, const double q[N_JOINTS], const double w[6], double q_cmd[N_JOINTS])
 {
     double J[6 * N_JOINTS];
@@ -1331,6 +1331,10 @@ static int compensated(const ur10_params_t *p, const double q[N_JOINTS], const d
     int status = ur10_deflection(p, q, w, dt);
     status = (status == UR10_OK) ? ur10_jacobian(q, J) : status;
     status = (status == UR10_OK) ? solved(J, x, dt) : status;
+    status = (status == UR10_OK) ? status_of(x, N_JOINTS) : status;
+    if ((status == UR10_OK) && (bounded_all(UR10_MAX_CORRECTION, x, N_JOINTS) == 0)) {
+        status = UR10_E_RANGE;
+    }
     if (status == UR10_OK) {
         for (i = 0; i < N_JOINTS; ++i) {
             x[i] = q[i] - x[i];

@@ -73,6 +73,9 @@ extern "C" {
 #define UR10_E_NONFINITE (-2) /* an input is NaN or infinite, or a result overflowed */
 #define UR10_E_SINGULAR (-3)  /* the pose is singular, or the compliance has no inverse */
 #define UR10_E_SELFTEST (-4)  /* a stored value was not reproduced */
+#define UR10_E_RANGE (-5)     /* compensate: a joint would move by more than UR10_MAX_CORRECTION */
+
+#define UR10_MAX_CORRECTION 0.25 /* rad, m: beyond it a correction to first order is none */
 
 typedef struct {
     double k[UR10_N_PARAMETERS]; /* compliances, in the order of the table above */
@@ -88,7 +91,8 @@ extern const ur10_params_t ur10_default_params;
 int ur10_deflection(const ur10_params_t *p, const double q[6], const double w[6], double dt[6]);
 
 /* Joint command q_cmd = q - J(q)^+ * dt(q, w) that puts the loaded tool where the unloaded one would be at q
- * (to first order in the deflection). On error q_cmd is q where that is finite, else zeros. */
+ * (to first order in the deflection). No joint moves by more than UR10_MAX_CORRECTION: more, as near a singular
+ * pose, is UR10_E_RANGE. On error q_cmd is q where that is finite, else zeros. */
 int ur10_compensate(const ur10_params_t *p, const double q[6], const double w[6], double q_cmd[6]);
 
 /* Observation matrix A (6 x 31): dt = A * k for the compliances k. */

@@ -4,16 +4,22 @@ from __future__ import annotations
 
 import importlib.util
 import os
+import shlex
 import shutil
 import subprocess
 import sys
+import tempfile
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cache
 from pathlib import Path
 
 STRICT = (
     "-std=c99", "-Wall", "-Wextra", "-Wpedantic", "-Wconversion", "-Wdouble-promotion", "-Werror",
 )  # fmt: skip
+
+_ZIG = (sys.executable, "-m", "ziglang", "cc")
+_TRIAL = "#include <math.h>\ndouble trial(double x);\ndouble trial(double x) { return sin(x); }\n"
 
 
 @dataclass(frozen=True)
@@ -25,14 +31,9 @@ class Compiler:
     @property
     def name(self) -> str:
         """How to call it in a message."""
-        return Path(self.command[0]).name if len(self.command) == 1 else "zig cc"
-
-    @property
-    def is_gcc(self) -> bool:
-        """Whether it understands -fstack-usage as gcc does."""
-        return _version(self.command).startswith("gcc") or "Free Software Foundation" in _version(
-            self.command
-        )
+        if self.command == _ZIG:
+            return "zig cc"
+        return " ".join([Path(self.command[0]).name, *self.command[1:]])
 
     def run(self, arguments: Sequence[str], cwd: Path | None = None) -> subprocess.CompletedProcess[str]:
         """Run it; the caller looks at the return code."""
@@ -42,23 +43,50 @@ class Compiler:
 
 
 def find_compiler() -> Compiler | None:
-    """$CC, cc, gcc, clang, then zig's compiler from its wheel."""
-    wanted = os.environ.get("CC", "").split()
-    if wanted and shutil.which(wanted[0]):
-        return Compiler(tuple(wanted))
-    for name in ("gcc", "cc", "clang"):
-        if shutil.which(name):
-            return Compiler((name,))
-    if importlib.util.find_spec("ziglang") is not None:
-        return Compiler((sys.executable, "-m", "ziglang", "cc"))
-    return None
+    """$CC alone where it is set, else the first of gcc, cc, clang and zig's wheel that serves this machine."""
+    wanted = _wanted()
+    candidates = [wanted] if wanted else _usual()
+    return next((Compiler(command) for command in candidates if _serves(command)), None)
 
 
-def library_sources(folder: Path, name: str) -> list[Path]:
-    """C sources of a generated library, self-test included; test, example and fuzzing programs are others."""
-    return sorted(folder.glob(f"{name}*.c"))
+def _usual() -> list[tuple[str, ...]]:
+    found: list[tuple[str, ...]] = [(name,) for name in ("gcc", "cc", "clang") if shutil.which(name)]
+    return [*found, _ZIG] if importlib.util.find_spec("ziglang") is not None else found
 
 
-def _version(command: Sequence[str]) -> str:
-    done = subprocess.run([*command, "--version"], capture_output=True, text=True, check=False, timeout=60)
-    return done.stdout
+def why_none() -> str:
+    """Why ``find_compiler`` finds none, for messages."""
+    return "$CC does not make programs for this machine" if _wanted() else "no C compiler was found"
+
+
+def _wanted() -> tuple[str, ...]:
+    """The words of $CC; none where it names no command of this machine."""
+    try:
+        words = shlex.split(os.environ.get("CC", ""))
+    except ValueError:  # an open quote
+        return ()
+    return tuple(words) if words and shutil.which(words[0]) else ()
+
+
+@cache
+def _serves(command: tuple[str, ...]) -> bool:
+    """Whether a library that the command builds can be loaded here; tried once, in a process of its own."""
+    with tempfile.TemporaryDirectory() as scratch:
+        folder = Path(scratch)
+        (folder / "trial.c").write_text(_TRIAL)
+        build = ["-std=c99", *shared_flags(), "trial.c", "-o", "trial.so", "-lm"]
+        load = [sys.executable, "-I", "-S", "-c", "import ctypes, sys; ctypes.CDLL(sys.argv[1])"]
+        try:
+            if Compiler(command).run(build, folder).returncode != 0:
+                return False
+            done = subprocess.run(
+                [*load, str(folder / "trial.so")], capture_output=True, check=False, timeout=60
+            )
+        except (OSError, subprocess.SubprocessError):
+            return False
+        return done.returncode == 0
+
+
+def shared_flags() -> list[str]:
+    """What makes a compiler build a shared library for this system."""
+    return ["-shared"] if sys.platform == "win32" else ["-fPIC", "-shared"]

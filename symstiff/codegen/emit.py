@@ -14,9 +14,19 @@ from symstiff.codegen.compact import compact
 from symstiff.codegen.functions import Functions
 from symstiff.codegen.names import CONTEXT_DEFAULTS, CONTEXT_MEANING, LOADS_MEANING, SUMMARIES, meaning
 from symstiff.codegen.options import Options
-from symstiff.codegen.reference import DIGITS, Case, cases, configurations, plausible_values, unit_length
+from symstiff.codegen.quoting import FILTERS
+from symstiff.codegen.reference import (
+    DIGITS,
+    LARGEST_CORRECTION,
+    Case,
+    cases,
+    configurations,
+    plausible_values,
+    unit_length,
+)
 from symstiff.codegen.targets import TARGETS
 from symstiff.codegen.text import CAlgebra, c_body, context_names
+from symstiff.model import StiffnessModel
 from symstiff.symbolic.algebras import count
 from symstiff.symbolic.program import Program
 from symstiff.symbolic.programs import parameter_symbol
@@ -33,7 +43,7 @@ def environment() -> Any:
     """Jinja2 as this project uses it: strict about missing values, quiet about white space."""
     from jinja2 import Environment, FileSystemLoader, StrictUndefined
 
-    return Environment(
+    jinja = Environment(
         loader=FileSystemLoader(templates()),
         undefined=StrictUndefined,
         trim_blocks=True,
@@ -41,6 +51,8 @@ def environment() -> Any:
         keep_trailing_newline=True,
         autoescape=False,
     )
+    jinja.filters.update(FILTERS)
+    return jinja
 
 
 def emit_c(functions: Functions, options: Options) -> dict[str, bytes]:
@@ -75,19 +87,48 @@ def template_context(functions: Functions, options: Options) -> dict[str, Any]:
 
 def base_context(functions: Functions, options: Options) -> dict[str, Any]:
     """What any template may print: names, options, hashes, parameters, functions."""
-    model, single = functions.model, options.single
-    robot, algebra = model.robot, CAlgebra(single)
-    literal = algebra.literal
-    suffix = "f" if single else ""
-    values = {n: float(model.values.get(n, 0.0)) for n in model.parameters}
-    by_name = {p.name: p for p in model.compliances}
-    title = (robot.title or robot.name).replace("*/", "* /")
-    context: dict[str, Any] = {
+    model = functions.model
+    counts = operations(functions, options)
+    context = _identity(functions, options) | _numbers(functions, options) | _parameters(functions, options)
+    context["functions"] = [
+        {"name": p.name, "summary": SUMMARIES[p.name], "operations": operations_text(counts[p.name])}
+        for p in functions.all
+    ]
+    context["compact"] = layout = compact(model) if options.layout == "compact" else None
+    context["compact_compliance"] = layout is not None and not model.effects
+    context["cores"] = [_function(p, functions, context, counts) for p in _cores(functions, context)]
+    return context
+
+
+def _identity(functions: Functions, options: Options) -> dict[str, Any]:
+    """What the files are called, what they are of and what was asked for."""
+    model, robot = functions.model, functions.model.robot
+    return {
         "generator": __version__,
         "name": robot.name,
         "upper": robot.name.upper(),
-        "title": title,
-        "n": robot.dof,
+        "title": robot.title or robot.name,
+        "loads": model.loads,
+        "loads_meaning": LOADS_MEANING[model.loads],
+        "defaults_meaning": _defaults_meaning(model.deviations),
+        "compensation_meaning": _compensation_meaning(robot.dof),
+        "options": [("loads", model.loads), ("measure", model.measure), *options.table().items()],
+        "structure_hash": model.structure_hash,
+        "model_hash": options.model_hash(model.structure_hash, _defaults(model)),
+        "casadi": "casadi" in options.targets,
+        "headers": [
+            f"{robot.name}.h",
+            *(h for t in options.targets for h in TARGETS[t].files(robot.name, ".h")),
+        ],
+        "sources": options.sources(robot.name),
+    }
+
+
+def _numbers(functions: Functions, options: Options) -> dict[str, Any]:
+    """The real type, its literals and functions, and sizes."""
+    model, robot, single = functions.model, functions.model.robot, options.single
+    literal, suffix = CAlgebra(single).literal, "f" if single else ""
+    return {
         "real": options.precision,
         "single": single,
         "zero": literal(0.0),
@@ -96,11 +137,7 @@ def base_context(functions: Functions, options: Options) -> dict[str, Any]:
         "fabs": f"fabs{suffix}",
         "sqrt": f"sqrt{suffix}",
         "digits": DIGITS,
-        "loads": model.loads,
-        "loads_meaning": LOADS_MEANING[model.loads],
-        "defaults_meaning": _defaults_meaning(model.deviations),
-        "compensation_meaning": _compensation_meaning(robot.dof),
-        "compliances_propagate": _compliances_propagate(functions),
+        "n": robot.dof,
         "prismatic": ", ".join(f"q{i}" for i, j in enumerate(robot.joint, 1) if j.prismatic),
         "redundant": robot.dof > 6,
         "tile": block_size(functions.observation.size("A"), single),
@@ -108,13 +145,16 @@ def base_context(functions: Functions, options: Options) -> dict[str, Any]:
         "solve_columns": min(robot.dof, 6),
         "unit_length": literal(unit_length(model)),
         "singular": literal(1e-5 if single else 1e-10),
-        "options": [
-            ("loads", model.loads),
-            ("measure", model.measure),
-            *options.table().items(),
-        ],
-        "structure_hash": model.structure_hash,
-        "model_hash": options.model_hash(model.structure_hash, values),
+        "largest_correction": literal(LARGEST_CORRECTION),
+        "compliances_propagate": _compliances_propagate(functions),
+    }
+
+
+def _parameters(functions: Functions, options: Options) -> dict[str, Any]:
+    """The fields of the struct of parameters: compliances, effects, and what holds at the call."""
+    model, literal = functions.model, CAlgebra(options.single).literal
+    values, by_name = _defaults(model), {p.name: p for p in model.compliances}
+    return {
         "parameters": [
             {"name": n, "unit": model.units[n], "default": literal(values[n]), "meaning": meaning(by_name[n])}
             for n in model.stiffness_parameters
@@ -134,25 +174,12 @@ def base_context(functions: Functions, options: Options) -> dict[str, Any]:
             {"name": n, "meaning": CONTEXT_MEANING[n], "default": literal(CONTEXT_DEFAULTS[n])}
             for n in context_names(functions.deflection)
         ],
-        "casadi": "casadi" in options.targets,
-        "headers": [
-            f"{robot.name}.h",
-            *(h for t in options.targets for h in TARGETS[t].files(robot.name, ".h")),
-        ],
-        "sources": [
-            *(f"{robot.name}{end}.c" for end in ("", "_batch", "_selftest")),
-            *(c for t in options.targets for c in TARGETS[t].files(robot.name, ".c")),
-        ],
     }
-    counts = operations(functions, options)
-    context["functions"] = [
-        {"name": p.name, "summary": SUMMARIES[p.name], "operations": operations_text(counts[p.name])}
-        for p in functions.all
-    ]
-    context["compact"] = layout = compact(model) if options.layout == "compact" else None
-    context["compact_compliance"] = layout is not None and not model.effects
-    context["cores"] = [_function(p, functions, context, counts) for p in _cores(functions, context)]
-    return context
+
+
+def _defaults(model: StiffnessModel) -> dict[str, float]:
+    """Every parameter's default; what is not known is zero."""
+    return {n: float(model.values.get(n, 0.0)) for n in model.parameters}
 
 
 def _compliances_propagate(functions: Functions) -> bool:
@@ -252,7 +279,8 @@ def _selftest(functions: Functions, options: Options) -> dict[str, Any]:
     def members(c: Case) -> list[str]:
         condition = algebra.literal(round(c.condition) + 1.0 if c.K is not None else c.condition)
         arrays = [literals(x) for x in (c.q, c.w, c.dt, c.A, c.J, c.T, c.K or [0.0] * 36)]
-        return [*arrays, condition, literals(c.q_cmd)]
+        expected = 1 if c.compensation is None else c.compensation
+        return [*arrays, condition, literals(c.q_cmd), str(expected)]
 
     return {
         "cases": [members(c) for c in found],

@@ -13,7 +13,7 @@ from io import BytesIO
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from symstiff.codegen.compiler import find_compiler
+from symstiff.codegen.compiler import find_compiler, shared_flags
 from symstiff.codegen.emit import base_context, environment
 from symstiff.codegen.names import CONTEXT_DEFAULTS, CONTEXT_MEANING
 from symstiff.codegen.text import CAlgebra, context_names
@@ -170,13 +170,7 @@ def _binary(name: str, sources: Mapping[str, bytes], version: int) -> dict[str, 
         platform.machine().lower(), platform.machine().lower()
     )
     place = f"{machine}-{system[1]}" if version == 3 else system[0]
-    flags = [
-        "-std=c99",
-        "-O2",
-        "-fvisibility=hidden",
-        "-shared",
-        *(["-fPIC"] if sys.platform != "win32" else []),
-    ]
+    flags = ["-std=c99", "-O2", "-fvisibility=hidden", *shared_flags()]
     with tempfile.TemporaryDirectory() as scratch:
         for file, content in sources.items():
             (Path(scratch) / file).write_bytes(content)

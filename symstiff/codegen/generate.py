@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from symstiff import __version__
-from symstiff.codegen.compiler import find_compiler
+from symstiff.codegen.compiler import find_compiler, why_none
 from symstiff.codegen.emit import operations
 from symstiff.codegen.functions import Functions
 from symstiff.codegen.options import Options
@@ -52,15 +52,8 @@ def generate(
         model.save(temporary / "model.toml")
         progress("verifying")
         compiler = find_compiler() if compile_c else None
-        proof = verify(
-            temporary,
-            functions,
-            compiler,
-            options.single,
-            "casadi" in options.targets,
-            "c" in options.targets,
-            footprint,
-        )
+        reason = why_none() if compile_c and compiler is None else ""
+        proof = verify(temporary, functions, compiler, options, footprint, reason)
         manifest = manifest_of(functions, options, proof)
         (temporary / "manifest.json").write_bytes((json.dumps(manifest, indent=2) + "\n").encode())
     return Generated(Path(folder), manifest, proof)

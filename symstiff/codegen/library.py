@@ -17,7 +17,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from symstiff.codegen.batch import batch_function, vector_context
-from symstiff.codegen.compiler import Compiler
+from symstiff.codegen.compiler import Compiler, shared_flags
 from symstiff.codegen.emit import environment
 from symstiff.errors import UserError
 from symstiff.symbolic.program import Program
@@ -38,7 +38,10 @@ def library(model: StiffnessModel, programs: Mapping[str, Program], compiler: Co
         path = _place(model, key)
         if not path.is_file():
             _build(source, path, compiler)
-        _LOADED[key] = ctypes.CDLL(str(path))
+        try:
+            _LOADED[key] = ctypes.CDLL(str(path))
+        except OSError as error:
+            raise UserError(f"the library that {compiler.name} built cannot be loaded: {error}") from error
     return _LOADED[key]
 
 
@@ -121,12 +124,11 @@ def _suffix() -> str:
 def _build(source: str, path: Path, compiler: Compiler) -> None:
     """Compile beside the place, then move: another process sees the whole library or none."""
     path.parent.mkdir(exist_ok=True, mode=0o700)
-    shared = ["-shared"] if sys.platform == "win32" else ["-fPIC", "-shared"]
     with tempfile.TemporaryDirectory(prefix=".build-", dir=path.parent) as scratch:
         text, built = Path(scratch) / "model.c", Path(scratch) / path.name
         text.write_bytes(source.encode())
         for flags in FLAGS:
-            done = compiler.run(["-std=c99", *flags, *shared, str(text), "-o", str(built), "-lm"])
+            done = compiler.run(["-std=c99", *flags, *shared_flags(), str(text), "-o", str(built), "-lm"])
             if done.returncode == 0:
                 os.replace(built, path)
                 return

@@ -40,6 +40,11 @@ class Options:
         """Whether the real type is ``float``."""
         return self.precision == "float"
 
+    def sources(self, name: str) -> list[str]:
+        """The C files of the library with its self-test; test, example and fuzzing programs are others."""
+        own = [f"{name}{end}.c" for end in ("", "_batch", "_selftest")]
+        return [*own, *(c for t in self.targets for c in TARGETS[t].files(name, ".c"))]
+
     def table(self) -> dict[str, str]:
         """Options as text, in order."""
         return {k: ",".join(v) if isinstance(v, tuple) else str(v) for k, v in asdict(self).items()}

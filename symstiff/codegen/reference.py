@@ -17,7 +17,10 @@ from symstiff.symbolic.algebras import DecimalAlgebra, evaluate_numpy
 from symstiff.symbolic.program import Constant, Program, evaluate
 
 DIGITS = 50
+LARGEST_CORRECTION = 0.25  # rad, m: a compensation that moves a joint further is no small correction
+OK, SINGULAR, RANGE = 0, -3, -5  # what the generated functions return
 _SIZES = {"m/N": 5e-8, "rad/N": 5e-8, "rad/(N*m)": 5e-7}
+_DEFICIENT = 1e-8
 Input = tuple[tuple[float, ...], tuple[float, ...]]
 
 
@@ -26,6 +29,7 @@ class Case:
     """One configuration with its 50-digit values.
 
     K is None where the compliance has no inverse; condition is 0 there, and −1 where rounding decides whether it has.
+    compensation: what ``compensate`` returns, None where rounding decides that; q_cmd is q where it is an error.
     """
 
     q: tuple[float, ...]
@@ -38,6 +42,7 @@ class Case:
     K: list[Any] | None
     condition: float
     q_cmd: list[Any]
+    compensation: int | None
 
 
 def unit_length(model: StiffnessModel) -> float:
@@ -58,19 +63,26 @@ def plausible_values(model: StiffnessModel, seed: int = 7) -> dict[str, float]:
 
 
 def configurations(functions: Functions, n: int, seed: int = 3) -> list[Input]:
-    """Joint variables within limits and wrenches, multiples of powers of two, away from singular poses."""
+    """Joint variables within limits and wrenches, multiples of powers of two, away from singular poses.
+
+    Where the Jacobian is deficient at every pose, away from those where its rank is smaller still; where few poses
+    are regular, the best of many.
+    """
     rng = random.Random(seed)
     robot = functions.model.robot
-    found: list[Input] = []
+    drawn: list[Input] = []
+    share = np.zeros((0, min(robot.dof, 6)))  # singular values over the greatest
     for _ in range(100):
-        drawn = [_drawn(robot, rng) for _ in range(2 * n)]
-        J = evaluate_numpy(functions.jacobian, q=np.array([q for q, _ in drawn]))["J"]
+        new = [_drawn(robot, rng) for _ in range(2 * n)]
+        J = evaluate_numpy(functions.jacobian, q=np.array([q for q, _ in new]))["J"]
         J[:, 3:] *= 0.25 * robot.reach
         s = np.linalg.svd(J, compute_uv=False)
-        found += [x for x, regular in zip(drawn, s[:, -1] > 0.01 * s[:, 0], strict=True) if regular]
-        if len(found) >= n:
-            break
-    return found[:n]
+        drawn, share = drawn + new, np.vstack([share, s / s[:, :1]])
+        rank = (share > _DEFICIENT).sum(axis=1).max()
+        regular = np.flatnonzero(share[:, rank - 1] > 0.01)
+        if len(regular) >= n:
+            return [drawn[k] for k in regular[:n]]
+    return [drawn[k] for k in np.argsort(-share[:, rank - 1], kind="stable")[:n]]
 
 
 def _drawn(robot: Any, rng: random.Random) -> Input:
@@ -111,8 +123,38 @@ def _case(
     C: list[Any],
 ) -> Case:
     K, condition = _inverse(C, unit_length(model))
-    q_cmd = [mpmath.mpf(x) - s for x, s in zip(q, _solved(J, dt, unit_length(model)), strict=True)]
-    return Case(q, w, dt, A, J, T, C, K, condition, q_cmd)
+    q_cmd, compensation = _compensated(q, J, dt, unit_length(model))
+    return Case(q, w, dt, A, J, T, C, K, condition, q_cmd, compensation)
+
+
+def _compensated(
+    q: Sequence[float], J: Sequence[Any], dt: Sequence[Any], unit: float
+) -> tuple[list[Any], int | None]:
+    """The joint command, q itself where there is none, and what ``compensate`` returns."""
+    status = _singularity(np.array(J, dtype=float).reshape(6, -1) * np.array([[1.0]] * 3 + [[unit]] * 3))
+    stay = [mpmath.mpf(x) for x in q]
+    if status != OK:
+        return stay, status
+    step = _solved(J, dt, unit)
+    furthest = float(max(map(abs, step))) / LARGEST_CORRECTION
+    if furthest > 0.99:
+        return stay, RANGE if furthest > 1.01 else None
+    return [x - s for x, s in zip(stay, step, strict=True)], OK
+
+
+def _singularity(J: np.ndarray) -> int | None:
+    """OK for a regular Jacobian (6, n), SINGULAR where a reduction column by column is sure to see that it is none."""
+    columns = J if J.shape[1] <= 6 else J.T
+    s = np.linalg.svd(columns, compute_uv=False)
+    if s[-1] > 1e-6 * s[0]:
+        return OK
+    if s[-1] > 1e-13 * s[0]:
+        return None
+    ranks = [np.linalg.matrix_rank(columns[:, : k + 1], 1e-12 * s[0]) for k in range(columns.shape[1])]
+    first = next(k for k, rank in enumerate(ranks) if rank <= k)
+    combination = np.linalg.lstsq(columns[:, :first], columns[:, first], rcond=None)[0]
+    # the rounding of the columns before comes through these factors: 20 of them stay below single precision's bound
+    return SINGULAR if np.abs(combination).sum() < 20 else None
 
 
 class _DecimalArrays(DecimalAlgebra):

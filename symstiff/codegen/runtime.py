@@ -19,7 +19,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from symstiff.codegen.compiler import find_compiler
+from symstiff.codegen.compiler import find_compiler, why_none
 from symstiff.codegen.library import is_built, library
 from symstiff.errors import UserError
 from symstiff.symbolic.algebras import evaluate_numpy
@@ -35,7 +35,7 @@ _BUILDING = 100_000  # poses for which one is built: its second use repays it
 
 
 class NotCompiled(UserWarning):
-    """No compiler was found: the model is evaluated with NumPy."""
+    """No compiler serves this machine: the model is evaluated with NumPy."""
 
 
 @dataclass(frozen=True)
@@ -171,7 +171,7 @@ def compiled(model: StiffnessModel, threads: int = 1) -> Evaluator:
     compiler = find_compiler()
     if compiler is None:
         warnings.warn(
-            "no C compiler was found: the model is evaluated with NumPy (install gcc, clang or ziglang)",
+            f"{why_none()}: the model is evaluated with NumPy (install gcc, clang or ziglang, or point $CC to one)",
             NotCompiled,
             stacklevel=2,
         )

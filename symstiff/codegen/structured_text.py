@@ -10,7 +10,7 @@ import numpy as np
 import sympy as sp
 
 from symstiff.codegen.emit import base_context, environment
-from symstiff.codegen.reference import unit_length
+from symstiff.codegen.reference import LARGEST_CORRECTION, unit_length
 from symstiff.codegen.text import CAlgebra, Text, context_names
 from symstiff.errors import UserError
 from symstiff.symbolic.program import Constant, Let, Program, Statement, evaluate
@@ -133,6 +133,7 @@ def st_context(functions: Functions, options: Options) -> dict[str, Any]:
         "redundant": model.robot.dof > 6,
         "unit": literal(unit_length(model)),
         "smallest": literal(1e-5 if options.single else 1e-10),
+        "furthest": literal(LARGEST_CORRECTION),
         "zero": literal(0.0),
         "most": literal(most),
     }

@@ -13,8 +13,9 @@ from typing import Any
 
 import numpy as np
 
-from symstiff.codegen.compiler import STRICT, Compiler, library_sources
+from symstiff.codegen.compiler import STRICT, Compiler
 from symstiff.codegen.functions import Functions
+from symstiff.codegen.options import Options
 from symstiff.codegen.reference import Case, cases, plausible_values
 from symstiff.codegen.text import context_names
 from symstiff.errors import UserError
@@ -27,12 +28,14 @@ TWIST = (slice(0, 3), slice(3, 6))
 class Verification:
     """What was compiled and seen: greatest relative errors by function, against 50-digit values.
 
+    reason: why nothing was compiled, "" where it was or nobody wanted it.
     errors: CasADi's and C's greatest; bounds: C's by function, the stiffness matrix's divided by its condition
     number, the compensated joint variables' absolute [rad, m]; footprint: code, stack, instructions by machine.
     """
 
     compiled: bool
     compiler: str = ""
+    reason: str = ""
     selftest: float | None = None
     errors: dict[str, float] = field(default_factory=dict)
     bounds: dict[str, float] = field(default_factory=dict)
@@ -49,6 +52,7 @@ class Verification:
         return {
             "compiled": self.compiled,
             "compiler": self.compiler,
+            **({"reason": self.reason} if self.reason else {}),
             "max_relative_error": self.max_relative_error,
             "selftest_error": self.selftest,
             "errors": self.errors,
@@ -61,47 +65,46 @@ def verify(
     folder: Path,
     functions: Functions,
     compiler: Compiler | None,
-    single: bool,
-    casadi: bool,
-    c: bool = True,
+    options: Options,
     footprint: bool = False,
+    reason: str = "",
 ) -> Verification:
     """Compile and run the self-test in a scratch folder, then compare all evaluations of the model.
 
-    footprint: also measure code, stack and instructions, on every machine that the tools at hand can show.
+    footprint: also measure code, stack and instructions, on every machine that the tools at hand can show; reason:
+    why there is no compiler.
     """
-    compiled = compiler is not None and c
+    if "c" not in options.targets:
+        compiler = None
     values = plausible_values(functions.model)
-    found = cases(functions, values, n=CONFIGURATIONS if compiled else 4, seed=23)
+    found = cases(functions, values, n=CONFIGURATIONS if compiler else 4, seed=23)
     errors: dict[str, float] = {}
-    if casadi:
+    if "casadi" in options.targets:
         errors["casadi"] = _casadi_error(folder, functions, found[:4], values)
-    if compiler is None or not c:
-        return Verification(False, errors=errors)
+    if compiler is None:
+        return Verification(False, reason=reason, errors=errors)
     with tempfile.TemporaryDirectory() as scratch:
         name = functions.model.robot.name
-        objects = _objects(folder, Path(scratch), name, compiler)
+        objects = _objects(folder, Path(scratch), options.sources(name), compiler)
         worst = _run_selftest(folder, Path(scratch), name, compiler, objects)
         library = _linked(Path(scratch) / f"lib{name}.so", objects, compiler)
-        bounds = c_errors(library, functions, found, values, single)
+        bounds = c_errors(library, functions, found, values, options.single)
     errors["c"] = max(bounds.values())
     measured: dict[str, Any] = {}
     if footprint:
         from symstiff.codegen.footprint import measure
 
-        measured = measure(folder, functions, single)
-    return Verification(True, compiler.name, worst, errors, bounds, measured)
+        measured = measure(folder, functions, options.single)
+    return Verification(True, compiler.name, "", worst, errors, bounds, measured)
 
 
-def _objects(
-    folder: Path, scratch: Path, name: str, compiler: Compiler, flags: Sequence[str] = ("-O2",)
-) -> list[str]:
+def _objects(folder: Path, scratch: Path, sources: Sequence[str], compiler: Compiler) -> list[str]:
     objects = []
-    for source in library_sources(
-        folder, name
-    ):  # one at a time: zig's compiler writes no more than one object
-        target = str(scratch / f"{source.stem}.o")
-        done = compiler.run([*STRICT, *flags, "-fPIC", f"-I{folder}", "-c", str(source), "-o", target])
+    for source in sources:  # one at a time: zig's compiler writes no more than one object
+        target = str(scratch / f"{source}.o")
+        done = compiler.run(
+            [*STRICT, "-O2", "-fPIC", f"-I{folder}", "-c", str(folder / source), "-o", target]
+        )
         if done.returncode != 0:
             raise RuntimeError(f"the generated C does not compile:\n{done.stderr[:2000]}")
         objects.append(target)
@@ -130,11 +133,10 @@ def _linked(library: Path, objects: Sequence[str], compiler: Compiler) -> Path:
     return library
 
 
-def build_library(
-    folder: Path, scratch: Path, name: str, compiler: Compiler, flags: Sequence[str] = ("-O2",)
-) -> Path:
-    """Compile a shared library of the generated sources."""
-    return _linked(scratch / f"lib{name}.so", _objects(folder, scratch, name, compiler, flags), compiler)
+def build_library(folder: Path, scratch: Path, name: str, compiler: Compiler) -> Path:
+    """Compile a shared library of the generated sources of target ``c``."""
+    sources = Options(targets=("c",)).sources(name)
+    return _linked(scratch / f"lib{name}.so", _objects(folder, scratch, sources, compiler), compiler)
 
 
 def relative(x: Sequence[float] | np.ndarray, reference: Sequence[Any], blocks: Sequence[slice]) -> float:
@@ -167,6 +169,16 @@ def c_errors(
             raise RuntimeError(f"{prefix}_{function} returned error {status} at a regular pose")
         return list(output)
 
+    def compensated(case: Case, *inputs: Any) -> float:
+        """The greatest error of a joint command; a pose that has none is refused as it should be."""
+        output = (real * n)()
+        status = getattr(loaded, f"{prefix}_compensate")(*inputs, output)
+        if case.compensation is None:
+            return 0.0
+        if status != case.compensation:
+            raise RuntimeError(f"{prefix}_compensate returned {status} instead of {case.compensation}")
+        return _greatest_difference(list(output), case.q_cmd)
+
     for case in found:
         q, w = (real * n)(*case.q), (real * 6)(*case.w)
         seen = {
@@ -174,7 +186,7 @@ def c_errors(
             "observation": relative(called("observation", 6 * m, q, w), case.A, rows),
             "jacobian": relative(called("jacobian", 6 * n, q), case.J, whole),
             "forward": relative(called("forward", 16, q), case.T, whole),
-            "compensate": _greatest_difference(called("compensate", n, p, q, w), case.q_cmd),
+            "compensate": compensated(case, p, q, w),
         }
         if case.K is not None:
             seen["stiffness"] = relative(called("stiffness", 36, p, q), case.K, whole) / case.condition

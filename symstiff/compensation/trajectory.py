@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from symstiff.codegen.reference import unit_length
+from symstiff.codegen.reference import LARGEST_CORRECTION, unit_length
 from symstiff.codegen.runtime import Evaluator, for_poses
 from symstiff.model import StiffnessModel
 from symstiff.symbolic.numeric import forward, joint_jacobian
@@ -15,12 +15,19 @@ from symstiff.symbolic.numeric import forward, joint_jacobian
 _ROUNDS = 12
 _TYPICAL_ROUNDS = 5
 _STILL = 1e-13  # rad, m: a row that moves by less is done
+_CONVERGED = (
+    1e-9  # rad, m: where the last step is smaller, rounding or curvature alone keeps it from vanishing
+)
 _SINGULAR = 1e-10
+_ABSURD = 1e6  # rad
 
 
 @dataclass(frozen=True, eq=False)
 class Compensated:
-    """Corrected commands q_cmd (N, n), what is left of the pose error (N, 6) [m, rad], and which rows were solved."""
+    """Corrected commands q_cmd (N, n), the pose error (N, 6) [m, rad] before and after, and which rows were solved.
+
+    A row that was not solved keeps its q, and its error is what it was before.
+    """
 
     q_cmd: np.ndarray
     before: np.ndarray
@@ -33,11 +40,11 @@ def compensate_online(
 ) -> np.ndarray:
     """q_cmd = q − J(q)⁺·Δt(q, W): one step, as the generated C function ``compensate`` (N, n).
 
-    Rows in a singular pose keep their q.
+    Rows in a singular pose, or that would move a joint by more than 0.25 rad or m, keep their q.
     """
     q = np.atleast_2d(np.asarray(q, dtype=float))
-    step, solved = _step(model, q, for_poses(model, len(q)).deflection(q, w, context=context))
-    return np.where(solved[:, None], q - step, q)
+    step, regular = _step(model, q, for_poses(model, len(q)).deflection(q, w, context=context))
+    return np.where((regular & _small(step))[:, None], q - step, q)
 
 
 def compensate(
@@ -45,15 +52,16 @@ def compensate(
 ) -> Compensated:
     """Solve T(q_cmd)·Δt(q_cmd, W) = T(q) by Newton steps with the nominal Jacobian (off-line compensation).
 
-    Where the robot cannot reach all six coordinates the weighted error that is left is the smallest; ``solved`` is
-    False for rows in a singular pose, which keep their q.
+    Where the robot cannot reach all six coordinates the weighted error that is left is the smallest. Not solved are
+    rows in a singular pose, rows that did not converge or whose error would grow, and rows that would move a joint by
+    more than 0.25 rad or m, where a correction of compliance errors has no meaning.
     """
     q = np.atleast_2d(np.asarray(q, dtype=float))
     w = np.broadcast_to(np.asarray(w, dtype=float), (len(q), 6))
     moment = {k: np.broadcast_to(x, len(q)) for k, x in (context or {}).items()}
     target = forward(model.robot, q)
     evaluator = for_poses(model, _TYPICAL_ROUNDS * len(q))
-    command, solved, moving = q.copy(), np.ones(len(q), dtype=bool), np.arange(len(q))
+    command, solved, moving = q.copy(), np.zeros(len(q), dtype=bool), np.arange(len(q))
 
     def error(rows: np.ndarray) -> np.ndarray:
         there = {k: x[rows] for k, x in moment.items()}
@@ -62,12 +70,32 @@ def compensate(
     before = error(moving)
     for _ in range(_ROUNDS):
         step, regular = _step(model, command[moving], error(moving))
-        solved[moving] = regular
-        command[moving] = np.where(regular[:, None], command[moving] - step, q[moving])
-        moving = moving[regular & (np.abs(step).max(axis=1, initial=0.0) >= _STILL)]
+        command[moving] -= step
+        good, size = regular & _small(command[moving] - q[moving]), np.abs(step).max(axis=1, initial=0.0)
+        solved[moving] = good & (size < _CONVERGED)
+        moving = moving[good & (size >= _STILL)]
         if not len(moving):
             break
-    return Compensated(command, before, error(np.arange(len(q))), solved)
+    after = before.copy()
+    rows = np.flatnonzero(solved)
+    after[rows] = error(rows)
+    solved &= _weight(model, after) <= _weight(model, before) + _CONVERGED
+    keep = ~solved[:, None]
+    return Compensated(np.where(keep, q, command), before, np.where(keep, before, after), solved)
+
+
+def _small(motion: np.ndarray) -> np.ndarray:
+    """Which rows of joint motions (N, n) [rad, m] are corrections; one that is not finite is none."""
+    return np.asarray(np.all(np.abs(motion) <= LARGEST_CORRECTION, axis=1))
+
+
+def _weight(model: StiffnessModel, twist: np.ndarray) -> np.ndarray:
+    """Lengths (N,) [m] of twists (N, 6) with rotations as lengths, as the steps weigh them."""
+    return np.asarray(np.linalg.norm(twist * _scale(model), axis=1))
+
+
+def _scale(model: StiffnessModel) -> np.ndarray:
+    return np.array([1.0, 1.0, 1.0, *[unit_length(model)] * 3])
 
 
 def _error(
@@ -82,14 +110,17 @@ def _error(
 
     deflection = evaluator.deflection(q, w, context=context)
     pose = forward(evaluator.model.robot, q)
-    turned = Rotation.from_rotvec(deflection[:, 3:]) * Rotation.from_matrix(pose[:, :3, :3])
-    away = turned * Rotation.from_matrix(target[:, :3, :3]).inv()
-    return np.hstack([pose[:, :3, 3] + deflection[:, :3] - target[:, :3, 3], away.as_rotvec()])
+    turn = deflection[:, 3:]
+    absurd = ~(np.abs(turn) < _ABSURD).all(axis=1, keepdims=True)  # no rotation, but a number that says so
+    turned = Rotation.from_rotvec(np.where(absurd, 0.0, turn)) * Rotation.from_matrix(pose[:, :3, :3])
+    away = (turned * Rotation.from_matrix(target[:, :3, :3]).inv()).as_rotvec()
+    moved = pose[:, :3, 3] + deflection[:, :3] - target[:, :3, 3]
+    return np.hstack([moved, np.where(absurd, turn, away)])
 
 
 def _step(model: StiffnessModel, q: np.ndarray, twist: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Joint motions that cause a twist: exact, of least norm, or in least squares; and which rows are regular."""
-    scale = np.array([1.0, 1.0, 1.0, *[unit_length(model)] * 3])
+    scale = _scale(model)
     J = joint_jacobian(model.robot, q) * scale[None, :, None]
     u, s, vt = np.linalg.svd(J, full_matrices=False)
     regular = s[:, -1] > _SINGULAR * s[:, 0]

@@ -1,0 +1,55 @@
+"""Corrections are small or none: near singular poses and for absurd loads a command stays as it was."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from symstiff.compensation import compensate, compensate_online
+from tests.generated_c import model, poses
+
+NEAR = np.array([0.1, -1.0, 1.2, 0.3, 1e-6, -0.2])  # axes 4 and 6 almost on one line
+REGULAR = np.array([0.1, -1.0, 1.2, 0.3, 0.5, -0.2])
+LOAD = np.array([0.0, 0.0, -2500.0, 0.0, 0.0, 0.0])
+
+
+def test_a_command_near_a_singular_pose_stays_as_it_was() -> None:
+    m = model("kuka_kr270")
+    q, w = np.array([NEAR, REGULAR]), np.tile(LOAD, (2, 1))
+    online = compensate_online(m, q, w)
+    np.testing.assert_array_equal(online[0], NEAR)
+    assert 0 < np.abs(online[1] - REGULAR).max() < 0.05
+    found = compensate(m, q, w)
+    assert found.solved.tolist() == [False, True]
+    np.testing.assert_array_equal(found.q_cmd[0], NEAR)
+    np.testing.assert_array_equal(found.after[0], found.before[0])
+    assert np.abs(found.after[1]).max() < 1e-10
+
+
+@pytest.mark.parametrize("force", [1e5, 1e6, 1e8, 1e300])
+def test_a_load_that_no_correction_can_answer_is_not_solved(force: float) -> None:
+    m = model("kuka_kr270")
+    q, w = np.tile(REGULAR, (2, 1)), np.array([[0, 0, -force, 0, 0, 0], LOAD])
+    with np.errstate(all="ignore"):
+        found = compensate(m, q, w)
+        online = compensate_online(m, q, w)
+    moved = np.abs(found.q_cmd - q).max(axis=1)
+    assert found.solved[1]
+    assert moved[1] > 0
+    if not found.solved[0]:
+        assert moved[0] == 0
+        np.testing.assert_array_equal(found.after[0], found.before[0])
+    assert (moved <= 0.25).all()
+    assert (np.abs(online - q) <= 0.25).all()
+    assert force < 1e6 or not found.solved[0]
+
+
+@pytest.mark.parametrize("robot", ["kuka_kr270", "scara", "franka_panda"])
+def test_what_is_solved_has_no_larger_error_than_before(robot: str) -> None:
+    m = model(robot)
+    q, w = poses(robot, 40)
+    found = compensate(m, q, w / 20)
+    assert found.solved.mean() > 0.8
+    if m.robot.dof >= 6:
+        assert np.abs(found.after[found.solved]).max() < 1e-9
+    assert np.abs(found.after[:, :3]).sum() < np.abs(found.before[:, :3]).sum()
