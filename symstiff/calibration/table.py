@@ -1,7 +1,7 @@
 """Measurement and poses tables and trajectories: CSV in, ``Measurements`` out, every mistake with its line.
 
 The stages of reading one file: text (UTF-8, not binary) → rows with line numbers → columns with units
-(``Columns``) → numbers in SI → consistency of the rows (``checks``). The format is the one of the README:
+(``Columns``) → numbers in SI → consistency of the rows (``checks``). The format is that of docs/formats.md:
 one row per pose, load case and measured point, units in brackets in the header.
 """
 

@@ -80,15 +80,19 @@ def run_compensate(model_file: Path, trajectory: Path, output: Path, json: str |
             out,
             f"several loads need several commands: pose {', '.join(split)} became {split[0]}/1, {split[0]}/2, …",
         )
-    singular = int((~found.solved).sum())
-    if singular:
-        note(out, f"{singular} singular poses keep their command")
+    unsolved = int((~found.solved).sum())
+    if unsolved:
+        note(
+            out,
+            f"{unsolved} of {len(table)} poses keep their command: singular, or too far from it (a joint would have to "
+            "move by more than 0.25 rad or m): lower the load, or lead the path around the singularity",
+        )
     out.print(f"wrote {output}")
     write_json(
         json,
         {
             "poses": len(table),
             "rms_mm": {"before": 1e3 * rms[0], "after": 1e3 * rms[1]},
-            "singular": singular,
+            "unsolved": unsolved,
         },
     )

@@ -79,7 +79,7 @@ def _code(finding: Finding, folder: Path) -> dict[str, Any]:
     if proof.compiled:
         text = f"compiled by {proof.compiler} without a warning, self-test passed"
     else:
-        text = "not compiled: no C compiler was found"
+        text = f"not compiled: {proof.reason or 'no C compiler was found'}"
     return {
         "folder": True,
         "compiled": proof.compiled,
