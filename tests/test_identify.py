@@ -14,12 +14,14 @@ from symstiff.calibration.rows import predict
 from symstiff.calibration.simulation import nominal_truth, simulate, truth_from_table
 from symstiff.calibration.table import read_measurements
 from symstiff.compensation import compensate, compensate_online
+from symstiff.effects.base import EffectInstance
 from symstiff.errors import UserError
 from symstiff.model import StiffnessModel, load_model
 from symstiff.reduction import reduce
 from symstiff.reduction.complete import complete_map
 from symstiff.robot import load
 from symstiff.symbolic.numeric import forward
+from tests.diagnosis_data import measured
 
 UR10_DATA = Path(__file__).resolve().parents[2] / "shared" / "data" / "ur10" / "series_a.csv"
 
@@ -171,3 +173,10 @@ def test_a_table_of_arrays_is_identified_as_one_from_a_file() -> None:
     assert found.fit.names == reduction.parameters
     expected = np.array([values[n] for n in found.fit.names])
     assert np.allclose(found.fit.values, expected, rtol=1e-6, atol=1e-14)
+
+
+def test_a_bad_pose_in_the_start_model_belongs_to_its_table() -> None:
+    model = StiffnessModel.of(reduce(load("planar2r")))
+    model = model.with_effect(EffectInstance("bad_poses", {"rows": ["p1"]}))
+    with pytest.raises(UserError, match="leave these rows out of the table"):
+        identify(load("planar2r"), measured(), model)

@@ -27,7 +27,7 @@ from symstiff.calibration.soundness import (
     usable_model,
 )
 from symstiff.calibration.table import check_robot
-from symstiff.effects.base import EffectInstance
+from symstiff.effects.base import EffectInstance, find
 from symstiff.errors import UserError
 from symstiff.model import StiffnessModel, joints_only
 from symstiff.reduction import Reduction, reduce
@@ -154,6 +154,7 @@ def identify(
     remarks += aggregation_remarks(reduction.inexact_aggregations) if reduction is not None else []
     if per_level is not None:
         model = by_level(model, table, per_level)
+    _refuse_rows(model)
     if table.kind == "absolute":
         return _from_absolute(model, reduction, table, remarks)
     train, validation = _split(table, held_out, seed)
@@ -177,6 +178,16 @@ def identify(
         train,
         validation,
     )
+
+
+def _refuse_rows(model: StiffnessModel) -> None:
+    """Raise UserError for effects of single poses: they belong to a table, and no equation of a model holds them."""
+    for effect in model.effects:
+        if find(effect.effect).places_in is not None:
+            raise UserError(
+                f"the start model holds {effect.effect} at {dict(effect.where)}, which belongs to the table it was "
+                "found in: leave these rows out of the table and that [[effect]] out of the model"
+            )
 
 
 def _from_absolute(
