@@ -160,7 +160,8 @@ def test_characters_that_an_encoding_lacks_stop_no_command(command: tuple[str, .
 @pytest.mark.parametrize(("number", "code"), [(signal.SIGINT, 130), (signal.SIGTERM, 143)])
 def test_a_stopped_command_leaves_nothing_behind(tmp_path: Path, number: signal.Signals, code: int) -> None:
     program = (
-        "import sys, time\nfrom symstiff.cli import main\nimport symstiff.codegen.generate as g\n"
+        "import signal, sys, time\nsignal.signal(signal.SIGINT, signal.default_int_handler)\n"  # a shell's background
+        "from symstiff.cli import main\nimport symstiff.codegen.generate as g\n"
         "def slow(*_):\n    print('now', flush=True)\n    time.sleep(60)\n"
         "g.write_tree = slow\nsys.argv = ['symstiff', 'generate', 'planar2r', '-o', 'out']\nmain()\n"
     )
