@@ -9,7 +9,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from symstiff.calibration.experiment.situation import Situation
+from symstiff.calibration.experiment.placement import closest
+from symstiff.calibration.experiment.situation import Situation, look
 from symstiff.calibration.simulation import Device, Truth, nominal_truth
 from symstiff.discrepancy.assemble import assemble
 from symstiff.discrepancy.doubts import doubted, known_throughout
@@ -202,3 +203,17 @@ def test_no_link_weighs_more_than_a_robot_of_its_reach_could() -> None:
     mass = EffectInstance("link_weight", {"link": 2}).realise(robot).parameters[0]
     assert mass.high < 60.0 * robot.reach**3
     assert mass.high > sum(link.mass for link in robot.links)
+
+
+def test_the_rigid_robot_is_placed_as_well_as_it_can_be() -> None:
+    """Whatever the fitted model makes of the device's placement."""
+    table = design("ur10", "absolute", poses=20)
+    values = readings(Truth(load("ur10"), nominal_truth(load("ur10")), (), device=Device()), table)
+    values[:, 3:] = np.nan
+    table = replace(table, values=values)
+    view = look(load("ur10"), table)
+    rigid = view.found.T[:, :3, 3] + view.offset
+    turn, shift = closest(rigid, values[:, :3])
+    expected = values[:, :3] - (rigid @ turn.T + shift)
+    found = fit(StiffnessModel.of(reduce(load("ur10"))), table).reading
+    assert np.sqrt(np.mean(found**2)) == pytest.approx(np.sqrt(np.mean(expected**2)), rel=1e-3)

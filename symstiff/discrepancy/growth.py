@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from symstiff.calibration.experiment.placement import placement_columns
 from symstiff.calibration.experiment.rounding import without_rounding
 from symstiff.calibration.experiment.situation import Situation
 from symstiff.calibration.measurements import Measurements
@@ -89,7 +90,14 @@ def fit(model: StiffnessModel, table: Measurements) -> Fitted:
         if before.size and np.linalg.norm(left - before) < _SETTLED * np.linalg.norm(left):
             break
     absorbed = tuple(n for n in model.parameters if n not in own and n not in _nominal(model))
-    return Fitted(known, absorbed, left, problem.y, assembly)
+    return Fitted(known, absorbed, left, _rigid(assembly), assembly)
+
+
+def _rigid(assembly: Assembly) -> Array:
+    """(M,) what the rows read before the model: absolute positions with the rigid robot placed as well as it can be."""
+    placement = placement_columns(assembly.situation.view)
+    y = assembly.problem.y
+    return np.asarray(y - placement @ np.linalg.lstsq(placement, y, rcond=None)[0]) if placement.size else y
 
 
 def independent(problem: Problem, sizes: Sequence[float]) -> list[int]:
