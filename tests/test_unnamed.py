@@ -11,7 +11,7 @@ from symstiff.calibration.experiment.situation import look
 from symstiff.calibration.measurements import Measurements
 from symstiff.discrepancy.assemble import assemble
 from symstiff.discrepancy.laws import _lagging
-from symstiff.discrepancy.localise import FittedLaw
+from symstiff.discrepancy.localise import FittedLaw, _scales
 from symstiff.discrepancy.problem import Problem
 from symstiff.discrepancy.result import Rms
 from symstiff.discrepancy.workflow import Finding, Task, run, unconfirmed
@@ -150,6 +150,17 @@ def test_small_coefficients_are_not_rounded_away() -> None:
     text = words.law_text(_diagnosed(measured()), law)
     assert "0.0225·sin(q2)" in text
     assert "0.007·t·cos(q2)" in text
+
+
+def test_a_law_of_another_joints_load_tells_by_what_that_is_divided() -> None:
+    scales = {"tau1": 37.5}
+    law = FittedLaw("joint 2", "+2.25e-05*tau*|tau1|", 10.0, 0.5, 0.4, np.zeros(1), scales)
+    assert words.law_text(_diagnosed(measured()), law).endswith("with t = τ/(10 N·m) and t1 = τ1/(37.5 N·m)")
+    problem = _diagnosed(measured()).assembly.problem
+    first = problem.virtual_joints.index("joint 1")
+    found = _scales(problem, problem.virtual_joints.index("joint 2"), "+1*tau*|tau1| -2*tau1 +3*tau")
+    assert problem.tau is not None
+    assert found == {"tau1": pytest.approx(np.max(np.abs(problem.tau[:, first])))}
 
 
 def test_what_unused_poses_predict_no_better_is_unconfirmed() -> None:

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+import re
+from collections.abc import Mapping
+from dataclasses import dataclass, field
 
 import numpy as np
 from scipy import stats
@@ -50,6 +52,8 @@ class FittedLaw:
     """The same on poses that were left out."""
     values: Array
     """(M,) deflection of the virtual joint by the law."""
+    other_scales: Mapping[str, float] = field(default_factory=dict)
+    """Largest loads by which ``tau3`` and the like (``taux``: along the link) are divided [N, N·m]."""
 
 
 @dataclass(frozen=True)
@@ -237,5 +241,15 @@ def _written(
     return FittedLaw(
         problem.virtual_joints[v], expression, largest_load(problem, v),
         1.0 - float(residual @ residual) / max(float(y @ y), 1e-300), validated,
-        np.hstack([law.values for law in laws]) @ beta,
+        np.hstack([law.values for law in laws]) @ beta, _scales(problem, v, expression),
     )  # fmt: skip
+
+
+def _scales(problem: Problem, v: int, expression: str) -> dict[str, float]:
+    """The largest load behind every other load's name in an expression."""
+    link = problem.virtual_joints[v].rpartition(" ")[0]
+    named = {f"tau{j + 1}": u for u, j in enumerate(problem.joint_of) if j >= 0}
+    if f"{link} 1" in problem.virtual_joints:
+        named["taux"] = problem.virtual_joints.index(f"{link} 1")
+    used = dict.fromkeys(re.findall(r"\btau(?:\d+|x)\b", expression))
+    return {name: largest_load(problem, named[name]) for name in used if name in named}

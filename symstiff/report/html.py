@@ -262,7 +262,7 @@ def _unnamed(finding: Finding) -> dict[str, Any] | None:
             "text": words.law_text(finding, law),
             "expression": law.expression,
             "unit": "rad" if rotates(finding, law.virtual_joint) else "m",
-            "scale": f"{law.tau_scale:.4g} {'N·m' if rotates(finding, law.virtual_joint) else 'N'}",
+            "scales": {"tau": f"{law.tau_scale:.4g}", **{n: f"{x:.4g}" for n, x in law.other_scales.items()}},
             "explained": f"{100 * law.explained:.0f} %",
             "validated": f"{100 * law.cross_validated:.0f} %",
         },

@@ -164,6 +164,7 @@ def _law(finding: Finding) -> dict[str, Any] | None:
         "virtual_joint": law.virtual_joint,
         "expression": law.expression,
         "tau_scale": plain(law.tau_scale),
+        "other_scales": {name: plain(largest) for name, largest in law.other_scales.items()},
         "explained": plain(law.explained),
         "cross_validated": plain(law.cross_validated),
     }

@@ -343,9 +343,13 @@ def law_text(finding: Finding, law: FittedLaw) -> str:
         text = text.replace(plain, written)
     text = text.strip().removeprefix("+").strip()
     text = re.sub(r"^− ", "−", text)
-    others = "".join(f" and t{j} = τ{j}/max|τ{j}|" for j in sorted(set(re.findall(r"\bt(\d+)", text))))
-    if "tx" in text:
-        others += " and tx = the load along the link, by its largest"
+    joints = finding.task.robot.joint
+    others = ""
+    for name, largest in law.other_scales.items():
+        own = name.removeprefix("tau")
+        slides = own == "x" or joints[int(own) - 1].prismatic
+        what = "the load along the link" if own == "x" else f"τ{own}"
+        others += f" and t{own} = {what}/({number(largest, 4)} {'N' if slides else 'N·m'})"
     if "beyond(" in text:
         others += " and beyond(t, s) the part of t above s"
     if "late(" in text:
