@@ -217,3 +217,15 @@ def test_the_rigid_robot_is_placed_as_well_as_it_can_be() -> None:
     expected = values[:, :3] - (rigid @ turn.T + shift)
     found = fit(StiffnessModel.of(reduce(load("ur10"))), table).reading
     assert np.sqrt(np.mean(found**2)) == pytest.approx(np.sqrt(np.mean(expected**2)), rel=1e-3)
+
+
+def test_readings_that_changed_places_are_told_by_their_rows() -> None:
+    table = measured(poses=16)
+    values = table.values.copy()
+    values[[10, 101]] = table.values[[101, 10]]
+    found = run(Task(load(ROBOT), replace(table, values=values)))
+    remark = next(r for r in found.remarks if "changed places" in r)
+    assert remark.startswith("2 rows lie")
+    assert all(table.place(row) in remark for row in (10, 101))
+    for plain in (measured(poses=16), measured(HARDENING, poses=16)):
+        assert not any("changed places" in r for r in run(Task(load(ROBOT), plain)).remarks)

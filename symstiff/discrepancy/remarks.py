@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from symstiff.calibration.experiment.situation import View
 from symstiff.calibration.measurements import Measurements
 from symstiff.discrepancy.noise import NoiseReport
 from symstiff.discrepancy.result import Diagnosis
@@ -13,16 +14,19 @@ LOOSE = 1.35
 """How much more than the others a marker scatters that is spoken of."""
 FAR = 2.5
 """Error on poses that were not used, against the noise, that is spoken of."""
+BESIDE = 6.0
+"""Residual of a row, in standard deviations, that is spoken of where few rows have such."""
+_FEW_ROWS = 0.02
 _MOSTLY = 0.5
 """Share of the residual's variance that few poses bring from which they are spoken of."""
 
 
-def remarked(table: Measurements, last: Diagnosis) -> list[str]:
-    """Remarks on a diagnosis, a sentence each."""
+def remarked(view: View, last: Diagnosis) -> list[str]:
+    """Remarks on a diagnosis of what ``view`` shows, a sentence each."""
     noise = last.noise
     return [
-        *_of_sigma(noise), *_of_approach(last), *_of_markers(noise), *_of_poses(table, last), *_of_single(last),
-        *_of_proof(last)
+        *_of_sigma(noise), *_of_approach(last), *_of_markers(noise), *_of_poses(view.table, last), *_of_single(last),
+        *_of_proof(last), *_of_rows(view, last),
     ]  # fmt: skip
 
 
@@ -81,4 +85,23 @@ def _of_proof(last: Diagnosis) -> list[str]:
     return [
         f"poses that were not used are predicted with {rms.held_out_after / rms.noise:.1f} times the noise: "
         "these poses are too few, or too unlike each other, to rely on the model beyond them"
+    ]
+
+
+def _of_rows(view: View, last: Diagnosis) -> list[str]:
+    """Few readings far beside all others: slips of the pen, or readings that changed places."""
+    if not last.growth:
+        return []
+    residual, beside = np.abs(last.growth[-1].residual), np.zeros(len(view.table))
+    for kind in (view.component < 3, view.component >= 3):
+        if np.any(kind):
+            usual = max(float(np.median(residual[kind])) / 0.6745, 1e-300)
+            np.maximum.at(beside, view.state[kind], residual[kind] / usual)
+    rows = np.flatnonzero(beside > BESIDE)
+    if not len(rows) or len(rows) > max(_FEW_ROWS * len(beside), 2):
+        return []
+    shown = "; ".join(view.table.place(int(r)) for r in rows[np.argsort(-beside[rows])][:4])
+    return [
+        f"{len(rows)} row{'s' * (len(rows) > 1)} lie{'s' * (len(rows) == 1)} {beside.max():.0f} times the usual "
+        f"residual off ({shown}): look for slips, or for readings that changed places"
     ]

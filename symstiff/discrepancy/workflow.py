@@ -281,7 +281,7 @@ def _finding(
     if climbed and verdict == NOTHING:
         verdict, reason = NAMED, "the links give way; beyond the complete model no test rejects"
     testable = verdict != UNTESTABLE
-    remarks = [*remarks, *remarked(table, last)]
+    remarks = [*remarks, *remarked(assembly.situation.view, last)]
     remarks += _undetermined(base, assembly, last)
     if unconfirmed(last.rms):
         named = tuple(replace(e, confidence=min(e.confidence, _UNCONFIRMED)) for e in named)
