@@ -229,3 +229,8 @@ def test_readings_that_changed_places_are_told_by_their_rows() -> None:
     assert all(table.place(row) in remark for row in (10, 101))
     for plain in (measured(poses=16), measured(HARDENING, poses=16)):
         assert not any("changed places" in r for r in run(Task(load(ROBOT), plain)).remarks)
+
+
+def test_noise_that_nothing_checks_is_said_to_be_so() -> None:
+    assert any("nothing checks it" in r for r in run(Task(load(ROBOT), measured(stated=0.0))).remarks)
+    assert not any("nothing checks it" in r for r in run(Task(load(ROBOT), measured())).remarks)

@@ -31,6 +31,11 @@ def remarked(view: View, last: Diagnosis) -> list[str]:
 
 
 def _of_sigma(noise: NoiseReport) -> list[str]:
+    if noise.stated is None and noise.source == "residual":
+        return [
+            "no sigma is stated and too little was measured twice: the noise is taken from what is left, and nothing "
+            "checks it"
+        ]
     if not noise.misstated or noise.ratio_interval is None:
         return []
     low, high = noise.ratio_interval
