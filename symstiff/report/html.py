@@ -12,6 +12,7 @@ from symstiff import __version__
 from symstiff.discrepancy.proof import NO_GAP
 from symstiff.discrepancy.result import CandidateResult, Estimate, Name
 from symstiff.discrepancy.speech import named, spoken
+from symstiff.discrepancy.verdict import INSUFFICIENT
 from symstiff.discrepancy.workflow import Finding, Found
 from symstiff.effects.base import catalogue
 from symstiff.report import law_plots, plots, words
@@ -105,9 +106,7 @@ def _explanations(finding: Finding) -> list[dict[str, Any]]:
     common, own = words.explanations(finding)
     out = [{"title": "In every explanation", "cards": _effects(finding, common)}] if common else []
     for k, members in enumerate(own, start=1):
-        sure = (
-            f": confidence {100 * min(e.confidence for e in members):.0f} %" if members else ": nothing more"
-        )
+        sure = f": {words.confidence(members)}" if members else ": nothing more"
         out.append({"title": f"Explanation {k}{sure}", "cards": _effects(finding, members)})
     return out
 
@@ -140,7 +139,7 @@ def _card(finding: Finding, group: list[Found]) -> dict[str, Any]:
         "separated_by": entry.separated_by if entry else "",
         "parameters": [(n, words.quantity(v)) for g in group for n, v in g.parameters.items()],
         "p": words.p_equals(max(g.p_value for g in group)),
-        "confidence": f"{100 * min(g.confidence for g in group):.0f} %",
+        "confidence": words.confidence(group, finding.verdict == INSUFFICIENT),
         "confounded": _few(list(confounded), 6),
         "shape": words.shape_text(finding, e),
     }

@@ -11,7 +11,7 @@ from symstiff.discrepancy.laws import READING
 from symstiff.discrepancy.localise import FittedDevice, FittedLaw
 from symstiff.discrepancy.result import Estimate, Name
 from symstiff.discrepancy.speech import named, place, spoken
-from symstiff.discrepancy.verdict import AS_WELL, NOT_ALONE
+from symstiff.discrepancy.verdict import AS_WELL, INSUFFICIENT, NOT_ALONE
 from symstiff.discrepancy.workflow import Finding, Found, unconfirmed
 from symstiff.effects.base import catalogue
 from symstiff.report.tables import rotates
@@ -188,17 +188,22 @@ def listed(finding: Finding) -> str:
     kinds: dict[str, list[Found]] = {}
     for e in finding.named:
         kinds.setdefault(e.effect, []).append(e)
-    return "; ".join(part for group in kinds.values() for part in _told(group))
+    even = finding.verdict == INSUFFICIENT
+    return "; ".join(part for group in kinds.values() for part in _told(group, even))
 
 
-def _told(group: list[Found]) -> list[str]:
+def confidence(group: Sequence[Found], even: bool = False) -> str:
+    """The least confidence of a group; a set that does not suffice is an even bet at most."""
+    return "at most an even bet" if even else f"confidence {100 * min(e.confidence for e in group):.0f} %"
+
+
+def _told(group: list[Found], even: bool = False) -> list[str]:
     if len(group) > 3:
-        sure = min(e.confidence for e in group)
         count = sum(len(e.parameters) for e in group)
-        return [f"{names(group)} ({count} parameters, confidence {100 * sure:.0f} %)"]
+        return [f"{names(group)} ({count} parameters, {confidence(group, even)})"]
     return [
         f"{named(e.effect, e.where)}{_or_else(e)} "
-        f"({', '.join(t for t in (main_parameter(e), f'confidence {100 * e.confidence:.0f} %') if t)})"
+        f"({', '.join(t for t in (main_parameter(e), confidence([e], even)) if t)})"
         for e in group
     ]
 
@@ -264,8 +269,7 @@ def explanations(finding: Finding) -> tuple[list[Found], list[list[Found]]]:
 def _ambiguous(finding: Finding) -> str:
     common, own = explanations(finding)
     texts = [
-        f"{names(members) or 'nothing more'}"
-        + (f" (confidence {100 * min(e.confidence for e in members):.0f} %)" if members else "")
+        f"{names(members) or 'nothing more'}" + (f" ({confidence(members)})" if members else "")
         for members in own
     ]
     beside = f"Beside {'; '.join(_told(common))}, " if common else ""
