@@ -17,14 +17,16 @@ from symstiff.discrepancy.doubts import doubted, known_throughout
 from symstiff.discrepancy.growth import fit, grow
 from symstiff.discrepancy.laws import _soft_spots
 from symstiff.discrepancy.problem import Options
+from symstiff.discrepancy.result import Estimate
 from symstiff.discrepancy.search import _lacking
 from symstiff.discrepancy.strata import Stratum
-from symstiff.discrepancy.workflow import Task, run
+from symstiff.discrepancy.workflow import Found, Task, run
 from symstiff.effects.base import EffectInstance
 from symstiff.errors import UserError
 from symstiff.model import StiffnessModel
 from symstiff.reduction.reduce import reduce
 from symstiff.report import words
+from symstiff.report.tables import moved
 from symstiff.robot import from_table, load
 from symstiff.robot.table import to_table
 from tests.diagnosis_data import HARDENING, ROBOT, measured
@@ -234,3 +236,13 @@ def test_readings_that_changed_places_are_told_by_their_rows() -> None:
 def test_noise_that_nothing_checks_is_said_to_be_so() -> None:
     assert any("nothing checks it" in r for r in run(Task(load(ROBOT), measured(stated=0.0))).remarks)
     assert not any("nothing checks it" in r for r in run(Task(load(ROBOT), measured())).remarks)
+
+
+def test_an_effect_of_known_size_is_told_at_the_size_that_the_data_say() -> None:
+    found = run(Task(load(ROBOT), measured()))
+    share = {"large_deflection_all_share": Estimate(1.4, 0.3, "1")}
+    effect = Found("large_deflection", {"robot": "all"}, {}, share, 1e-4, 0.9, ())
+    grown = replace(found.grown, model=grow(found.grown.model, [effect.instance]))
+    rows = {m.name: m for m in moved(replace(found, effects=(effect,), grown=grown))}
+    row = rows["large_deflection_all_share"]
+    assert (row.before, row.after, row.after_std, row.unit) == (None, 1.4, 0.3, "")

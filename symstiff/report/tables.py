@@ -104,17 +104,21 @@ def moved(finding: Finding) -> list[Moved]:
     """Every parameter of the grown model, and what it was."""
     before, after = finding.start.model, finding.grown.model
     units = {**before.units, **after.units}
+    # an effect whose size is known stands in the model at that size; the verdict tells what the data say of it
+    told = {n: e for f in finding.named for n, e in f.parameters.items() if math.isfinite(e.std)}
     out = []
     for name in dict.fromkeys((*before.parameters, *after.parameters)):
-        a, b = name in before.deviations, name in after.deviations
+        a, b = name in before.deviations, name in after.deviations or name in told
+        value = told[name].value if name in told else after.values.get(name, 0.0)
+        std = told[name].std if name in told else after.deviations.get(name, 0.0)
         out.append(
             Moved(
                 name,
-                units[name],
+                "" if units[name] == "1" else units[name],
                 before.values.get(name, 0.0) if a else None,
                 before.deviations[name] if a else None,
-                after.values.get(name, 0.0) if b else None,
-                after.deviations[name] if b else None,
+                value if b else None,
+                std if b else None,
             )
         )
     return out
