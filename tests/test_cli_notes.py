@@ -59,6 +59,11 @@ def test_sound_data_need_no_note(run: Run) -> None:
     assert "note" not in notes(run, *IDENTIFY)
 
 
+def test_deflections_of_nanometres_have_another_unit(run: Run) -> None:
+    measured(Path("data.csv"), scale=3000.0)
+    assert "nm a newton, which no serial robot is stiff enough for" in notes(run, *IDENTIFY)
+
+
 def test_a_fit_beyond_the_stated_sigma_points_to_diagnose(run: Run) -> None:
     measured(Path("data.csv"), added=1e-3)
     said = notes(run, *IDENTIFY)
