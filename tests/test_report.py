@@ -18,7 +18,7 @@ from symstiff.report.code import core, difference
 from symstiff.report.folder import write_deciding_poses
 from symstiff.report.html import render
 from symstiff.report.law_plots import left_with
-from symstiff.report.words import law_text, number, p_equals, places, quantity
+from symstiff.report.words import law_text, number, p_equals, places, quantity, sentence
 from symstiff.robot import load
 from tests.diagnosis_data import HARDENING, ROBOT, measured
 
@@ -198,6 +198,14 @@ def test_where_nothing_was_added_there_is_one_state() -> None:
 )
 def test_places_of_one_effect_are_told_in_one_breath(wheres: list[dict[str, Any]], text: str) -> None:
     assert places(wheres) == text
+
+
+def test_what_is_less_likely_and_not_excluded_is_in_the_sentence(named: Finding) -> None:
+    rival = Found("backlash", {"joint": 2}, {}, {}, 0.01, 0.1, (), 1)
+    text = sentence(replace(named, alternatives=(rival,)))
+    assert text.startswith("What is missing: nonlinear stiffness at joint 2")
+    assert text.endswith("Less likely, but not excluded: backlash at joint 2.")
+    assert "Less likely" not in sentence(replace(named, alternatives=()))
 
 
 def test_an_ambiguous_verdict_leaves_poses_that_decide(named: Finding, tmp_path: Path) -> None:

@@ -242,7 +242,12 @@ def gap(finding: Finding) -> str:
 
 
 def _named(finding: Finding) -> str:
-    return f"What is missing: {listed(finding)}; {gap(finding)}."
+    text = f"What is missing: {listed(finding)}; {gap(finding)}."
+    sets = sorted({e.set_number for e in finding.alternatives})
+    others = [[e for e in finding.alternatives if e.set_number == s] for s in sets]
+    if not others:
+        return text
+    return f"{text} Less likely, but not excluded: {'; or '.join(names(members) for members in others)}."
 
 
 def _nothing(finding: Finding) -> str:
