@@ -6,6 +6,7 @@ import math
 import sys
 from collections.abc import Iterator
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -16,7 +17,7 @@ from symstiff.calibration.simulation.chain import posture as posture_of
 from symstiff.calibration.simulation.equilibrium import Mechanism, States, Weight, loads
 from symstiff.codegen.compiler import find_compiler
 from symstiff.codegen.generate import generate
-from symstiff.discrepancy.distinguish import distinction, distinguishable
+from symstiff.discrepancy.distinguish import distinction
 from symstiff.effects import EffectInstance, catalogue
 from symstiff.effects.base import Effect, Scales
 from symstiff.effects.common import weight_load
@@ -251,6 +252,12 @@ def test_with_masses_a_gap_is_crossed_only_where_the_total_torque_turns_over() -
     still, crossed = model.deflection(q_, np.array([up_little, up_much]), values)[:, 2]
     assert abs(still) < 1e-9
     assert abs(crossed) > 5e-4
+
+
+def distinguishable(
+    model: StiffnessModel, effect: str, where: dict[str, Any], kind: str = "deflection"
+) -> bool:
+    return distinction(model, effect, where, kind=kind).distinguishable
 
 
 def test_structure_alone_tells_what_no_data_can_show() -> None:

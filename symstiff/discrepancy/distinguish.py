@@ -50,17 +50,6 @@ def survey(model: StiffnessModel, kind: str = "deflection") -> Iterator[tuple[Ef
             yield effect, where, distinction(model, identifier, where, kind=kind)
 
 
-def distinguishable(
-    model: StiffnessModel,
-    effect: str,
-    where: Where,
-    experiment: Experiment | None = None,
-    kind: str = "deflection",
-) -> bool:
-    """Whether an effect's columns leave the span of the model's in this class of experiments."""
-    return distinction(model, effect, where, experiment, kind).distinguishable
-
-
 def distinction(
     model: StiffnessModel,
     effect: str,

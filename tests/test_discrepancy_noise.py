@@ -1,0 +1,122 @@
+"""The noise on arrays: what poses share, axes and units, stated and found; the lack of fit by strata."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from symstiff.discrepancy.diagnose import diagnose
+from symstiff.discrepancy.prepare import prepare
+from symstiff.discrepancy.problem import Problem
+from symstiff.discrepancy.strata import strata
+from tests.test_discrepancy_engine import QUICK, SIGMA, arm, measured, saturating, scaled
+
+
+def test_an_approach_error_common_to_a_poses_load_cases_raises_no_alarm() -> None:
+    a = arm(12)
+    found = [diagnose(measured(a.problem, 0.0, s, 2 * SIGMA), a.candidates, QUICK) for s in range(10)]
+    assert [d.verdict for d in found].count("nothing_missing") >= 9
+    assert np.median([d.noise.approach for d in found]) == pytest.approx(2 * SIGMA, rel=0.5)
+
+
+@pytest.mark.parametrize(("own", "size"), [(0.0, 0.7), (1.0, 0.7), (1.0, 0.4), (0.0, 0.0)])
+def test_the_approach_error_is_found_whether_the_markers_share_it_or_not(own: float, size: float) -> None:
+    poses, cases, markers = 40, 3, 3
+    pose, case, channel = (g.ravel() for g in np.indices((poses, cases, 3 * markers)))
+    rng = np.random.default_rng(3)
+    shared = rng.normal(size=(poses, 3))[pose, channel % 3]
+    alone = rng.normal(size=(poses, 3 * markers))[pose, channel]
+    error = rng.normal(size=len(pose)) + size * (np.sqrt(1 - own) * shared + np.sqrt(own) * alone)
+    problem = Problem(
+        SIGMA * error, np.ones((len(pose), 1)), pose, case, channel, channel % 3,
+        sigma=np.full(len(pose), SIGMA), load=(1.0 + case) / cases,
+    )  # fmt: skip
+    report = prepare(problem, ()).report
+    assert report.approach == pytest.approx(size * SIGMA, abs=0.3 * SIGMA)
+    assert report.sigma == pytest.approx(SIGMA, rel=0.06)
+
+
+@pytest.mark.parametrize("factor", [0.8, 1.2])
+def test_a_misstated_sigma_is_noticed_and_changes_no_p_value(factor: float) -> None:
+    a = arm(20)
+    problem = measured(a.problem, scaled(a.problem, saturating(a.problem, 0), 60.0), 6)
+    right = diagnose(replace(problem, sigma=np.full(problem.rows, SIGMA)), a.candidates, QUICK)
+    wrong = diagnose(replace(problem, sigma=np.full(problem.rows, SIGMA * factor)), a.candidates, QUICK)
+    assert wrong.noise.misstated
+    assert not right.noise.misstated
+    assert wrong.noise.ratio == pytest.approx(1 / factor, rel=0.1)
+    assert wrong.p_missing == pytest.approx(right.p_missing, rel=1e-3)
+    assert wrong.verdict == right.verdict
+
+
+def test_a_residual_far_above_the_stated_sigma_is_not_called_explained() -> None:
+    a = arm(20)
+    found = diagnose(
+        replace(measured(a.problem, 0.0, 6), sigma=np.full(a.problem.rows, SIGMA / 1.9)), a.candidates, QUICK
+    )
+    assert (found.verdict, found.effects) == ("unexplained", ())
+    assert "1.9 times the stated sigma" in found.reason
+
+
+def test_noise_that_grows_with_distance_is_found() -> None:
+    a = arm(30)
+    distance = np.linspace(1.0, 4.0, a.problem.rows)
+    rng = np.random.default_rng(8)
+    y = a.problem.y + rng.normal(size=a.problem.rows) * SIGMA * distance
+    d = diagnose(replace(a.problem, y=y, spread={"distance": distance}), a.candidates, QUICK)
+    assert d.noise.growth["distance"] == pytest.approx(1.0, abs=0.4)
+    assert d.verdict == "nothing_missing"
+
+
+def test_noise_of_positions_and_of_rotations_is_not_mixed() -> None:
+    """Axis 1 of the arm stands for a rotation, twenty times as noisy in its unit."""
+    a = arm()
+    turning = a.problem.axis == 1
+    size = np.where(turning, 20.0 * SIGMA, SIGMA)
+    rng = np.random.default_rng(9)
+    shared = rng.normal(size=(a.problem.poses, 2))[a.problem.pose, a.problem.axis]
+    problem = replace(a.problem, axis=np.where(turning, 3, 0), sigma=size)
+    for approach in (0.0, 2.0):
+        y = a.problem.y + size * (rng.normal(size=a.problem.rows) + approach * shared)
+        noise = diagnose(replace(problem, y=y), a.candidates, QUICK).noise
+        assert noise.sigma == pytest.approx(SIGMA, rel=0.15)
+        assert noise.stated == pytest.approx(SIGMA)
+        assert noise.ratio == pytest.approx(1.0, abs=0.15)
+        assert (noise.approach_p < 0.01) == bool(approach)
+        if approach:
+            assert noise.approach == pytest.approx(approach * SIGMA, rel=0.4)
+
+
+def test_strata_know_loads_that_are_told_to_few_digits() -> None:
+    """The model's columns are proportional to the load but for rounding: they stay within that stratum."""
+    a = arm(15)
+    jitter = 1.0 + 1e-4 * np.random.default_rng(3).normal(size=a.problem.A.shape)
+    problem = measured(a.problem)
+    exact, rounded = (
+        {s.name: s.degrees_of_freedom for s in strata(p, prepare(p, ()).scan)}
+        for p in (problem, replace(problem, A=problem.A * jitter))
+    )
+    assert exact == rounded
+
+
+def test_strata_share_out_the_whole_residual() -> None:
+    a = arm(10)
+    ready = prepare(measured(a.problem), a.candidates)
+    parts = strata(a.problem, ready.scan)
+    assert sum(s.degrees_of_freedom for s in parts) == a.problem.rows - 3
+    rest = parts[-1].sum_of_squares / parts[-1].degrees_of_freedom
+    total = sum(s.sum_of_squares for s in parts)
+    assert total * (rest and 1.0) == pytest.approx(
+        ready.scan.best.rss / (ready.scan.best.rss / total), rel=1e-9
+    )
+    assert {"nonlinear in load", "loading against unloading"} <= {s.name for s in parts}
+
+
+def test_load_nonlinearity_shows_in_its_own_stratum() -> None:
+    a = arm(20)
+    signal = scaled(a.problem, a.problem.J[:, 1] * a.problem.tau[:, 1] ** 3, 900.0)
+    ready = prepare(measured(a.problem, signal), a.candidates)
+    p = {s.name: s.p_value for s in strata(a.problem, ready.scan)}
+    assert p["nonlinear in load"] < 1e-3
