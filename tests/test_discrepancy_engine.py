@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from symstiff.discrepancy import baselines
 from symstiff.discrepancy.design import confusability, share_left
 from symstiff.discrepancy.diagnose import diagnose
-from symstiff.discrepancy.noise import Noise
+from symstiff.discrepancy.noise import AXES, JOINTS, Noise, Sharing
 from symstiff.discrepancy.prepare import prepare
 from symstiff.discrepancy.problem import Array, Candidate, Options, Parameter, Problem
 from symstiff.discrepancy.scan import detectable_noncentrality, evidence, explained, open_scan, tail
@@ -120,17 +120,21 @@ def saturating(problem: Problem, v: int) -> Array:
     return np.asarray(problem.J[:, v] * np.tanh(2.5 * t))
 
 
-def test_explained_squares_are_the_drop_of_a_generalised_least_squares_residual() -> None:
+@pytest.mark.parametrize("way", [AXES, JOINTS])
+def test_explained_squares_are_the_drop_of_a_generalised_least_squares_residual(way: str) -> None:
     a = arm(6)
     problem = measured(a.problem)
     ready = prepare(problem, a.candidates)
     scan = open_scan(
-        ready.bank, Noise(np.full(problem.rows, SIGMA), (0.7,), ready.scan.noise.blocks), problem.y, problem.A
+        ready.bank,
+        Noise(np.full(problem.rows, SIGMA), (Sharing(way, 0.7),), ready.scan.noise.ways),
+        problem.y,
+        problem.A,
     )
     V = np.eye(problem.rows)
-    for rows, K in scan.noise.blocks:
-        for r, k in zip(rows, K, strict=True):
-            V[np.ix_(r, r)] += 0.7 * k
+    for rows, U, value in scan.noise.ways[way]:
+        for r, u, v in zip(rows, U, value, strict=True):
+            V[np.ix_(r, r)] += 0.7 * (u * v) @ u.T
     L = np.linalg.inv(np.linalg.cholesky(V)) / SIGMA
 
     def residual(X: Array) -> float:

@@ -2,23 +2,55 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
 import pytest
 
 from symstiff.discrepancy.diagnose import diagnose
+from symstiff.discrepancy.noise import JOINTS, by_joint
 from symstiff.discrepancy.prepare import prepare
-from symstiff.discrepancy.problem import Problem
+from symstiff.discrepancy.problem import Array, Problem
 from symstiff.discrepancy.strata import strata
 from tests.test_discrepancy_engine import QUICK, SIGMA, arm, measured, saturating, scaled
 
 
-def test_an_approach_error_common_to_a_poses_load_cases_raises_no_alarm() -> None:
+@pytest.mark.parametrize("size", [2.0, 12.0])
+def test_an_approach_error_common_to_a_poses_load_cases_raises_no_alarm(size: float) -> None:
     a = arm(12)
-    found = [diagnose(measured(a.problem, 0.0, s, 2 * SIGMA), a.candidates, QUICK) for s in range(10)]
+    found = [diagnose(measured(a.problem, 0.0, s, size * SIGMA), a.candidates, QUICK) for s in range(10)]
     assert [d.verdict for d in found].count("nothing_missing") >= 9
-    assert np.median([d.noise.approach for d in found]) == pytest.approx(2 * SIGMA, rel=0.5)
+    assert np.median([d.noise.approach for d in found]) == pytest.approx(size * SIGMA, rel=0.5)
+
+
+def joints_elsewhere(problem: Problem, size: Sequence[float], seed: int) -> Array:
+    """(M,) readings of joints that stand elsewhere in each pose, by ``size`` [rad] each."""
+    assert problem.J is not None
+    actuated = [v for v, j in enumerate(problem.joint_of) if j >= 0]
+    angle = np.random.default_rng(seed).normal(size=(problem.poses, len(actuated))) * np.array(size)
+    return np.asarray(np.einsum("mj,mj->m", problem.J[:, actuated], angle[problem.pose]))
+
+
+def test_joints_that_stand_elsewhere_raise_no_alarm() -> None:
+    a = arm(30)
+    size = [2e-5, 8e-5, 4e-5]
+    found = [
+        diagnose(measured(a.problem, joints_elsewhere(a.problem, size, s), s), a.candidates, QUICK)
+        for s in range(10)
+    ]
+    assert [d.verdict for d in found].count("nothing_missing") >= 9
+    assert [d.noise.shared for d in found].count(JOINTS) >= 9
+
+
+def test_the_variances_of_the_joints_errors_are_found() -> None:
+    problem = arm(200).problem
+    size = np.array([2e-5, 8e-5, 4e-5])
+    y = joints_elsewhere(problem, list(size), 1) + SIGMA * np.random.default_rng(2).normal(size=problem.rows)
+    spread = np.full(problem.rows, SIGMA)
+    ratio = float(np.var(y)) / SIGMA**2 - 1.0
+    found = np.array(by_joint(problem, y, spread, 1.0, ratio))
+    assert found / found[0] == pytest.approx((size / size[0]) ** 2, rel=0.35)
 
 
 @pytest.mark.parametrize(("own", "size"), [(0.0, 0.7), (1.0, 0.7), (1.0, 0.4), (0.0, 0.0)])

@@ -11,7 +11,7 @@ from symstiff.calibration.estimate import Estimate, estimate, unit_of
 from symstiff.calibration.experiment.current import settled
 from symstiff.calibration.measurements import Measurements
 from symstiff.calibration.residuals import ResidualTable, residual_table
-from symstiff.calibration.rows import Equations, weights
+from symstiff.calibration.rows import Equations, shared_blocks, weights
 from symstiff.model import StiffnessModel
 
 _OUTSIDE = 1e-4
@@ -51,7 +51,7 @@ def fit_absolute(model: StiffnessModel, table: Measurements) -> AbsoluteFit:
     e = Equations(A, current.y, known, view.state, view.component)
     compliances = [*(model.units[n] for n in current.names), *(unit_of(n) for n in hidden)]
     names = (*current.names, *hidden, *labels)
-    fit = estimate(e.A, e.y, weights(e), names, units=(*compliances, *units))
+    fit = estimate(e.A, e.y, weights(e), names, units=(*compliances, *units), blocks=shared_blocks(e, table))
     before = e.spread(e.y, len(table))
     after = e.spread(e.A @ fit.values, len(table))
     return AbsoluteFit(fit, e, residual_table(before, after))

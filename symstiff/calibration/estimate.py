@@ -8,10 +8,12 @@ from dataclasses import dataclass
 from typing import Any, Literal
 
 import numpy as np
+import numpy.typing as npt
 import scipy.stats
 
 from symstiff.calibration.compact import Array, Compact, checked, compact
 from symstiff.calibration.rank import Combination, RankDecision, combinations, decide_rank
+from symstiff.calibration.shared import SharedError, shared_error
 from symstiff.errors import UserError
 
 
@@ -22,9 +24,9 @@ class Estimate:
     values, std, lower, upper: (P,) in `units` (std infinite where the data do not determine the parameter);
     covariance: (P, P) of the resolved part; residuals: (M,) measured minus predicted, in m and rad; whitened:
     (M,) residuals over sigma; s0_squared: whitened residual sum over `dof` (nan without degrees of freedom);
-    unit_variance: the variance factor that std uses, 1 where sigma was given; condition: of the resolved part
-    of the column-scaled matrix; fit_p: probability of a residual sum this large when sigma holds (None
-    without sigma).
+    unit_variance: the variance factor of independent rows, 1 where sigma was given; condition: of the resolved
+    part of the column-scaled matrix; fit_p: probability of a residual sum this large when sigma holds (None
+    without sigma); shared: the error that rows share, which std holds (None where they look independent).
     """
 
     names: tuple[str, ...]
@@ -45,6 +47,7 @@ class Estimate:
     rank: RankDecision
     combinations: tuple[Combination, ...]
     compact: Compact
+    shared: SharedError | None = None
 
     @property
     def correlation(self) -> Array:
@@ -83,6 +86,9 @@ class Estimate:
             "degrees_of_freedom": self.dof,
             "s0_squared": plain(self.s0_squared),
             "fit_p": None if self.fit_p is None else plain(self.fit_p),
+            "shared_error": None
+            if self.shared is None
+            else {"ratio": self.shared.ratio, "p_value": self.shared.p_value},
             "correlated": [{"parameters": [a, b], "correlation": value} for a, b, value in self.correlated()],
         }
 
@@ -99,6 +105,7 @@ def estimate(
     names: Sequence[str] | None = None,
     *,
     units: Sequence[str] | None = None,
+    blocks: npt.ArrayLike | None = None,
     confidence: float = 0.95,
     truncate: Literal["noise", "rounding"] = "noise",
 ) -> Estimate:
@@ -106,7 +113,8 @@ def estimate(
 
     A: (M, P) observation matrix, y: (M,) measured deflections in m and rad; sigma: (M,) their standard
     deviations, or None for equal ones estimated from the residuals; names, units: (P,), units by the names
-    where absent. truncate: whether directions drowned in noise are dropped like those lost in rounding.
+    where absent; blocks: (M,) numbers of rows that may share an error, which the deviations then hold.
+    truncate: whether directions drowned in noise are dropped like those lost in rounding.
     Raises UserError for shapes, NaN and deviations that cannot be used. Source: seed eq. (7)–(8), (15)–(20).
     """
     names = [f"p{i + 1}" for i in range(np.shape(A)[1])] if names is None else names
@@ -129,7 +137,14 @@ def estimate(
     total = float(whitened @ whitened)
     s0_squared = total / dof if dof > 0 else math.nan
     unit_variance = 1.0 if sigma is not None else s0_squared
-    covariance = unit_variance * (root @ root.T)
+    shared = None
+    if blocks is not None and dof > 0:
+        row = A if sigma is None else A / sigma[:, None]
+        shared = shared_error(row @ root, y if sigma is None else y / sigma, blocks, sigma)
+    own = unit_variance if sigma is not None or shared is None else shared.variance
+    covariance = own * (root @ root.T)
+    if shared is not None:
+        covariance += shared.shared_variance * (root @ shared.spread @ root.T)
     std = np.sqrt(np.diag(covariance))
     std[[name in decision.affected for name in named]] = np.inf
     half = std * interval_factor(confidence, dof if sigma is None else None)
@@ -152,6 +167,7 @@ def estimate(
         rank=decision,
         combinations=combinations(decision, named, form.scale, values, covariance),
         compact=form,
+        shared=shared,
     )
 
 

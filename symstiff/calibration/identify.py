@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+import scipy.stats
 
 from symstiff.calibration.absolute import fit_absolute
 from symstiff.calibration.axes import axis_hint_refit
@@ -16,7 +17,7 @@ from symstiff.calibration.loading import as_loading
 from symstiff.calibration.measurements import Measurements
 from symstiff.calibration.residuals import ResidualTable, residual_table, split
 from symstiff.calibration.robust import RobustEstimate, robust_estimate
-from symstiff.calibration.rows import Equations, equations, predict, weights
+from symstiff.calibration.rows import Equations, equations, predict, shared_blocks, weights
 from symstiff.calibration.soundness import (
     aggregation_remarks,
     check_determined,
@@ -164,7 +165,7 @@ def identify(
     values, constrained = _values(fitted, reduction, physical)
     model = model.with_values(values, _finite(dict(zip(fitted.names, fitted.std.tolist(), strict=True))))
     training = residual_table(_measured(train), predict(model, train))
-    remarks += [*_explained(training), *_fits(fitted), *unlike_file(model, robot)]
+    remarks += [*_explained(training), *_fits(fitted, e), *unlike_file(model, robot)]
     return Identification(
         model,
         reduction,
@@ -209,7 +210,11 @@ def _from_absolute(
     if open_ones or len(names) < len(model.parameters):
         missing = [n for n in model.parameters if n not in names]
         remarks.append(f"not determined by these data: {', '.join([*open_ones, *missing])}")
-    remarks += [*_explained(found.residuals), *_fits(found.fit), *unlike_file(model, model.robot)]
+    remarks += [
+        *_explained(found.residuals),
+        *_fits(found.fit, found.equations),
+        *unlike_file(model, model.robot),
+    ]
     return Identification(
         model, reduction, found.fit, found.equations, found.residuals, None, None, None, tuple(remarks), table, None
     )  # fmt: skip
@@ -223,8 +228,9 @@ def fit_model(
     for _ in range(1 if model.is_linear else _ROUNDS):
         e = equations(model, table, values)
         fit = estimate(
-            e.A, e.y, weights(e), model.parameters, units=[model.units[n] for n in model.parameters]
-        )
+            e.A, e.y, weights(e), model.parameters, units=[model.units[n] for n in model.parameters],
+            blocks=shared_blocks(e, table),
+        )  # fmt: skip
         step = fit.values - model.vector(values)
         values = dict(zip(model.parameters, fit.values.tolist(), strict=True))
         if np.abs(step / np.where(fit.std > 0, fit.std, 1.0)).max(initial=0.0) < 1e-3:
@@ -239,6 +245,7 @@ def fit_model(
         groups=table.pose[e.row],
         labels=table.labels,
         units=[model.units[n] for n in model.parameters],
+        blocks=shared_blocks(e, table),
     )
     return strong.estimate, e, strong
 
@@ -283,13 +290,25 @@ def _explained(residuals: ResidualTable) -> list[str]:
     ]
 
 
-def _fits(fit: Estimate) -> list[str]:
-    """A warning where what is left is far more than the stated sigma."""
-    if fit.fit_p is None or fit.fit_p >= _NO_FIT:
-        return []
-    return [
-        "the model or the stated sigma does not fit these data: symstiff diagnose tells what may be missing"
-    ]
+def _fits(fit: Estimate, e: Equations) -> list[str]:
+    """A warning where a pose's rows share an error, and where what is left is far more than the stated sigma."""
+    remarks = []
+    left = fit.fit_p
+    if fit.shared is not None:
+        sigma = weights(e)
+        main = e.component < 3 if np.any(e.component < 3) else e.component >= 3
+        size = np.sqrt(fit.shared.shared_variance * (1.0 if sigma is None else np.mean(sigma[main] ** 2)))
+        shown = f"{1e3 * size:.2g} {'mm' if np.any(e.component < 3) else 'mrad'}"
+        remarks.append(
+            f"the rows of a pose share an error of {shown}, {np.sqrt(fit.shared.ratio):.1f} times their own noise: the "
+            "robot's repeatability, or something that is missing (symstiff diagnose); the deviations above hold it"
+        )
+        left = None if left is None else float(scipy.stats.chi2.sf(fit.dof * fit.shared.variance, fit.dof))
+    if left is not None and left < _NO_FIT:
+        remarks.append(
+            "the model or the stated sigma does not fit these data: symstiff diagnose tells what may be missing"
+        )
+    return remarks
 
 
 def _refuse_for_absolute(given: Mapping[str, bool]) -> None:

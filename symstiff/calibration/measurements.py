@@ -71,6 +71,12 @@ class Measurements:
         return len(self.q)
 
     @property
+    def approach(self) -> Ints:
+        """(M,) number of the approach that a row belongs to: the rows of one pose and repeat share one."""
+        keys = np.column_stack([self.pose, np.nan_to_num(self.repeat, nan=-1.0)])
+        return np.asarray(np.unique(keys, axis=0, return_inverse=True)[1]).ravel()
+
+    @property
     def dof(self) -> int:
         """Number of joint columns n."""
         return int(self.q.shape[1])

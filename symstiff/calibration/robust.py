@@ -13,6 +13,7 @@ from symstiff.calibration.compact import Array, Compact, checked, compact
 from symstiff.calibration.estimate import Estimate, estimate, interval_factor, plain
 from symstiff.calibration.outliers import HuberFit, Suspect, pose_suspects, row_suspects
 from symstiff.calibration.rank import combinations
+from symstiff.calibration.shared import shared_error
 
 HUBER = 1.345  # of the scale: 95 % efficient on normal noise
 _MAD_TO_SIGMA = 1.482602218505602
@@ -63,23 +64,24 @@ def robust_estimate(
     groups: npt.ArrayLike | None = None,
     labels: Sequence[str] | None = None,
     units: Sequence[str] | None = None,
+    blocks: npt.ArrayLike | None = None,
     confidence: float = 0.95,
     tuning: float = HUBER,
     significance: float = 0.01,
 ) -> RobustEstimate:
     """Identify with Huber's loss on whitened residuals and report which rows and poses do not fit.
 
-    A: (M, P), y, sigma as in `estimate`; groups: (M,) pose index of every row, with labels by index; tuning:
+    A: (M, P), y, sigma, blocks as in `estimate`; groups: (M,) pose index of every row, with labels by index; tuning:
     residuals beyond tuning·scale count linearly; significance: chance that a clean data set shows any suspect
     row (and any suspect pose). Raises UserError as `estimate`. Source: Huber, Robust Statistics, ch. 7.
     """
-    start = estimate(A, y, sigma, names, units=units, confidence=confidence)
+    start = estimate(A, y, sigma, names, units=units, blocks=blocks, confidence=confidence)
     A, y, sigma, _ = checked(A, y, sigma, start.names)
     root = resolved_root(start.compact, start.rank.rank)
     Q = (A if sigma is None else A / sigma[:, None]) @ root
     fit = _huber(Q, y if sigma is None else y / sigma, tuning)
     if fit.iterations:
-        start = _with_fit(start, A, y, sigma, root, Q, fit, tuning)
+        start = _with_fit(start, A, y, sigma, root, Q, fit, tuning, blocks)
     rows = row_suspects(Q, fit, significance)
     poses = () if groups is None else pose_suspects(Q, fit, np.asarray(groups), labels, significance)
     return RobustEstimate(start, fit.weights, fit.scale, rows, poses, fit.iterations, fit.converged)
@@ -122,6 +124,7 @@ def _with_fit(
     Q: Array,
     fit: HuberFit,
     tuning: float,
+    blocks: npt.ArrayLike | None,
 ) -> Estimate:
     """The least-squares record with the robust values and Huber's covariance in place of its own."""
     values = root @ fit.solution
@@ -134,6 +137,14 @@ def _with_fit(
     correction = 1.0 + rank / rows * (1.0 - share) / share
     variance = correction**2 * spread / share**2
     covariance = variance * (root @ root.T)
+    shared = None
+    if blocks is not None:
+        heard = np.sqrt(fit.weights)
+        basis, triangle = np.linalg.qr(heard[:, None] * Q)
+        shared = shared_error(basis, heard * (Q @ fit.solution + fit.residual), blocks, sigma)
+        if shared is not None:
+            own = np.linalg.solve(triangle.T, root.T).T
+            covariance = own @ (shared.variance * (np.eye(rank) + shared.ratio * shared.spread)) @ own.T
     std = np.where(np.isinf(start.std), np.inf, np.sqrt(np.diag(covariance)))
     half = std * interval_factor(start.confidence, start.dof)
     return replace(
@@ -149,5 +160,6 @@ def _with_fit(
         unit_variance=variance,
         compact=compact(A, y, sigma, fit.weights),
         fit_p=None,
+        shared=shared,
         combinations=combinations(start.rank, start.names, start.compact.scale, values, covariance),
     )

@@ -95,6 +95,11 @@ def equations(
     return Equations(A, y, sigma if known.all() and known.any() else None, row, component)
 
 
+def shared_blocks(e: Equations, table: Measurements) -> np.ndarray:
+    """(R,) numbers of the equations that an approach error is common to: one component in one approach."""
+    return np.asarray(table.approach[e.row] * len(COMPONENTS) + e.component)
+
+
 def weights(e: Equations) -> np.ndarray | None:
     """Standard deviations of the equations: given, or one for metres and one for radians from the residuals."""
     if e.sigma is not None:

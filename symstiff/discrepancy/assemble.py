@@ -112,6 +112,7 @@ def _problem(situation: Situation, current: Current) -> Problem:
         markers=tuple(table.points[k] for k in np.unique(table.point[state])),
         virtual_joints=tuple(_title(v) for v in view.joints),
         joint_of=tuple(v.body - 1 if v.kind == "joint" else -1 for v in view.joints),
+        slides=tuple(i for i, j in enumerate(view.robot.joint) if j.type == "prismatic"),
         q=table.q[state],
         time=_context(table.time, state),
         temperature=_context(table.temperature, state),

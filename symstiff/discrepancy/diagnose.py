@@ -121,9 +121,9 @@ def against_sigma(outcome: Outcome, report: NoiseReport) -> Outcome:
     return replace(outcome, verdict=UNEXPLAINED, reason=reason)
 
 
-def one_ratio(scan: Scan) -> Noise:
-    """The noise at its likeliest ratio alone: enough for the folds."""
-    return replace(scan.noise, ratios=(scan.best.ratio,))
+def one_sharing(scan: Scan) -> Noise:
+    """The noise at its likeliest sharing alone: enough for the folds."""
+    return replace(scan.noise, sharings=(scan.best.sharing,))
 
 
 def _least(parts: tuple[Stratum, ...]) -> float:
@@ -143,7 +143,7 @@ def _written(
     proof = None
     if options.held_out and not _of_single_poses(problem, ready.bank, entries):
         tell("proof")
-        proof = held_out(problem, ready.bank, one_ratio(scan), floor, entries, allowed, options)
+        proof = held_out(problem, ready.bank, one_sharing(scan), floor, entries, allowed, options)
     open_end = outcome.verdict == UNEXPLAINED
     law = _law(problem, scan, place) if open_end else None
     device = device_law(problem, scan, outcome.found, place.accused) if open_end else None

@@ -2,55 +2,85 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from bisect import bisect_left
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy import stats
 
 from symstiff.discrepancy.problem import Array, Index, Problem
 
-RATIOS = (0.0, 0.1, 0.35, 1.0, 3.0, 10.0)
-"""Grid of (variance of the approach error) / (variance of the noise)."""
+RATIOS = (0.1, 0.35, 1.0, 3.0, 10.0, 35.0, 120.0, 400.0)
+"""Grid of (variance of the approach error) / (variance of the noise); every second one is looked at first."""
+
+AXES, SHIFT, JOINTS = "axes", "shift", "joints"
+"""What a pose's rows share: an error of every measured axis, of the translations alone, or of the joints' angles."""
 
 _SURE = 2.8
 """Standard deviations from which the noise is said to grow with a quantity."""
 
+_ALIKE = 4.0
+"""Poses that the belief in joints with like errors counts for."""
+_STEPS = 30
+
 NEGLIGIBLE = 0.03
 """Departure of sigma from the stated one that changes nothing in practice: no remark is made of it."""
+
+Roots = tuple[tuple[Index, Array, Array], ...]
+"""Batches of blocks: (n, m) rows, (n, m, k) orthonormal directions, (n, k) what is added along them."""
+
+
+@dataclass(frozen=True)
+class Sharing:
+    """One hypothesis of the error that a pose's rows share: what shares it, and its variance over the noise's."""
+
+    way: str = AXES
+    ratio: float = 0.0
+
+
+@dataclass(frozen=True)
+class Split:
+    """How a shared error is split."""
+
+    own: float = 0.0
+    """Part of the axes' error that each marker has alone."""
+    joints: tuple[float, ...] = ()
+    """Variances of the joints' errors, up to a common factor; none: all alike."""
 
 
 @dataclass(frozen=True)
 class Noise:
-    """Covariance D (I + r K) D of the rows, K block-diagonal by pose and axis; r is profiled by whoever uses it."""
+    """Covariance D (I + ratio K) D of the rows, K by pose and way of sharing; whoever uses it weighs the sharings."""
 
     spread: Array
     """(M,) standard deviations D, up to the common scale."""
-    ratios: tuple[float, ...]
-    blocks: tuple[tuple[Index, Array], ...]
-    """(n, m) row numbers of equal-sized blocks, and (n, m, m) their K."""
+    sharings: tuple[Sharing, ...]
+    ways: Mapping[str, Roots]
+    """K of each way: (n, m) row numbers of equal-sized blocks, their eigenvectors (n, m, k) and eigenvalues (n, k)."""
 
-    def root(self, ratio: float, power: float) -> tuple[Array, ...]:
-        """(I + r K)^power for each batch of blocks, (n, m, m)."""
-        out = []
-        for _, K in self.blocks:
-            value, vector = np.linalg.eigh(np.eye(K.shape[1]) + ratio * K)
-            out.append(np.einsum("nab,nb,ncb->nac", vector, value**power, vector))
-        return tuple(out)
+    def root(self, sharing: Sharing, power: float) -> Roots:
+        """(I + ratio K)^power, less the identity."""
+        return tuple(
+            (rows, U, (1.0 + sharing.ratio * value) ** power - 1.0)
+            for rows, U, value in self.ways[sharing.way]
+        )
 
-    def apply(self, roots: tuple[Array, ...], X: Array) -> Array:
+    def apply(self, roots: Roots, X: Array) -> Array:
         """Multiply the rows of X (M, k) by the block matrices."""
         out = np.array(X)
-        for (rows, _), root in zip(self.blocks, roots, strict=True):
+        for rows, U, gain in roots:
+            if not np.any(gain):
+                continue
             n, m = rows.shape
             part = X[rows.ravel()].reshape(n, m, -1)
-            out[rows.ravel()] = np.matmul(root, part).reshape(n * m, -1)
+            along = gain[:, :, None] * np.matmul(U.transpose(0, 2, 1), part)
+            out[rows.ravel()] += np.matmul(U, along).reshape(n * m, -1)
         return out
 
-    def log_determinant(self, ratio: float) -> float:
-        """log |I + r K|."""
-        return float(
-            sum(np.log(np.linalg.eigvalsh(np.eye(K.shape[1]) + ratio * K)).sum() for _, K in self.blocks)
-        )
+    def log_determinant(self, sharing: Sharing) -> float:
+        """log |I + ratio K|."""
+        return float(sum(np.log1p(sharing.ratio * value).sum() for _, _, value in self.ways[sharing.way]))
 
 
 @dataclass(frozen=True)
@@ -78,6 +108,8 @@ class NoiseReport:
     """Standard deviation of the error that a pose's load cases share, of the same rows."""
     approach_p: float
     """That they share none."""
+    shared: str = AXES
+    """What they share: errors of the axes or of the joints."""
 
     @property
     def mostly_shared(self) -> bool:
@@ -94,35 +126,112 @@ def start(problem: Problem) -> Noise:
         for rows in (problem.axis < 3, problem.axis >= 3):
             if np.any(rows):
                 spread[rows] = max(float(np.std(problem.y[rows])), 1e-12)
-    return Noise(spread, _ratios(problem), _blocks(problem, spread, 0.0))
+    ways = _ways(problem, spread, Split())
+    return Noise(spread, _sharings(problem, ways, RATIOS[1::2]), ways)
 
 
-def _ratios(problem: Problem) -> tuple[float, ...]:
+def near(noise: Noise, kept: Sequence[Sharing], finer: bool = False) -> Noise:
+    """The noise with the sharings that are likely and their neighbours on the grid, or halfway to them."""
+    out = [Sharing()] if Sharing() in kept or any(s.ratio <= RATIOS[0] for s in kept) else []
+    for way in noise.ways:
+        there = sorted({s.ratio for s in kept if s.way == way and s.ratio > 0})
+        first = bisect_left(RATIOS, there[0]) if there else 0
+        last = bisect_left(RATIOS, there[-1]) if there else 0
+        if finer and 1 <= len(there) <= 2:
+            out += [Sharing(way, r) for r in (0.55 * there[0], *there, 1.8 * there[-1])]
+        elif there or Sharing() in kept:
+            out += [Sharing(way, r) for r in RATIOS[max(first - 1, 0) : last + 2]]
+    return replace(noise, sharings=tuple(out)) if len(noise.sharings) > 1 else noise
+
+
+def _sharings(problem: Problem, ways: Mapping[str, Roots], ratios: Sequence[float]) -> tuple[Sharing, ...]:
     label = problem.pose * (problem.axis.max() + 1) + problem.axis
     repeated = problem.rows - len(np.unique(label))
-    return RATIOS if repeated >= 10 and problem.poses > 2 else (0.0,)
+    if repeated < 10 or problem.poses <= 2:
+        return (Sharing(),)
+    return (Sharing(), *(Sharing(way, r) for way in ways for r in ratios))
 
 
-def _blocks(problem: Problem, spread: Array, own: float) -> tuple[tuple[Index, Array], ...]:
-    """Blocks of rows of one pose and axis; ``own`` is the part of the shared error that each marker has alone."""
-    label = problem.pose * (problem.axis.max() + 1) + problem.axis
-    order = np.argsort(label, kind="stable")
-    groups = np.split(order, np.flatnonzero(np.diff(label[order])) + 1)
-    common, out = np.ones(problem.rows), []
+def _ways(problem: Problem, spread: Array, split: Split) -> dict[str, Roots]:
+    """K of every way that the data can tell.
+
+    All are scaled alike: a ratio of 1 is a shared error as large as the noise, mean square of the main rows.
+    """
+    common = np.ones(problem.rows)
     for kind in (problem.axis < 3, problem.axis >= 3):  # a shared error in metres, one in radians
         common[kind] = np.sqrt(np.mean(spread[kind] ** 2)) if np.any(kind) else 1.0
+    u = common / spread
+    axis = problem.pose * (problem.axis.max() + 1) + problem.axis
+    markers = _markers(problem, split.own)
+    alone = [np.sqrt(split.own) * u * marker for marker in markers]
+    factor = np.column_stack([np.sqrt(1.0 - split.own) * u, *alone])
+    ways = {AXES: _blocks(axis, factor)}
+    if np.any(problem.axis < 3) and np.any(problem.axis >= 3):
+        ways[SHIFT] = _blocks(axis, factor * (problem.axis < 3)[:, None])
+    if problem.J is not None and any(j >= 0 for j in problem.joint_of):
+        ways[JOINTS] = _blocks(problem.pose, of_joints(problem, common, split.joints) / spread[:, None])
+    return ways
+
+
+def _markers(problem: Problem, own: float) -> list[Array]:
+    points = problem.points
+    return [(points == p).astype(float) for p in np.unique(points)] if own > 0 else []
+
+
+def of_joints(problem: Problem, common: Array, variances: Sequence[float] = ()) -> Array:
+    """(M, n) readings of errors of the joints, the whole as large as ``common`` (M,) in the main rows.
+
+    Where nothing is known of the variances all angles are alike, a slide's error as large at the tool as an angle's.
+    """
+    assert problem.J is not None
+    J = problem.J[:, [v for v, j in enumerate(problem.joint_of) if j >= 0]]
+    main = main_rows(problem)
+    size = np.sqrt(np.mean(J[main] ** 2, axis=0))
+    slides = np.array([j in problem.slides for j in problem.joint_of if j >= 0]) & (size > 0)
+    if np.any(slides) and np.any(size[~slides] > 0):
+        J = J * np.where(slides, np.sqrt(np.mean(size[~slides] ** 2)) / np.where(slides, size, 1.0), 1.0)
+    if variances:
+        J = J * np.sqrt(np.array(variances))
+    whole = float(np.sqrt(np.sum(np.mean(J[main] ** 2, axis=0))))
+    return np.asarray(J * (np.sqrt(np.mean(common[main] ** 2)) / max(whole, 1e-300)))
+
+
+def by_joint(
+    problem: Problem, residual: Array, spread: Array, scale2: float, ratio: float
+) -> tuple[float, ...]:
+    """Variances of the joints' errors up to a common factor: expectation and maximisation, drawn towards equal ones.
+
+    ``residual`` (M,) in the data's unit with the shared error in it, of variance ratio·scale2 against scale2.
+    """
+    factor = of_joints(problem, spread) / spread[:, None]
+    z = residual / (spread * np.sqrt(scale2))
+    poses = np.unique(problem.pose)
+    F = [factor[problem.pose == p] for p in poses]
+    seen = np.stack([f.T @ z[problem.pose == p] for f, p in zip(F, poses, strict=True)])
+    gram = np.stack([f.T @ f for f in F])
+    w = np.ones(factor.shape[1])
+    for _ in range(_STEPS):
+        S = np.linalg.inv(gram + np.diag(1.0 / (ratio * w)))
+        mean = np.einsum("pij,pj->pi", S, seen)
+        second = np.sum(mean**2 + np.einsum("pii->pi", S), axis=0) / ratio
+        w = (_ALIKE + second) / (_ALIKE + len(poses))
+    return tuple(float(x) for x in w / np.mean(w))
+
+
+def _blocks(label: Index, factor: Array) -> Roots:
+    """Eigenvalues and vectors of the blocks of factor·factorᵀ, rows with one label each."""
+    order = np.argsort(label, kind="stable")
+    groups = np.split(order, np.flatnonzero(np.diff(label[order])) + 1)
+    out = []
     for size in sorted({len(g) for g in groups}):
         rows = np.array([g for g in groups if len(g) == size], dtype=np.intp)
-        channel = problem.channel[rows]
-        u = common[rows] / spread[rows]
-        same = (channel[:, :, None] == channel[:, None, :]).astype(float)
-        K = u[:, :, None] * u[:, None, :] * (own * same + (1.0 - own))
-        out.append((rows, K))
+        U, s, _ = np.linalg.svd(factor[rows], full_matrices=False)
+        out.append((rows, U, s**2))
     return tuple(out)
 
 
 def refine(
-    problem: Problem, noise: Noise, residual: Array, dof: float, own: float
+    problem: Problem, noise: Noise, residual: Array, dof: float, split: Split
 ) -> tuple[Noise, dict[str, float], dict[str, float]]:
     """Fit how the noise differs between axes and markers and grows with ``problem.spread``.
 
@@ -156,7 +265,7 @@ def refine(
     others = (np.sum(alone) - alone) / max(len(alone) - 1, 1)
     factor = np.exp(0.5 * (alone - others)).tolist()
     by_marker = {problem.marker(int(m)): f for m, f in zip(markers, factor, strict=True)}
-    return Noise(spread, noise.ratios, _blocks(problem, spread, own)), growth, by_marker
+    return Noise(spread, noise.sharings, _ways(problem, spread, split)), growth, by_marker
 
 
 def main_rows(problem: Problem) -> np.ndarray:
@@ -182,7 +291,7 @@ def report(
     residual: Array,
     scale2: float,
     dof: float,
-    ratio: float,
+    sharing: Sharing,
     growth: dict[str, float],
     by_marker: dict[str, float],
     approach_p: float,
@@ -211,8 +320,8 @@ def report(
     }
     return NoiseReport(
         sigma, stated, relative, interval, misstated, freedom, source, by_axis,
-        _homogeneity(problem, residual, dof), growth, by_marker, sigma * float(np.sqrt(ratio)),
-        approach_p,
+        _homogeneity(problem, residual, dof), growth, by_marker, sigma * float(np.sqrt(sharing.ratio)),
+        approach_p, sharing.way,
     )  # fmt: skip
 
 

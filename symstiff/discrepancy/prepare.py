@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 from scipy import stats
@@ -13,7 +13,7 @@ from symstiff.discrepancy.bank import Bank, build
 from symstiff.discrepancy.beside import evidence_beside
 from symstiff.discrepancy.laws import unnamed_laws
 from symstiff.discrepancy.problem import Array, Candidate, Problem
-from symstiff.discrepancy.scan import Scan, at_ratios, extend, likely, open_scan
+from symstiff.discrepancy.scan import Layer, Scan, at_sharings, extend, likely, open_scan
 
 SAME_SHARE = 0.1
 """Change of the markers' own share of the approach error up to which its size is looked for near the last one."""
@@ -36,49 +36,44 @@ def prepare(problem: Problem, candidates: Sequence[Candidate]) -> Prepared:
     Otherwise a large missing effect would pass for noise that differs between axes or between poses.
     """
     bank = build(problem, candidates, unnamed_laws(problem))
-    noise, own = noises.start(problem), 0.0
+    noise, split = noises.start(problem), noises.Split()
     growth: dict[str, float] = {}
     by_marker: dict[str, float] = {}
-    scan, clean = _opened(problem, bank, noise)
-    for _ in range(2):
-        before, own = own, _own_share(problem, clean, _data_residual(clean))
+    scan, clean = _opened(problem, bank, noise, by_way=True)
+    for last in (False, True):
+        before, split = split.own, _split(problem, clean)
         noise, growth, by_marker = noises.refine(
-            problem, noises.start(problem), _within_residual(clean), clean.freedom, own
+            problem, noises.start(problem), _within_residual(clean), clean.freedom, split
         )
-        if abs(own - before) < SAME_SHARE:
-            noise = replace(noise, ratios=_near(noise.ratios, [layer.ratio for layer in scan.layers]))
-        scan, clean = _opened(problem, bank, noise)
+        if last or abs(split.own - before) < SAME_SHARE:
+            noise = noises.near(noise, [layer.sharing for layer in scan.layers], last)
+        scan, clean = _opened(problem, bank, noise, by_way=not last)
     report = noises.report(
         problem, noise, _within_residual(clean), clean.best.rss / max(clean.freedom, 1), clean.freedom,
-        clean.best.ratio, growth, by_marker, _sharing_none(clean),
+        clean.best.sharing, growth, by_marker, _sharing_none(clean),
     )  # fmt: skip
     return Prepared(scan, bank, report, _data_residual(scan))
 
 
-def _opened(problem: Problem, bank: Bank, noise: noises.Noise) -> tuple[Scan, Scan]:
-    """The scan, and the scan after what stands out, at the ratios that are likely in either.
+def _opened(problem: Problem, bank: Bank, noise: noises.Noise, by_way: bool) -> tuple[Scan, Scan]:
+    """The scan, and the scan after what stands out, at the sharings that are likely in either.
 
     What all load cases of a pose share passes for approach error as long as it is not in the model.
     """
     whole = open_scan(bank, noise, problem.y, problem.A)
     clean = _without_the_obvious(whole)
-    kept = likely(whole) | likely(clean)
-    return at_ratios(whole, kept), at_ratios(clean, kept)
+    kept = likely(whole, by_way) | likely(clean, by_way)
+    return at_sharings(whole, kept), at_sharings(clean, kept)
 
 
 def _sharing_none(scan: Scan) -> float:
-    """p-value that a pose's rows share no error: half of χ², as the ratio cannot be negative."""
+    """p-value that a pose's rows share no error: half of χ² for each way, as the ratio cannot be negative."""
     value = scan.log_likelihood
-    alone = [v for v, layer in zip(value, scan.layers, strict=True) if layer.ratio == 0.0]
-    if not alone:  # ratios that are out of the question are not kept
+    alone = [v for v, layer in zip(value, scan.layers, strict=True) if layer.sharing.ratio == 0.0]
+    if not alone:  # sharings that are out of the question are not kept
         return 0.0
-    return float(0.5 * stats.chi2.sf(2.0 * (np.max(value) - alone[0]), 1))
-
-
-def _near(grid: tuple[float, ...], kept: list[float]) -> tuple[float, ...]:
-    """The kept ratios and their neighbours on the grid."""
-    low, high = grid.index(min(kept)), grid.index(max(kept))
-    return grid[max(low - 1, 0) : high + 2]
+    ways = len({layer.sharing.way for layer in scan.layers if layer.sharing.ratio > 0})
+    return min(1.0, float(0.5 * ways * stats.chi2.sf(2.0 * (np.max(value) - alone[0]), 1)))
 
 
 def _without_the_obvious(scan: Scan, most: int = 3, least: float = 4.0) -> Scan:
@@ -94,8 +89,9 @@ def _without_the_obvious(scan: Scan, most: int = 3, least: float = 4.0) -> Scan:
     return extend(scan, entries)
 
 
-def _data_residual(scan: Scan) -> Array:
-    layer = scan.best
+def _data_residual(scan: Scan, way: str = "") -> Array:
+    """(M,) at the likeliest sharing, or the likeliest of a way."""
+    layer = _likeliest(scan, way)
     return np.asarray(scan.noise.apply(layer.colour, layer.y[:, None])[:, 0] * scan.noise.spread)
 
 
@@ -103,6 +99,22 @@ def _within_residual(scan: Scan) -> Array:
     """Residual with the shared error predicted and removed, data's unit."""
     layer = scan.best
     return np.asarray(layer.y * scan.noise.spread)
+
+
+def _likeliest(scan: Scan, way: str) -> Layer:
+    of_way = [(v, k) for k, v in enumerate(scan.log_likelihood) if scan.layers[k].sharing.way == way]
+    return scan.layers[max(of_way)[1]] if of_way else scan.best
+
+
+def _split(problem: Problem, clean: Scan) -> noises.Split:
+    own = _own_share(problem, clean, _data_residual(clean))
+    layer = _likeliest(clean, noises.JOINTS)
+    if layer.sharing.way != noises.JOINTS:
+        return noises.Split(own)
+    residual = _data_residual(clean, noises.JOINTS)
+    scale2 = layer.rss / max(clean.freedom, 1)
+    joints = noises.by_joint(problem, residual, clean.noise.spread, scale2, layer.sharing.ratio)
+    return noises.Split(own, joints)
 
 
 def _own_share(problem: Problem, scan: Scan, residual: Array) -> float:

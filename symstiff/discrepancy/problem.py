@@ -77,6 +77,8 @@ class Problem:
     """V names, such as ``joint 3`` or ``link 2 axis 4``."""
     joint_of: tuple[int, ...] = ()
     """V numbers: 0-based column of ``q`` that the virtual joint turns about, -1 for links."""
+    slides: tuple[int, ...] = ()
+    """0-based columns of ``q`` that are lengths: prismatic joints."""
     q: Array | None = None
     """(M, n) joint variables."""
     time: Array | None = None

@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from symstiff.discrepancy.bank import Bank
-from symstiff.discrepancy.noise import Noise
+from symstiff.discrepancy.noise import Noise, Roots
 from symstiff.discrepancy.problem import Array, Index, Options, Problem
 from symstiff.discrepancy.scan import evidence, extend, open_scan
 
@@ -83,12 +83,18 @@ def _rows(noise: Noise, rows: Index) -> Noise:
     """The noise of some rows (whole poses)."""
     place = np.full(len(noise.spread), -1)
     place[rows] = np.arange(len(rows))
-    blocks = []
-    for index, K in noise.blocks:
+    ways = {way: _inside(place, batches) for way, batches in noise.ways.items()}
+    return Noise(noise.spread[rows], noise.sharings, ways)
+
+
+def _inside(place: Index, batches: Roots) -> Roots:
+    """The blocks of rows that have a new place."""
+    out = []
+    for index, U, value in batches:
         inside = place[index[:, 0]] >= 0
         if np.any(inside):
-            blocks.append((place[index[inside]].astype(np.intp), K[inside]))
-    return Noise(noise.spread[rows], noise.ratios, tuple(blocks))
+            out.append((place[index[inside]].astype(np.intp), U[inside], value[inside]))
+    return tuple(out)
 
 
 def _select(
@@ -120,7 +126,7 @@ def _predict(
     """Prediction error on left-out rows (n,)."""
     X = np.hstack([problem.A, *(bank.columns[:, bank.slice(e)] for e in entries)])
     inner = _rows(noise, train)
-    root = inner.root(noise.ratios[len(noise.ratios) // 2], -0.5)
+    root = inner.root(noise.sharings[0], -0.5)
     W = inner.apply(root, np.column_stack([problem.y[train], X[train]]) / inner.spread[:, None])
     length = np.linalg.norm(W[:, 1:], axis=0)
     length[length == 0] = 1.0

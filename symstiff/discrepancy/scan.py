@@ -14,7 +14,7 @@ from scipy import linalg, optimize, stats
 
 from symstiff.discrepancy.bank import Bank, orthonormal
 from symstiff.discrepancy.marginal import log_bayes, of_rank, of_sizes
-from symstiff.discrepancy.noise import Noise
+from symstiff.discrepancy.noise import Noise, Roots, Sharing
 from symstiff.discrepancy.problem import Array, Index
 
 Mask = np.ndarray[tuple[int, ...], np.dtype[np.bool_]]
@@ -22,11 +22,11 @@ Mask = np.ndarray[tuple[int, ...], np.dtype[np.bool_]]
 
 @dataclass(frozen=True)
 class Layer:
-    """All that belongs to one ratio of approach error to noise."""
+    """All that belongs to one hypothesis of the error that a pose's rows share."""
 
-    ratio: float
-    whiten: tuple[Array, ...]
-    colour: tuple[Array, ...]
+    sharing: Sharing
+    whiten: Roots
+    colour: Roots
     y: Array
     """(M,) whitened residual after the model."""
     outside: Array
@@ -63,27 +63,27 @@ class Scan:
 
     @property
     def log_likelihood(self) -> Array:
-        """(R,) restricted profile log-likelihood of each ratio."""
+        """(R,) restricted profile log-likelihood of each sharing."""
         return _log_likelihood(self, np.array([layer.rss for layer in self.layers]))
 
     @property
     def best(self) -> Layer:
-        """The layer of the likeliest ratio."""
+        """The layer of the likeliest sharing."""
         return self.layers[int(np.argmax(self.log_likelihood))]
 
 
 def open_scan(bank: Bank, noise: Noise, y: Array, A: Array) -> Scan:
-    """Whiten by every ratio and project data and candidates off the model's column space."""
+    """Whiten by every sharing and project data and candidates off the model's column space."""
     layers = []
     basis = column_space(A / noise.spread[:, None])
     rank = P = basis.shape[1]
     own = np.column_stack([y, bank.columns]) / noise.spread[:, None]
-    for ratio in noise.ratios:
-        whiten = noise.root(ratio, -0.5)
+    for sharing in noise.sharings:
+        whiten = noise.root(sharing, -0.5)
         data = noise.apply(whiten, np.column_stack([own[:, 0], basis, own[:, 1:]]))
         layer = _layer(
-            bank, ratio, whiten, noise.root(ratio, 0.5), data[:, 0], data[:, 1 : 1 + P], data[:, 1 + P :],
-            noise.log_determinant(ratio),
+            bank, sharing, whiten, noise.root(sharing, 0.5), data[:, 0], data[:, 1 : 1 + P], data[:, 1 + P :],
+            noise.log_determinant(sharing),
         )  # fmt: skip
         layers.append(layer)
     return Scan(bank, noise, tuple(layers), len(y) - rank)
@@ -100,7 +100,7 @@ def column_space(A: Array, tolerance: float = 1e-9) -> Array:
 
 
 def _layer(
-    bank: Bank, ratio: float, whiten: tuple[Array, ...], colour: tuple[Array, ...],
+    bank: Bank, sharing: Sharing, whiten: Roots, colour: Roots,
     y: Array, A: Array, columns: Array, determinant: float,
 ) -> Layer:  # fmt: skip
     basis, s, _ = np.linalg.svd(A, full_matrices=False)
@@ -112,7 +112,7 @@ def _layer(
     rss = float(residual @ residual)
     determinant += 2.0 * float(np.log(s).sum())
     return Layer(
-        ratio, whiten, colour, residual, outside, length2, basis, Q, variance, rank, rss, determinant
+        sharing, whiten, colour, residual, outside, length2, basis, Q, variance, rank, rss, determinant
     )
 
 
@@ -146,18 +146,24 @@ def extend(scan: Scan, entries: tuple[int, ...]) -> Scan:
     return Scan(scan.bank, scan.noise, tuple(layers), scan.freedom - gained)
 
 
-def likely(scan: Scan, within: float = 5.0) -> Mask:
-    """(R,) the ratios within some log-likelihood of the best, with or without the best candidate."""
+def likely(scan: Scan, by_way: bool = False, within: float = 5.0) -> Mask:
+    """(R,) the sharings within some log-likelihood of the best, or of the best of their way.
+
+    It is enough to be so with or without the best candidate.
+    """
     squares = explained(scan)
     top = squares.max(axis=1) if squares.size else np.zeros(len(scan.layers))
     rss = np.array([layer.rss for layer in scan.layers])
-    value = scan.log_likelihood
-    after = _log_likelihood(scan, rss - top)
-    return np.asarray((value > value.max() - within) | (after > after.max() - within))
+    ways = np.array([layer.sharing.way for layer in scan.layers])
+    kept = np.zeros(len(scan.layers), bool)
+    for value in (scan.log_likelihood, _log_likelihood(scan, rss - top)):
+        best = np.array([value[ways == way].max() if by_way else value.max() for way in ways])
+        kept |= value > best - within
+    return kept
 
 
-def at_ratios(scan: Scan, keep: Mask) -> Scan:
-    """The scan at some of its ratios."""
+def at_sharings(scan: Scan, keep: Mask) -> Scan:
+    """The scan at some of its sharings."""
     return replace(scan, layers=tuple(la for la, k in zip(scan.layers, keep, strict=True) if k))
 
 
@@ -184,7 +190,7 @@ def _sum_entries(bank: Bank, squares: Array) -> Array:
 
 
 def entry_evidence(scan: Scan, squares: Array, rss: Array) -> Array:
-    """Evidence of each entry at its likeliest ratio: squares by direction (R, K, B), rss (R, B) -> (S, B)."""
+    """Evidence of each entry at its likeliest sharing: squares by direction (R, K, B), rss (R, B) -> (S, B)."""
     weight = _log_likelihood(scan, rss)
     weight = weight - weight.max(axis=0)
     total = np.full((len(scan.bank.start), squares.shape[2]), -np.inf)
@@ -195,7 +201,7 @@ def entry_evidence(scan: Scan, squares: Array, rss: Array) -> Array:
 
 
 def _of_layer(bank: Bank, layer: Layer, shares: Array, freedom: int) -> Array:
-    """Evidence (S, B) of each entry at one ratio, by both beliefs about its directions."""
+    """Evidence (S, B) of each entry at one sharing, by both beliefs about its directions."""
     share = _sum_entries(bank, shares)
     value = np.empty_like(share)
     for rank in np.unique(layer.rank):
@@ -248,7 +254,7 @@ def evidence(scan: Scan) -> Evidence:
 
 
 def of_squares(scan: Scan, squares: Array) -> Evidence:
-    """Evidence from what each direction explains at each ratio, (R, K)."""
+    """Evidence from what each direction explains at each sharing, (R, K)."""
     rss = np.array([[layer.rss] for layer in scan.layers])
     entry = entry_evidence(scan, squares[:, :, None], rss)
     candidate = candidate_evidence(scan.bank, entry)[:, 0]
@@ -280,7 +286,7 @@ class Null:
 def null(scan: Scan, draws: int, seed: int, allowed: Array | None = None) -> Null:
     """Parametric bootstrap of the maximum over candidates and shapes.
 
-    Each draw has a ratio of approach error to noise by its likelihood: the likeliest alone would claim to know it.
+    Each draw has a shared error by its likelihood: the likeliest alone would claim to know it.
     ``allowed`` (candidates,) masks candidates out of both maxima.
     """
     rng = np.random.default_rng(seed)
@@ -362,7 +368,7 @@ def effective_rank(scan: Scan, entry: int) -> float:
 
 
 def coefficients(scan: Scan, A: Array, y: Array, entries: tuple[int, ...]) -> tuple[Array, Array, Array]:
-    """Joint least squares of model and entries at the likeliest ratio.
+    """Joint least squares of model and entries at the likeliest sharing.
 
     Returns estimates (P + k,), their standard deviations, and the fitted values (M,) in the data's unit.
     Directions of the model that the data do not hold are left at their least-norm value, with infinite

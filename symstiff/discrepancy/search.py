@@ -159,7 +159,7 @@ def judge(shop: Workshop, proposal: Proposal) -> Judged:
         distribution = shop.null(members, entries)
         p_named, p_unnamed = distribution.p_named(named), distribution.p_generic(unnamed)
     scale2 = scan.best.rss / max(scan.freedom, 1)
-    before = next(layer.rss for layer in shop.start.layers if layer.ratio == scan.best.ratio)
+    before = next(layer.rss for layer in shop.start.layers if layer.sharing == scan.best.sharing)
     gained = (before - scan.best.rss) / max(scale2, 1e-300)
     missed = _missed_share(shop, proposal, scan, gained)
     rival, who = _rival(shop, proposal)

@@ -104,7 +104,7 @@ def simulate(truth: Truth, design: Measurements, seed: int) -> Measurements:
         )
     experiment, design = prepare(truth), _in_environment(truth, design)
     approach, noise = (np.random.default_rng(s) for s in np.random.SeedSequence(seed).spawn(2))
-    group = _groups(design)
+    group = design.approach
     errors = approach.standard_normal((int(group.max()) + 1, truth.robot.dof + 3))[group]
     values = _clean(experiment, design, kind, errors[:, 3:] * truth.noise.approach_mrad * 1e-3)
     values[:, :3] += errors[:, :3] * np.array(truth.noise.approach_mm) * 1e-3
@@ -205,12 +205,6 @@ def _in_environment(truth: Truth, table: Measurements) -> Measurements:
     return replace(
         table, time=time, temperature=np.where(np.isnan(table.temperature), warmth, table.temperature)
     )
-
-
-def _groups(table: Measurements) -> np.ndarray:
-    """Number the approaches: rows of one pose and repeat share theirs."""
-    keys = np.column_stack([table.pose, np.nan_to_num(table.repeat, nan=-1.0)])
-    return np.asarray(np.unique(keys, axis=0, return_inverse=True)[1]).ravel()
 
 
 def _deviation(noise: Noise, device: Device, chain: Chain, table: Measurements) -> Floats:
