@@ -142,3 +142,18 @@ def test_the_promises_hold_on_two_hundred_blind_cases(tmp_path: Path) -> None:
     assert table["two right at lambda 60 >= 0.85"]["high"] >= 0.85
     assert table["two right at lambda 150 and more >= 0.93"]["high"] >= 0.93
     assert (table["closure of the oracle's, median >= 0.97"]["share"] or 0.0) >= 0.97
+
+
+@pytest.mark.parametrize("kind", ["deflection", "absolute"])
+def test_the_noise_of_a_case_is_white_once_it_is_whitened(kind: str) -> None:
+    robot = load("scara")
+    table = _design(robot, kind, 3, set(), np.random.default_rng(1), Options(poses=(15,)))
+    noise = Noise((0.02, 0.03, 0.02), growth_ppm=1.0, approach_mm=(0.02,) * 3, approach_mrad=0.05)
+    truth = Truth(robot, {}, (), noise)
+    design = {"kind": kind, "points": table.points, "point": table.point, "pose": table.pose, "labels": table.labels}
+    clean = clean_response(truth, table.q, table.w, design)
+    white = Whitener(robot, table, noise, simulate(truth, table, 0).sigma[:, :3])
+    z = np.array([white((simulate(truth, table, s).values - clean)[:, :3]).ravel() for s in range(200)])
+    largest = np.linalg.eigvalsh(z.T @ z / len(z)).max()
+    assert np.mean(z**2) == pytest.approx(1.0, abs=0.02)
+    assert largest == pytest.approx((1 + np.sqrt(z.shape[1] / len(z))) ** 2, rel=0.1)  # of a white matrix this large

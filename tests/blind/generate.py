@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
-from functools import lru_cache, partial
+from functools import lru_cache
 from typing import Any
 
 import numpy as np
@@ -18,6 +18,7 @@ from symstiff.model import StiffnessModel
 from symstiff.reduction.reduce import reduce
 from symstiff.robot import Robot, load
 from tests.blind.lacking import rigid_links, without
+from tests.blind.nuisance import Whitener, drawn
 from tests.blind.stories import BAD_POSE, ONE, OUTSIDE, Draw, Story, Where
 
 FORCE = {"kuka_kr270": 2200.0, "ur10": 110.0, "franka_panda": 50.0, "scara": 60.0}
@@ -88,6 +89,8 @@ class _Scene:
     loads: str
     model: StiffnessModel
     spread: np.ndarray
+    """(rows, 3) each row's own standard deviation."""
+    whitened: Callable[[np.ndarray], np.ndarray]
     basis: np.ndarray
     excess: np.ndarray
     """(rows, 6) what the noise-free values hold beyond the rigid robot in the device's placement."""
@@ -162,7 +165,7 @@ def _case(
     stated = float(rng.choice([1.0, 1.0, 1.0, 0.8, 1.2]))
     truth = Truth(scene.robot, base, effects, scene.noise)
     table = simulate(truth, scene.table, int(rng.integers(2**31)))
-    size = float(np.sqrt(np.mean(scene.spread[:, :3] ** 2)))
+    size = float(np.sqrt(np.mean(scene.spread**2)))
     table = replace(table, sigma=np.where(table.measured, size * stated, np.nan))
     named = () if kind in ("nothing", "outside", "untestable") else tuple((e.effect, w) for _, e, w in made)
     label = Label(
@@ -171,7 +174,7 @@ def _case(
     )  # fmt: skip
     parts = tuple(_values(scene, base, (e,)) - clean for e in effects)
     signal = _values(scene, base, effects) - clean
-    return Case(label, table, scene.model, signal, parts, partial(_whitened, scene))
+    return Case(label, table, scene.model, signal, parts, scene.whitened)
 
 
 def _described(scene: _Scene, size: float) -> dict[str, Any]:
@@ -183,6 +186,8 @@ def _described(scene: _Scene, size: float) -> dict[str, Any]:
         "levels": len(np.unique(np.round(np.linalg.norm(table.w[table.pose == 0], axis=1), 6))),
         "coordinates": 3 * len(table.points),
         "sigma_mm": size * 1e3,
+        "approach_mm": float(scene.noise.approach_mm[0]),
+        "approach_mrad": float(scene.noise.approach_mrad),
         "freedom": 3 * len(table) - scene.basis.shape[1],
         "branch": bool(np.isfinite(table.branch).any()),
         "clock": bool(np.isfinite(table.time).any()),
@@ -209,18 +214,15 @@ def _scene(stories: Sequence[Story], rng: np.random.Generator, options: Options)
             if f"k{link}_{mixed}" in values:
                 size = np.sqrt(values[f"k{link}_{diagonal}"] * values[f"k{link}_{moment}"])
                 values[f"k{link}_{mixed}"] = sign * 0.75 * float(size)
-    sigma = float(np.exp(rng.uniform(np.log(0.01), np.log(0.1))))
-    x, y, z = (float(v) for v in sigma * np.exp(0.12 * rng.normal(size=3)))
-    noise = Noise((x, y, z), growth_ppm=float(rng.uniform(0, 80 * sigma)), approach_mm=(0.3 * sigma,) * 3,
-                  quantum_mm=0.001)  # fmt: skip
+    noise = drawn(robot, table, rng)
     loads = "wrench" if table.w[:, [0, 1, 3, 4, 5]].any() else "gravity"
     if data == "absolute":
         loads = "wrench"
-    bare = _Scene(
-        robot, values, table, noise, loads, _complete(robot, loads), np.ones(1), np.ones((1, 1)), np.ones(1)
-    )
-    spread = simulate(Truth(robot, values, (), noise), table, 1).sigma
-    return _with_model(replace(bare, spread=spread), bare.model, values)
+    model = _complete(robot, loads)
+    spread = simulate(Truth(robot, values, (), noise), table, 1).sigma[:, :3]
+    white = Whitener(robot, table, noise, spread)
+    bare = _Scene(robot, values, table, noise, loads, model, spread, white, np.ones((1, 1)), np.ones(1))
+    return _with_model(bare, model, values)
 
 
 def _design(
@@ -289,7 +291,7 @@ def _with_model(scene: _Scene, model: StiffnessModel, values: dict[str, float]) 
     columns[view.state, view.component] = current.problem.A
     excess = np.zeros((len(scene.table), 6))
     excess[view.state, view.component] = current.problem.y
-    white = _whitened(scene, columns)
+    white = scene.whitened(columns)
     return replace(scene, basis=column_space(white.reshape(-1, columns.shape[2])), excess=excess)
 
 
@@ -305,23 +307,9 @@ def _values(scene: _Scene, values: dict[str, float], effects: Sequence[Effect]) 
     return found
 
 
-def _whitened(scene: _Scene, rows: np.ndarray) -> np.ndarray:
-    """(rows, 3, …) in units of the noise, the error that a pose's rows share included."""
-    tail = (1,) * (rows.ndim - 2)
-    size = scene.spread[:, :3].reshape(-1, 3, *tail)
-    z = rows / size
-    u = 1e-3 * np.array(scene.noise.approach_mm).reshape(1, 3, *tail) / size
-    for pose in np.unique(scene.table.pose):
-        hit = scene.table.pose == pose
-        square = np.sum(u[hit] ** 2, axis=0)
-        shrink = (1 - 1 / np.sqrt(1 + square)) / np.maximum(square, 1e-300)
-        z[hit] -= u[hit] * np.sum(u[hit] * z[hit], axis=0) * shrink
-    return np.asarray(z)
-
-
 def _noncentrality(scene: _Scene, signal: np.ndarray, further: np.ndarray | None = None) -> float:
     """λ: what is left of a signal (rows, 6) outside the model and further columns, over the noise."""
-    white = _whitened(scene, signal[:, :3]).ravel()
+    white = scene.whitened(signal[:, :3]).ravel()
     basis = scene.basis if further is None else np.column_stack([scene.basis, further])
     if further is not None:
         basis = column_space(basis, 1e-7)
@@ -379,7 +367,7 @@ def _scaled(
     for attempt in range(5):
         signals = [_values(scene, base, (e,)) - clean for e in trial]
         for k, signal in enumerate(signals):
-            rest = [_whitened(scene, s[:, :3]).ravel() for i, s in enumerate(signals) if i != k]
+            rest = [scene.whitened(s[:, :3]).ravel() for i, s in enumerate(signals) if i != k]
             found[k] = _noncentrality(scene, signal, np.column_stack(rest) if rest else None)
             factor = np.sqrt(wanted / found[k]) if found[k] > 0 else np.inf
             if attempt == 0 and factor * _SMALL > 1.0:
