@@ -9,11 +9,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from symstiff.calibration.simulation import Noise, Truth, clean_response, simulate
 from symstiff.calibration.table import read_measurements, write_table
 from symstiff.discrepancy.assemble import assemble
-from symstiff.discrepancy.scan import column_space
+from symstiff.robot import load
 from tests.blind.apart import LEVEL, _weight, apart, limit, outside
-from tests.blind.generate import Options, case
+from tests.blind.generate import Options, _design, case
+from tests.blind.nuisance import Whitener
 from tests.blind.run import benchmark, keep, one, report
 from tests.blind.score import bars, calibration, outcome, same, wilson
 
@@ -52,13 +54,8 @@ def test_the_hidden_signal_has_the_noncentrality_that_the_label_says() -> None:
         if c.label.kind == "one" and "left" not in c.label.story[0]
     )
     found = assemble(hidden.model, hidden.table, effects=())
-    view, problem = found.situation.view, found.problem
-    assert problem.sigma is not None
-    signal = hidden.signal[view.state, view.component]
-    basis = column_space(problem.A)
-    left = (signal - basis @ (basis.T @ signal)) / (problem.sigma / hidden.label.stated)
-    # the approach error and the noise's growth, which the label counts, make this an upper estimate
-    assert 0.7 * hidden.label.wanted < left @ left < 2.5 * hidden.label.wanted
+    left = outside(hidden, found).signal(hidden.signal)
+    assert left @ left == pytest.approx(hidden.label.wanted, rel=0.02)
 
 
 def test_a_judge_who_knows_the_noise_names_what_is_large_and_only_that() -> None:
@@ -150,10 +147,18 @@ def test_the_noise_of_a_case_is_white_once_it_is_whitened(kind: str) -> None:
     table = _design(robot, kind, 3, set(), np.random.default_rng(1), Options(poses=(15,)))
     noise = Noise((0.02, 0.03, 0.02), growth_ppm=1.0, approach_mm=(0.02,) * 3, approach_mrad=0.05)
     truth = Truth(robot, {}, (), noise)
-    design = {"kind": kind, "points": table.points, "point": table.point, "pose": table.pose, "labels": table.labels}
+    design = {
+        "kind": kind,
+        "points": table.points,
+        "point": table.point,
+        "pose": table.pose,
+        "labels": table.labels,
+    }
     clean = clean_response(truth, table.q, table.w, design)
     white = Whitener(robot, table, noise, simulate(truth, table, 0).sigma[:, :3])
     z = np.array([white((simulate(truth, table, s).values - clean)[:, :3]).ravel() for s in range(200)])
     largest = np.linalg.eigvalsh(z.T @ z / len(z)).max()
     assert np.mean(z**2) == pytest.approx(1.0, abs=0.02)
-    assert largest == pytest.approx((1 + np.sqrt(z.shape[1] / len(z))) ** 2, rel=0.1)  # of a white matrix this large
+    assert largest == pytest.approx(
+        (1 + np.sqrt(z.shape[1] / len(z))) ** 2, rel=0.1
+    )  # of a white matrix this large

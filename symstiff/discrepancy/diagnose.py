@@ -143,7 +143,8 @@ def _written(
     proof = None
     if options.held_out and not _of_single_poses(problem, ready.bank, entries):
         tell("proof")
-        proof = held_out(problem, ready.bank, one_sharing(scan), floor, entries, allowed, options)
+        noise = one_sharing(named.scan if named is not None else scan)
+        proof = held_out(problem, ready.bank, noise, floor, entries, allowed, options)
     open_end = outcome.verdict == UNEXPLAINED
     law = _law(problem, scan, place) if open_end else None
     device = device_law(problem, scan, outcome.found, place.accused) if open_end else None

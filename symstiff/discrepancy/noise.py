@@ -132,14 +132,14 @@ def start(problem: Problem) -> Noise:
 
 def near(noise: Noise, kept: Sequence[Sharing], finer: bool = False) -> Noise:
     """The noise with the sharings that are likely and their neighbours on the grid, or halfway to them."""
-    out = [Sharing()] if Sharing() in kept or any(s.ratio <= RATIOS[0] for s in kept) else []
+    out = [Sharing()]
     for way in noise.ways:
         there = sorted({s.ratio for s in kept if s.way == way and s.ratio > 0})
         first = bisect_left(RATIOS, there[0]) if there else 0
         last = bisect_left(RATIOS, there[-1]) if there else 0
         if finer and 1 <= len(there) <= 2:
             out += [Sharing(way, r) for r in (0.55 * there[0], *there, 1.8 * there[-1])]
-        elif there or Sharing() in kept:
+        elif there or all(s.ratio == 0 for s in kept):
             out += [Sharing(way, r) for r in RATIOS[max(first - 1, 0) : last + 2]]
     return replace(noise, sharings=tuple(out)) if len(noise.sharings) > 1 else noise
 
@@ -302,7 +302,12 @@ def report(
     """
     rows = main_rows(problem)
     square, repeats = pure_error(problem, noise.spread)
-    source, found, freedom = "residual", scale2, dof
+    # directions that the shared error takes over say nothing of the rows' own
+    taken = sum(
+        float(np.sum(sharing.ratio * value / (1.0 + sharing.ratio * value)))
+        for _, _, value in noise.ways[sharing.way]
+    )
+    source, found, freedom = "residual", scale2, max(dof - taken, 1.0)
     if repeats >= 20:
         source, found, freedom = "repeats", square / repeats, float(repeats)
     sigma = float(np.sqrt(found * np.mean(noise.spread[rows] ** 2)))

@@ -31,6 +31,9 @@ CLOSE = 3.0
 LEAD = 1.0
 """Log evidence, for each of its members, by which a set leads the best one with an unnamed law in it."""
 
+AS_MUCH = 1.0
+"""Log evidence within which two sets explain the same."""
+
 Plausible = Callable[[Proposal], bool]
 
 
@@ -123,8 +126,9 @@ def _conclude(
     good = sorted((j for j in tried if _admissible(j, options)), key=lambda j: -j.score)
     refused = max((j.score for j in tried if not _admissible(j, options)), default=-np.inf)
     if good and good[0].score > refused - 1.0:
-        # a set that explains more and is only just ahead of the unnamed laws is an explanation too
-        close = [j for j in tried if _admissible(j, options, 0.0) and j.score > good[0].score]
+        # a set that explains as much and is only just ahead of the unnamed laws is an explanation too
+        just = [j for j in tried if j not in good and _admissible(j, options, 0.0)]
+        close = [j for j in just if j.score > good[0].score - AS_MUCH]
         good = sorted([*close, *good], key=lambda j: -j.score)
         return _named(good, tried, weighed, tests, options)
     if good and good[0].score > refused - CLOSE:

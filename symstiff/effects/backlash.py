@@ -23,7 +23,7 @@ from symstiff.robot.schema import Robot
 from symstiff.symbolic.terms import Term, actuated_joint
 
 NAME = "backlash"
-WIDTHS = (0.01, 0.04, 0.1)
+WIDTHS = (0.002, 0.01, 0.04, 0.1)
 """Half-widths of the step, as shares of the largest load: a law that needs more is a nonlinear stiffness."""
 
 

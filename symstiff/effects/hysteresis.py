@@ -23,6 +23,8 @@ from symstiff.symbolic.terms import BRANCH, Term, actuated_joint
 
 NAME = "hysteresis"
 WIDTHS, POWERS = (0.02, 0.15), (0.0, 0.5, 1.0)
+SHARP = 0.002
+"""Width of a step that no measured load is near."""
 
 
 def _realise(robot: Robot, where: Where, shape: Shape) -> Realisation:
@@ -44,6 +46,7 @@ def _shapes(robot: Robot, where: Where, scales: Scales) -> tuple[Shape, ...]:
     top = scales.of(actuated_joint(int(where["joint"])))
     widths = [float(f"{f * top:.3g}") for f in WIDTHS]
     found: list[Shape] = [{"width": s, "load": top, "power": p} for s in widths for p in POWERS]
+    found.append({"width": float(f"{SHARP * top:.3g}"), "load": top, "power": 0.0})
     found.append({"width": widths[0], "loop": float(f"{1.05 * top:.3g}")})
     if scales.kind == "deflection" and weight_load(robot, int(where["joint"])) != 0:
         found += [{**s, "weights": 1.0} for s in found if "loop" not in s]

@@ -25,8 +25,14 @@ from symstiff.effects.base import Realisation, Shape, Where, find
 from symstiff.model import StiffnessModel
 from symstiff.reduction.physical import Parameter as Compliance
 from symstiff.reduction.physical import physical_stages, terms_of
+from symstiff.reduction.structural import LOADS
+from symstiff.symbolic.algebras import evaluate_numpy
+from symstiff.symbolic.chain import ElasticChain
+from symstiff.symbolic.programs import observation_program
 from symstiff.symbolic.terms import Term
 
+_POSES = 60
+_STILL = 1e-9
 _COMPLIANCE = 1e-7
 """Usual size of a compliance that the model leaves out."""
 
@@ -35,7 +41,8 @@ _COMPLIANCE = 1e-7
 class Current:
     """The current model on the data: its situation, columns, what they are to explain, and fitted values.
 
-    A (M, names + hidden + placement): ``hidden`` are compliances beside the model's that links' weights show.
+    A (M, names + hidden + placement): ``hidden`` are compliances beside the model's that links' weights show. Their
+    columns are what weights add: nothing under loads at the tool, for which the model's parameters stand for them.
     """
 
     situation: Situation
@@ -59,7 +66,48 @@ def settled(model: StiffnessModel, table: Measurements) -> Current:
         view, y = placed(view, Laws(view, terms, known))
         current = _current(model, terms, tuple(p.name for p in hidden), view, y, known)
         known = current.fitted
-    return current
+    return _standing(model, hidden, current) if current.hidden else current
+
+
+def _standing(model: StiffnessModel, hidden: Sequence[Compliance], current: Current) -> Current:
+    """The same columns' space by the model's reduced parameters: each stands for itself and its share of the hidden.
+
+    Otherwise the values of the model would be those of the parameters alone, which no load at the tool shows.
+    """
+    place = {p.name: k for k, p in enumerate(hidden)}
+    shares = _shares(model, hidden, current.situation.view.table)[
+        :, [place[n] for n in current.hidden]
+    ]  # (compliances, hidden)
+    elastic = [p.name for p in model.compliances]
+    there = [k for k, n in enumerate(elastic) if n in current.names]
+    own = [current.names.index(elastic[k]) for k in there]
+    beside = slice(len(current.names), len(current.names) + len(current.hidden))
+    A, fitted = current.A.copy(), dict(current.fitted)
+    A[:, beside] -= A[:, own] @ shares[there]
+    values = np.array([fitted.get(n, 0.0) for n in current.hidden])
+    for name, more in zip(elastic, shares @ values, strict=True):
+        fitted[name] = fitted.get(name, 0.0) + float(more)
+    return replace(current, A=A, fitted=fitted)
+
+
+def _shares(model: StiffnessModel, hidden: Sequence[Compliance], table: Measurements) -> Floats:
+    """(compliances, hidden) coefficients of hidden columns in the model's, under loads of its class at the tool."""
+    parameters = (*model.compliances, *hidden)
+    program = observation_program(
+        ElasticChain(model.robot), terms_of(parameters), [p.name for p in parameters]
+    )
+    rng = np.random.default_rng(0)
+    q = np.array([rng.uniform(*j.range, size=_POSES) for j in model.robot.joint]).T
+    still = np.ptp(table.q, axis=0) < _STILL
+    q[:, still] = table.q[0, still]
+    w = rng.normal(size=(_POSES, 6)) * [k in LOADS[model.loads] for k in range(1, 7)]
+    A = evaluate_numpy(program, q=q, w=w)["A"]
+    A = (A[:, :3] if model.measure == "position" else A).reshape(-1, len(parameters))
+    size = np.linalg.norm(A, axis=0)
+    size[size < 1e-9 * size.max()] = np.inf
+    count = len(model.compliances)
+    own = A[:, :count] / size[:count]
+    return np.asarray(np.linalg.lstsq(own, A[:, count:], rcond=1e-9)[0] / size[:count, None])
 
 
 def _hidden(model: StiffnessModel) -> tuple[Compliance, ...]:
