@@ -227,6 +227,22 @@ class StiffnessModel:
 
         return compiled(self, threads)
 
+    def of_robot(self) -> StiffnessModel:
+        """The model without effects that only the measurement has: what a controller evaluates.
+
+        An error of the device, a bad pose, and what has no law at a virtual joint are no laws of the robot.
+        """
+        realised = zip(self.effects, self.realisations, strict=True)
+        kept = tuple(e for e, r in realised if any(t.at.kind != "measure" for t in r.terms))
+        if len(kept) == len(self.effects):
+            return self
+        own = replace(self, effects=kept)
+        names = set(own.parameters)
+        return own.with_values(
+            {n: v for n, v in self.values.items() if n in names},
+            {n: v for n, v in self.deviations.items() if n in names},
+        )
+
     def with_values(
         self, values: Mapping[str, float], deviations: Mapping[str, float] | None = None
     ) -> StiffnessModel:

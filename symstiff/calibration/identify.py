@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -13,6 +13,7 @@ from symstiff.calibration.absolute import fit_absolute
 from symstiff.calibration.axes import axis_hint_refit
 from symstiff.calibration.constrained import ConstrainedEstimate, constrain
 from symstiff.calibration.estimate import Estimate, estimate
+from symstiff.calibration.experiment.rounding import without_rounding
 from symstiff.calibration.loading import as_loading
 from symstiff.calibration.measurements import Measurements
 from symstiff.calibration.residuals import ResidualTable, residual_table, split
@@ -227,6 +228,7 @@ def fit_model(
     values = dict(model.values)
     for _ in range(1 if model.is_linear else _ROUNDS):
         e = equations(model, table, values)
+        e = replace(e, A=without_rounding(e.A, np.array([model.steps[n] for n in model.parameters])))
         fit = estimate(
             e.A, e.y, weights(e), model.parameters, units=[model.units[n] for n in model.parameters],
             blocks=shared_blocks(e, table),

@@ -163,7 +163,7 @@ def check_determined(decision: RankDecision, names: Sequence[str], rows: int) ->
     message = missing_information(decision, names, rows)
     if message is not None:
         raise UserError(
-            f"the measurements do not determine the model: {message}, or reduce the model to them"
+            f"the measurements do not determine the model: {message}, or symstiff diagnose, which leaves them at zero"
         )
 
 

@@ -28,6 +28,8 @@ class Generated:
     folder: Path
     manifest: dict[str, Any]
     verification: Verification
+    left_out: tuple[str, ...] = ()
+    """Effects of the model that only the measurement has: no law of the robot."""
 
 
 def generate(
@@ -41,9 +43,13 @@ def generate(
 ) -> Generated:
     """Write the folder for a model; nothing appears unless all of it does. Raises UserError.
 
+    Effects of the measurement (a device that drifts, a bad pose) are no laws of the robot and are left out.
+
     footprint: measure code, stack and instructions too, on every machine that the tools at hand can show.
     """
     options = options or Options()
+    whole, model = model, model.of_robot()
+    left_out = tuple(e.effect for e in whole.effects if e not in model.effects)
     functions = Functions(model)
     with new_folder(folder) as temporary:
         for target in options.targets:
@@ -56,7 +62,7 @@ def generate(
         proof = verify(temporary, functions, compiler, options, footprint, reason)
         manifest = manifest_of(functions, options, proof)
         (temporary / "manifest.json").write_bytes((json.dumps(manifest, indent=2) + "\n").encode())
-    return Generated(Path(folder), manifest, proof)
+    return Generated(Path(folder), manifest, proof, left_out)
 
 
 def manifest_of(functions: Functions, options: Options, proof: Verification) -> dict[str, Any]:

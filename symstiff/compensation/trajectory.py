@@ -42,6 +42,7 @@ def compensate_online(
 
     Rows in a singular pose, or that would move a joint by more than 0.25 rad or m, keep their q.
     """
+    model = model.of_robot()
     q = np.atleast_2d(np.asarray(q, dtype=float))
     step, regular = _step(model, q, for_poses(model, len(q)).deflection(q, w, context=context))
     return np.where((regular & _small(step))[:, None], q - step, q)
@@ -54,8 +55,10 @@ def compensate(
 
     Where the robot cannot reach all six coordinates the weighted error that is left is the smallest. Not solved are
     rows in a singular pose, rows that did not converge or whose error would grow, and rows that would move a joint by
-    more than 0.25 rad or m, where a correction of compliance errors has no meaning.
+    more than 0.25 rad or m, where a correction of compliance errors has no meaning. Effects of the measurement alone
+    are no laws of the robot and move nothing.
     """
+    model = model.of_robot()
     q = np.atleast_2d(np.asarray(q, dtype=float))
     w = np.broadcast_to(np.asarray(w, dtype=float), (len(q), 6))
     moment = {k: np.broadcast_to(x, len(q)) for k, x in (context or {}).items()}

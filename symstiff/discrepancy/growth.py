@@ -49,23 +49,6 @@ def grow(model: StiffnessModel, instances: Iterable[EffectInstance]) -> Stiffnes
     return model
 
 
-def is_of_robot(instance: EffectInstance, model: StiffnessModel) -> bool:
-    """Whether an effect is a law of the robot, and not one of the measurement alone (a bad pose)."""
-    terms = instance.realise(model.robot).terms
-    return any(t.at.kind != "measure" for t in terms)
-
-
-def of_robot(model: StiffnessModel) -> StiffnessModel:
-    """The model without effects that only the measurement has: what a controller evaluates."""
-    kept = tuple(e for e in model.effects if is_of_robot(e, model))
-    grown = replace(model, effects=kept)
-    names = set(grown.parameters)
-    return grown.with_values(
-        {n: v for n, v in model.values.items() if n in names},
-        {n: v for n, v in model.deviations.items() if n in names},
-    )
-
-
 @one_thread
 def fit(model: StiffnessModel, table: Measurements) -> Fitted:
     """Identify all parameters of a model jointly, with the noise as the data show it.

@@ -13,7 +13,6 @@ import numpy as np
 from symstiff.calibration.identify import ExperimentClass, experiment_of, start_model
 from symstiff.calibration.measurements import COMPONENTS, Measurements
 from symstiff.discrepancy.deciding import Choice, Rival, decide_poses, experiment_like
-from symstiff.discrepancy.growth import of_robot
 from symstiff.discrepancy.problem import Array
 from symstiff.discrepancy.separate import TAKEN
 from symstiff.discrepancy.workflow import Finding
@@ -60,7 +59,7 @@ def _code(finding: Finding, folder: Path) -> dict[str, Any]:
     """Regenerate the code; a model that no controller can evaluate gets none, with the reason."""
     from symstiff.codegen.generate import generate
 
-    model = of_robot(finding.grown.model)
+    model = finding.grown.model.of_robot()
     left_out = [e.effect for e in finding.grown.model.effects if e not in model.effects]
     note = (
         f"; without {', '.join(left_out)}: no law of the robot that a controller evaluates"
@@ -94,7 +93,7 @@ def _no_code(text: str, *, fault: bool) -> dict[str, Any]:
 
 
 def _changes(finding: Finding) -> list[Line]:
-    before, after = of_robot(finding.start.model), of_robot(finding.grown.model)
+    before, after = finding.start.model.of_robot(), finding.grown.model.of_robot()
     if before.structure_hash == after.structure_hash:
         return []
     return difference(core(before), core(after))

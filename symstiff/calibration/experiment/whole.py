@@ -12,7 +12,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from symstiff.calibration.experiment.situation import Floats, Laws, View, linear_columns
+from symstiff.calibration.experiment.situation import Floats, Laws, View, has_weights, linear_columns
 from symstiff.model import StiffnessModel
 from symstiff.reduction.physical import Parameter, original, physical_stages, terms_of
 from symstiff.symbolic.program import Builder
@@ -28,7 +28,8 @@ def whole(
 
     ``further`` (M, k) are columns that are fitted along without a prior: effects, the device's placement.
     """
-    parameters = everything(model)
+    apart = view.table.kind == "absolute" and has_weights(model.robot)
+    parameters = everything(model, apart)
     names = [p.name for p in parameters]
     terms = terms_of(parameters)
     A = linear_columns(view, terms, names) / spread[:, None]
@@ -50,11 +51,17 @@ def whole(
     return Laws(view, (*terms, *own), {**values, **found})
 
 
-def everything(model: StiffnessModel) -> tuple[Parameter, ...]:
-    """The compliances of every part that the model takes for elastic, before any was eliminated."""
+def everything(model: StiffnessModel, apart: bool = False) -> tuple[Parameter, ...]:
+    """The compliances of every part that the model takes for elastic, before any was eliminated.
+
+    ``apart``: joints beside their links, as weights tell them: a link's own does not turn the joint behind it.
+    """
     elastic = {p.body for p in model.compliances if not p.is_joint}
+    stage = physical_stages(model.robot)[2 if apart else -1]
     full = {
-        p.name: p for p in physical_stages(model.robot)[-1].parameters if p.body in elastic and not p.is_joint
+        p.name: p
+        for p in stage.parameters
+        if (p.body in elastic and not p.is_joint) or (apart and p.is_joint and p.body - 1 in elastic)
     }
     joints = {
         p.name: p
