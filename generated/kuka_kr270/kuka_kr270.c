@@ -24,6 +24,11 @@
 /* Metres per radian: rotations become lengths before a matrix is tested for singularity. */
 static const double unit[6] = { 1.0, 1.0, 1.0, 0.8263, 0.8263, 0.8263 };
 
+/* The same where a compliance is inverted. */
+static const double turning[6] = { 1.0, 1.0, 1.0, 0.8263, 0.8263, 0.8263 };
+
+const char kuka_kr270_model_hash[65] = KUKA_KR270_MODEL_HASH;
+
 const kuka_kr270_params_t kuka_kr270_default_params = {
     {0.0, 0.0, 0.0, 0.0, 0.0, 3.02e-07, 0.0, 0.0, 0.0, 4.06e-07, 0.0, 0.0, 3.002e-06, 0.0, 0.0, 0.0, 0.0, 3.303e-06, 0.0, 0.0, 0.0, 2.365e-06, 0.0, 0.0, 0.0, 0.0},
 };
@@ -1193,7 +1198,7 @@ static int inverted(double K[6 * 6])
     int j;
     for (i = 0; i < 6; ++i) {
         for (j = 0; j < 6; ++j) {
-            ab[i][j] = K[(6 * i) + j] * unit[i] * unit[j];
+            ab[i][j] = K[(6 * i) + j] * turning[i] * turning[j];
             ab[i][6 + j] = (i == j) ? 1.0 : 0.0;
             largest = (fabs(ab[i][j]) > largest) ? fabs(ab[i][j]) : largest;
         }
@@ -1204,7 +1209,7 @@ static int inverted(double K[6 * 6])
     for (i = 0; (i < 6) && (status == KUKA_KR270_OK); ++i) {
         for (j = 0; j < 6; ++j) {
             const double sum = (ab[i][6 + j] / ab[i][i]) + (ab[j][6 + i] / ab[j][j]);
-            K[(6 * i) + j] = 0.5 * sum * unit[i] * unit[j];
+            K[(6 * i) + j] = 0.5 * sum * turning[i] * turning[j];
         }
     }
     return status;

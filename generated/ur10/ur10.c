@@ -24,6 +24,11 @@
 /* Metres per radian: rotations become lengths before a matrix is tested for singularity. */
 static const double unit[6] = { 1.0, 1.0, 1.0, 0.389, 0.389, 0.389 };
 
+/* The same where a compliance is inverted. */
+static const double turning[6] = { 1.0, 1.0, 1.0, 0.389, 0.389, 0.389 };
+
+const char ur10_model_hash[65] = UR10_MODEL_HASH;
+
 const ur10_params_t ur10_default_params = {
     {0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 9.2e-06, 0.0, 0.0, 0.0, 0.0, 9.75e-06, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0},
 };
@@ -1210,7 +1215,7 @@ static int inverted(double K[6 * 6])
     int j;
     for (i = 0; i < 6; ++i) {
         for (j = 0; j < 6; ++j) {
-            ab[i][j] = K[(6 * i) + j] * unit[i] * unit[j];
+            ab[i][j] = K[(6 * i) + j] * turning[i] * turning[j];
             ab[i][6 + j] = (i == j) ? 1.0 : 0.0;
             largest = (fabs(ab[i][j]) > largest) ? fabs(ab[i][j]) : largest;
         }
@@ -1221,7 +1226,7 @@ static int inverted(double K[6 * 6])
     for (i = 0; (i < 6) && (status == UR10_OK); ++i) {
         for (j = 0; j < 6; ++j) {
             const double sum = (ab[i][6 + j] / ab[i][i]) + (ab[j][6 + i] / ab[j][j]);
-            K[(6 * i) + j] = 0.5 * sum * unit[i] * unit[j];
+            K[(6 * i) + j] = 0.5 * sum * turning[i] * turning[j];
         }
     }
     return status;

@@ -87,12 +87,20 @@ def equations(
     A, y = matrix[row, component], table.values[row, component]
     if not model.is_linear:
         y = y - predict(model, table, values)[row, component] + A @ model.vector(values)
-    sigma = table.sigma[row, component]
-    known = np.isfinite(sigma)
-    if known.any() and not known.all():
-        first = int(row[int(np.argmin(known))])
-        raise UserError(f"{table.place(first)}: sigma is known for some components only: give all or none")
-    return Equations(A, y, sigma if known.all() and known.any() else None, row, component)
+    return Equations(A, y, stated_sigma(table, row, component), row, component)
+
+
+def stated_sigma(table: Measurements, row: np.ndarray, component: np.ndarray) -> np.ndarray | None:
+    """Stated deviations of equations; gaps take the median of their kind, None where a kind has none."""
+    sigma = np.array(table.sigma[row, component])
+    for kind in (component < 3, component >= 3):
+        if not kind.any():
+            continue
+        known = sigma[kind & np.isfinite(sigma)]
+        if not len(known):
+            return None
+        sigma[kind & ~np.isfinite(sigma)] = np.median(known)
+    return sigma
 
 
 def shared_blocks(e: Equations, table: Measurements) -> np.ndarray:

@@ -101,6 +101,8 @@ def _apart(one: Robot, other: Robot) -> float:
 def _report(out: Console, result: Generated) -> None:
     from rich.table import Table
 
+    from symstiff.codegen.compiler import ignored
+
     table = Table(title="operations per call", title_justify="left")
     for column in ("function", "add", "mul", "sign changes", "sin/cos", "other"):
         table.add_column(column, justify="left" if column == "function" else "right")
@@ -115,6 +117,8 @@ def _report(out: Console, result: Generated) -> None:
         out.print(f"not compiled: {why} (pip install symstiff[compiler] brings a compiler)")
     if proof.max_relative_error is not None:
         out.print(f"greatest relative error against 50-digit values: {proof.max_relative_error:.1e}")
+    if ignored():
+        note(out, f"$CC is {ignored()!r}, which is no command here: it was not used")
     if result.left_out:
         note(out, f"without {', '.join(result.left_out)}: no law of the robot that a controller evaluates")
     out.print(f"wrote {result.folder}")

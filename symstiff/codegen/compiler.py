@@ -59,6 +59,11 @@ def why_none() -> str:
     return "$CC does not make programs for this machine" if _wanted() else "no C compiler was found"
 
 
+def ignored() -> str:
+    """$CC where it names no command of this machine; empty otherwise."""
+    return os.environ.get("CC", "") if not _wanted() else ""
+
+
 def _wanted() -> tuple[str, ...]:
     """The words of $CC; none where it names no command of this machine."""
     try:

@@ -22,11 +22,14 @@ from symstiff.codegen.reference import (
     cases,
     configurations,
     plausible_values,
+    turning_length,
     unit_length,
 )
 from symstiff.codegen.targets import TARGETS
 from symstiff.codegen.text import CAlgebra, c_body, context_names
+from symstiff.effects.base import find
 from symstiff.model import StiffnessModel
+from symstiff.robot.schema import Robot
 from symstiff.symbolic.algebras import count
 from symstiff.symbolic.program import Program
 from symstiff.symbolic.programs import parameter_symbol
@@ -111,7 +114,8 @@ def _identity(functions: Functions, options: Options) -> dict[str, Any]:
         "loads": model.loads,
         "loads_meaning": LOADS_MEANING[model.loads],
         "defaults_meaning": _defaults_meaning(model.deviations),
-        "compensation_meaning": _compensation_meaning(robot.dof),
+        "compensation_meaning": _compensation_meaning(robot.dof, unit_length(model)),
+        **{key: _triple(value) for key, value in _places(robot).items()},
         "options": [("loads", model.loads), ("measure", model.measure), *options.table().items()],
         "structure_hash": model.structure_hash,
         "model_hash": options.model_hash(model.structure_hash, _defaults(model)),
@@ -144,10 +148,23 @@ def _numbers(functions: Functions, options: Options) -> dict[str, Any]:
         "solve_rows": max(robot.dof, 6),
         "solve_columns": min(robot.dof, 6),
         "unit_length": literal(unit_length(model)),
+        "turning_length": literal(turning_length(model)),
         "singular": literal(1e-5 if single else 1e-10),
         "largest_correction": literal(LARGEST_CORRECTION),
         "compliances_propagate": _compliances_propagate(functions),
     }
+
+
+def _effect_meaning(model: StiffnessModel, name: str) -> str:
+    """Effect, place and shape of a parameter, in ASCII."""
+    for effect, realised in zip(model.effects, model.realisations, strict=True):
+        if name in {p.name for p in realised.parameters}:
+            place = ", ".join(f"{k} {v}" for k, v in effect.where.items())
+            told = "".join(f", {phrase}" for phrase in effect.shape_phrases)
+            text = f"{find(effect.effect).title.lower()} ({place}){told}"
+            text = text.replace("LOAD", "of load").replace("±", "+-").replace("·", "*")
+            return text.encode("ascii", "replace").decode().replace("*/", "* /")
+    return "parameter of an effect"
 
 
 def _parameters(functions: Functions, options: Options) -> dict[str, Any]:
@@ -166,7 +183,7 @@ def _parameters(functions: Functions, options: Options) -> dict[str, Any]:
                 "unit": e.unit,
                 "default": literal(values[e.name]),
                 "typical": literal(float(e.typical)),
-                "meaning": "parameter of an effect",
+                "meaning": _effect_meaning(model, e.name),
             }
             for e in model.effect_parameters
         ],
@@ -195,10 +212,22 @@ def _defaults_meaning(deviations: Any) -> str:
     return "Default parameters: what the robot file knows; others are zero until they are identified."
 
 
-def _compensation_meaning(dof: int) -> str:
+def _places(robot: Robot) -> dict[str, Sequence[Any]]:
+    return {
+        "base_xyz": robot.base.xyz, "base_rpy": robot.base.rpy, "tool_xyz": robot.tool.xyz, "tool_rpy": robot.tool.rpy,
+    }  # fmt: skip
+
+
+def _triple(values: Sequence[Any]) -> str:
+    return "(" + ", ".join(f"{float(x):.6g}" for x in values) + ")"
+
+
+def _compensation_meaning(dof: int, unit: float) -> str:
     if dof == 6:
         return "to first order in the deflection"
-    return "fewest joint motions" if dof > 6 else "least squares, position before orientation"
+    if dof > 6:
+        return "the smallest joint motions that do"
+    return f"as well as {dof} joints can: least squares in which a radian counts as {unit:g} m"
 
 
 def operations_text(counts: dict[str, int]) -> str:

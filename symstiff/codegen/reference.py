@@ -50,6 +50,11 @@ def unit_length(model: StiffnessModel) -> float:
     return round(model.robot.reach * (0.25 if model.robot.dof >= 6 else 0.01), 4) or 0.01
 
 
+def turning_length(model: StiffnessModel) -> float:
+    """Metres that weigh as much as a radian where a compliance is inverted: a quarter of the reach."""
+    return round(0.25 * model.robot.reach, 4) or 0.01
+
+
 def plausible_values(model: StiffnessModel, seed: int = 7) -> dict[str, float]:
     """Plausible parameter values, exact in single precision, for tests only."""
     rng = random.Random(seed)
@@ -122,7 +127,7 @@ def _case(
     T: list[Any],
     C: list[Any],
 ) -> Case:
-    K, condition = _inverse(C, unit_length(model))
+    K, condition = _inverse(C, turning_length(model))
     q_cmd, compensation = _compensated(q, J, dt, unit_length(model))
     return Case(q, w, dt, A, J, T, C, K, condition, q_cmd, compensation)
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import ctypes
+import os
 import re
 import subprocess
 import tempfile
@@ -122,6 +123,10 @@ def _run_selftest(
     run = subprocess.run([str(program)], capture_output=True, text=True, check=False, timeout=60)
     match = re.search(r"error ([-+.0-9e]+)", run.stdout)
     if run.returncode != 0 or match is None:
+        if os.environ.get("CC"):
+            raise UserError(
+                f"$CC ({compiler.name}) makes code that fails its self-test: leave out what changes arithmetic"
+            )
         raise RuntimeError(f"the self-test failed: {run.stdout}{run.stderr}")
     return float(match.group(1))
 

@@ -6,8 +6,8 @@ A catalogue file defines one ``Effect``; a plugin registers one under the entry 
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass, field, replace
 from functools import cache
 from importlib import import_module, metadata
 from pkgutil import iter_modules
@@ -154,6 +154,43 @@ class EffectInstance:
             raise UserError(
                 f"{self.effect} at {dict(self.where)}: the shape {dict(self.shape)} does not fit: {error}"
             ) from error
+
+    @property
+    def shape_phrases(self) -> tuple[str, ...]:
+        """What the shape's values mean, LOAD for N·m or N."""
+        told = find(self.effect).told
+        said = []
+        for key, value in self.shape.items():
+            phrase = told.get(key, f"{key} = {{}}")
+            if phrase and ("{}" in phrase or value):
+                said.append(phrase.format(f"{float(value):.4g}"))
+        return tuple(said)
+
+    def unread(self, robot: Robot) -> tuple[str, ...]:
+        """Keys of the shape that the effect does not look at: misspelt, or of another effect."""
+        if find(self.effect).columns is not None:
+            return ()
+        read = _Read(self.shape)
+        replace(self, shape=read).realise(robot)
+        return tuple(key for key in self.shape if key not in read.keys_read)
+
+
+class _Read(Mapping[str, float]):
+    """A shape that remembers what was read of it."""
+
+    def __init__(self, shape: Shape) -> None:
+        self._shape, self.keys_read = shape, set[str]()
+
+    def __getitem__(self, key: str) -> float:
+        self.keys_read.add(key)
+        return self._shape[key]
+
+    def __iter__(self) -> Iterator[str]:
+        self.keys_read.update(self._shape)
+        return iter(self._shape)
+
+    def __len__(self) -> int:
+        return len(self._shape)
 
 
 def _acceptable(entry: Effect, robot: Robot, where: Where) -> bool:

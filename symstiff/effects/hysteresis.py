@@ -34,9 +34,9 @@ def _realise(robot: Robot, where: Where, shape: Shape) -> Realisation:
         load = load + weight_load(robot, j)
     loop = parameter(NAME, where, "width", angle_unit(robot, j), 0.0, 5e-3, 5e-5)
     law = -BRANCH * smooth_sign(load, width) / 2
-    if shape.get("power"):
-        share = load / exact(shape["load"])
-        law *= (share**2 + NEAR_ZERO**2) ** (exact(shape["power"]) / 2)
+    power, scale = shape.get("power"), shape.get("load", 1.0)
+    if power:
+        law *= ((load / exact(scale)) ** 2 + NEAR_ZERO**2) ** (exact(power) / 2)
     if "loop" in shape:
         law *= 1 - (load / exact(shape["loop"])) ** 2
     return Realisation((loop,), (Term(loop.name, actuated_joint(j), law),))

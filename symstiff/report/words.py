@@ -13,7 +13,7 @@ from symstiff.discrepancy.result import Estimate, Name
 from symstiff.discrepancy.speech import named, place, spoken
 from symstiff.discrepancy.verdict import AS_WELL, INSUFFICIENT, NOT_ALONE
 from symstiff.discrepancy.workflow import Finding, Found, unconfirmed
-from symstiff.effects.base import catalogue
+from symstiff.effects.base import EffectInstance
 from symstiff.report.tables import rotates
 
 LOUDER = 1.08
@@ -104,6 +104,8 @@ def headline(finding: Finding) -> str:
     """The verdict in a few words."""
     if not finding.testable:
         return "Nothing can be tested with these data"
+    if finding.reason == NOT_ALONE:
+        return "Something is missing, and the data do not tell whether the catalogue has a name for it"
     return {
         "named": "Missing: " + names(finding.named),
         "nothing_missing": _nothing_missing(finding),
@@ -213,13 +215,8 @@ def shape_text(finding: Finding, effect: Found) -> str:
     joint = effect.where.get("joint")
     robot = finding.assembly.situation.view.robot
     slides = isinstance(joint, int) and robot.joint[joint - 1].prismatic
-    entry = catalogue().get(effect.effect)
-    said = []
-    for key, value in effect.shape.items():
-        phrase = entry.told.get(key, f"{key} = {{}}") if entry else f"{key} = {{}}"
-        if phrase and ("{}" in phrase or value):
-            said.append(phrase.replace("LOAD", "N" if slides else "N·m").format(number(value, 4)))
-    return ", ".join(said)
+    phrases = EffectInstance(effect.effect, effect.where, effect.shape).shape_phrases
+    return ", ".join(phrase.replace("LOAD", "N" if slides else "N·m") for phrase in phrases)
 
 
 def _or_else(effect: Found) -> str:

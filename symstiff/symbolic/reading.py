@@ -87,7 +87,10 @@ def chain_html(chain: ElasticChain) -> str:
         if i:
             kind = "translation along" if chain.rows[i - 1].prismatic else "rotation about"
             rows.append((f"joint {i}", str(first - 1), f"{kind} z of frame {i - 1}"))
-        axes = ", ".join(_axis(e) for e in chain.elastic_axes(Builder("axes", ()), i))
+        builder = Builder("axes", ())
+        found = chain.elastic_axes(builder, i)
+        exact = {c.symbol: c.exact for c in builder.constants}
+        axes = ", ".join(_axis([sp.sympify(c).xreplace(exact) for c in e]) for e in found)
         what = f"translations along, rotations about {axes} of frame {i}"
         rows.append((f"link {i}", f"{first} … {first + 5}", what))
     caption = f"{chain.robot.title or chain.robot.name}: {len(chain.virtual_joints)} virtual joints"
@@ -98,4 +101,4 @@ def _axis(direction: Sequence[sp.Expr]) -> str:
     """x, y or z of the DH frame; another direction as three components."""
     if sorted(direction) == [0, 0, 1]:
         return "xyz"[list(direction).index(1)]
-    return f"({', '.join(str(c) for c in direction)})"
+    return f"({', '.join(f'{float(c):.4g}' for c in direction)})"

@@ -21,6 +21,7 @@ from symstiff.calibration.experiment.situation import (
 )
 from symstiff.calibration.experiment.whole import whole
 from symstiff.calibration.measurements import Measurements
+from symstiff.calibration.rows import stated_sigma
 from symstiff.effects.base import Realisation, Shape, Where, find
 from symstiff.model import StiffnessModel
 from symstiff.reduction.physical import Parameter as Compliance
@@ -216,12 +217,4 @@ def spread_of(view: View) -> Floats:
 
 def sigma_of(view: View) -> Floats | None:
     """(M,) stated sigma; gaps take the median of their kind, None where a kind has none."""
-    sigma = np.array(view.table.sigma[view.state, view.component])
-    for kind in (view.component < 3, view.component >= 3):
-        if not kind.any():
-            continue
-        known = sigma[kind & np.isfinite(sigma)]
-        if not len(known):
-            return None
-        sigma[kind & ~np.isfinite(sigma)] = np.median(known)
-    return sigma
+    return stated_sigma(view.table, view.state, view.component)
