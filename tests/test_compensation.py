@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from symstiff.compensation import compensate, compensate_online
+from symstiff.effects.base import EffectInstance
 from tests.generated_c import model, poses
 
 NEAR = np.array([0.1, -1.0, 1.2, 0.3, 1e-6, -0.2])  # axes 4 and 6 almost on one line
@@ -53,3 +54,13 @@ def test_what_is_solved_has_no_larger_error_than_before(robot: str) -> None:
     if m.robot.dof >= 6:
         assert np.abs(found.after[found.solved]).max() < 1e-9
     assert np.abs(found.after[:, :3]).sum() < np.abs(found.before[:, :3]).sum()
+
+
+def test_what_the_measuring_device_does_moves_no_joint() -> None:
+    m = model("kuka_kr270")
+    drifting = m.with_effect(EffectInstance("thermal_drift", {"measurement": "frame"}, {"T": 3600.0}))
+    drifting = drifting.with_values(dict(m.values) | {n: 1e-6 for n in drifting.parameters if "thermal" in n})
+    q, w, late = np.array([REGULAR]), np.array([LOAD]), {"time": np.array([36000.0])}
+    assert drifting.of_robot().parameters == m.parameters
+    np.testing.assert_array_equal(compensate_online(drifting, q, 0.0 * w, late), q)
+    np.testing.assert_array_equal(compensate(drifting, q, w, late).q_cmd, compensate(m, q, w).q_cmd)

@@ -85,3 +85,18 @@ def test_without_a_compiler_it_says_what_to_do(module, monkeypatch):
     monkeypatch.setattr(module.shutil, "which", lambda name: None)
     with pytest.raises(OSError, match="no C compiler was found"):
         module.load()
+
+
+def test_a_library_of_another_model_is_refused(module, tmp_path):
+    folder = written(tmp_path, "scara", "float" if module.REAL is np.float64 else "double", ("c", "python"))
+    spec = importlib.util.spec_from_file_location("scara_other", folder / "scara.py")
+    other = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(other)
+    with pytest.raises(OSError, match="is of another model"):
+        module.load(other.build(tmp_path / "other.so"))
+
+
+def test_values_that_are_not_given_are_the_models(module, compiled):
+    m, (q, w) = model("scara"), poses("scara", 5)
+    name = m.parameters[0]
+    close(module, compiled.deflection(q, w, {name: 1e-6}), m.deflection(q, w, dict(m.values) | {name: 1e-6}))

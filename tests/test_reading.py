@@ -12,6 +12,8 @@ import sympy as sp
 
 import symstiff
 from symstiff import ElasticChain, StiffnessModel, load, observation_matrix, reduce, virtual_jacobian
+from symstiff.robot import from_table
+from symstiff.robot.table import to_table
 from symstiff.symbolic.numeric import kinematics
 from symstiff.symbolic.programs import observation_program
 from symstiff.symbolic.reading import original_terms, written_out
@@ -103,3 +105,10 @@ def test_every_exported_name_is_found_and_others_are_not():
         assert name in dir(symstiff)
     with pytest.raises(AttributeError, match="no attribute 'nothing'"):
         symstiff.nothing  # noqa: B018
+
+
+def test_a_beam_along_a_direction_is_shown_with_its_numbers() -> None:
+    table = to_table(load("scara"))
+    table["joint"][1]["link"] = {"beam_axis": [0.35, 0.0, 0.675]}
+    page = ElasticChain(from_table(table))._repr_html_()
+    assert "(0.4603, 0, 0.8878)" in page

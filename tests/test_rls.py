@@ -217,6 +217,12 @@ def test_a_measurement_in_error_leaves_the_state_as_it_was(estimator):
         assert estimator.update(q[1], w[1], measured, sigma) == -2
     assert estimator.update(q[1] * np.nan, w[1], dt[1]) == -2
     assert estimator.update(q[1], w[1], dt[1], SIGMA * 1e-200) == -20
+    assert estimator.update(q[1], w[1], dt[1], SIGMA * 1e165) == -20
+    assert estimator.update(q[1], w[1], np.full(6, 1e300) * np.array([1, -1, 1, -1, 1, 1])) in (0, -2)
+    if not np.isfinite(estimator.state).all():
+        pytest.fail("an update left what is not finite")
+    estimator.init(model(ROBOT).vector(), 0.01, 0.99, 1.0)
+    estimator.update(q[0], w[0], dt[0])
     assert estimator.call("rls_update", None, None, None, None) == -1
     np.testing.assert_array_equal(estimator.state, before)
 

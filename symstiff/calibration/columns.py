@@ -21,7 +21,7 @@ _COUNTS = ("load_step", "repeat")
 _JOINT = re.compile(r"^q([1-9]\d*)$")
 
 # Beyond these a number stands in the wrong unit rather than for a robot: SI.
-_WIDEST_ANGLE = 7.9  # rad; joints that turn further than 450 degrees do not occur
+_WIDEST_ANGLE = 12.6  # rad; joints that turn further than two turns each way do not occur
 _LONGEST_STROKE = 100.0
 _LARGEST_DEFLECTION = 1.0  # m, and rad
 _FARTHEST_POINT = 1000.0

@@ -188,9 +188,10 @@ class _Reader:
 
     def _names(self, name: str) -> tuple[tuple[str, ...], np.ndarray]:
         order: dict[str, int] = {}
+        empty = "tcp" if name == "point" else ""  # as where the column is absent
         index = np.array(
             [
-                order.setdefault(cell.strip(), len(order))
+                order.setdefault(cell.strip() or empty, len(order))
                 for cell in self.cells[self.columns.named[name].index]
             ],
             dtype=np.intp,

@@ -133,7 +133,7 @@ def start(problem: Problem) -> Noise:
 def near(noise: Noise, kept: Sequence[Sharing], finer: bool = False) -> Noise:
     """The noise with the sharings that are likely and their neighbours on the grid, or halfway to them."""
     out = [Sharing()]
-    for way in noise.ways:
+    for way in dict.fromkeys(s.way for s in noise.sharings if s.ratio > 0):
         there = sorted({s.ratio for s in kept if s.way == way and s.ratio > 0})
         first = bisect_left(RATIOS, there[0]) if there else 0
         last = bisect_left(RATIOS, there[-1]) if there else 0
@@ -145,11 +145,11 @@ def near(noise: Noise, kept: Sequence[Sharing], finer: bool = False) -> Noise:
 
 
 def _sharings(problem: Problem, ways: Mapping[str, Roots], ratios: Sequence[float]) -> tuple[Sharing, ...]:
+    """Those that the rows can tell: axes need several rows of one axis in a pose, joints several rows in a pose."""
     label = problem.pose * (problem.axis.max() + 1) + problem.axis
-    repeated = problem.rows - len(np.unique(label))
-    if repeated < 10 or problem.poses <= 2:
-        return (Sharing(),)
-    return (Sharing(), *(Sharing(way, r) for way in ways for r in ratios))
+    repeated = {way: problem.rows - len(np.unique(problem.pose if way == JOINTS else label)) for way in ways}
+    seen = [way for way in ways if repeated[way] >= 10 and problem.poses > 2]
+    return (Sharing(), *(Sharing(way, r) for way in seen for r in ratios))
 
 
 def _ways(problem: Problem, spread: Array, split: Split) -> dict[str, Roots]:

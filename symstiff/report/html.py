@@ -9,6 +9,7 @@ from typing import Any
 from markupsafe import Markup
 
 from symstiff import __version__
+from symstiff.discrepancy.noise import JOINTS
 from symstiff.discrepancy.proof import NO_GAP
 from symstiff.discrepancy.result import CandidateResult, Estimate, Name
 from symstiff.discrepancy.speech import named, spoken
@@ -379,7 +380,8 @@ def _noise(finding: Finding) -> list[str]:
         text = f"stated {words.size(n.stated, finding)}: found/stated = {n.ratio:.2f}"
         lines.append(text + (", which contradicts the stated one" if n.misstated else ", which agree"))
     if n.approach_p < _SEEN:
-        lines.append(f"load cases of a pose share an error of {words.size(n.approach, finding)}")
+        how = ", as of joints that stand elsewhere" if n.shared == JOINTS else ""
+        lines.append(f"load cases of a pose share an error of {words.size(n.approach, finding)}{how}")
     if n.homogeneity_p < _SEEN:
         units = ("mm", "mrad")
         by = ", ".join(f"{plots.COMPONENTS[a]} {1e3 * s:.3f} {units[a > 2]}" for a, s in n.by_axis.items())

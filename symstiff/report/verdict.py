@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from symstiff.discrepancy.noise import JOINTS
 from symstiff.discrepancy.result import CandidateResult, Estimate, Name
 from symstiff.discrepancy.strata import Stratum
 from symstiff.discrepancy.workflow import Finding, Found
@@ -152,6 +153,7 @@ def _noise(finding: Finding) -> dict[str, Any]:
         "degrees_of_freedom": plain(n.degrees_of_freedom),
         "approach_mm": _mm(n.approach),
         "approach_p": plain(n.approach_p),
+        "approach_of": "joints" if n.shared == JOINTS else "axes",
         "homogeneity_p": plain(n.homogeneity_p),
     }
 
