@@ -23,7 +23,7 @@ from symstiff.robot.loading import parse
 def narrow_loop() -> StiffnessModel:
     """A planar arm whose gear lags so steeply near zero load that the compliance there has almost no inverse."""
     model = StiffnessModel.of(reduce(load("planar2r"), "force", "position"))
-    shape = {"width": 1.12, "load": 55.8, "power": 0.0}
+    shape = {"width": 0.01, "load": 55.8, "power": 0.0}
     return model.with_effect(EffectInstance("hysteresis", {"joint": 2}, shape))
 
 

@@ -21,11 +21,6 @@
 #define SOLVE_COLUMNS 6
 #define SINGULAR 1.0e-10
 
-/* Metres per radian: rotations become lengths before a matrix is tested for singularity. */
-static const double unit[6] = { 1.0, 1.0, 1.0, 0.389, 0.389, 0.389 };
-
-/* The same where a compliance is inverted. */
-static const double turning[6] = { 1.0, 1.0, 1.0, 0.389, 0.389, 0.389 };
 
 const char ur10_model_hash[65] = UR10_MODEL_HASH;
 
@@ -1208,6 +1203,7 @@ static int eliminated(double ab[6][12], int k, double smallest)
 /* The compliance in K becomes its inverse; rotations are weighed as lengths during the elimination. */
 static int inverted(double K[6 * 6])
 {
+    static const double turning[6] = { 1.0, 1.0, 1.0, 0.389, 0.389, 0.389 };
     double ab[6][12];
     double largest = 0.0;
     int status = UR10_OK;
@@ -1299,6 +1295,8 @@ static int triangular(double m[SOLVE_ROWS * SOLVE_COLUMNS], double diagonal[SOLV
 /* Joint motions x (the first N_JOINTS numbers) with J * x = dt, to first order in the deflection. */
 static int solved(const double J[6 * N_JOINTS], double x[SOLVE_ROWS], const double dt[6])
 {
+    /* metres per radian: rotations become lengths before a matrix is tested for singularity */
+    static const double unit[6] = { 1.0, 1.0, 1.0, 0.389, 0.389, 0.389 };
     double m[SOLVE_ROWS * SOLVE_COLUMNS];
     double diagonal[SOLVE_COLUMNS];
     int status;

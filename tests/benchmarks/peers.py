@@ -50,7 +50,8 @@ def own(case: Case) -> list[Peer]:
     )
     # the cores' file repeats the public functions: give them other names
     public = sorted(
-        set(re.findall(rf"\b{name}_\w+(?=\()", sources[f"{name}.h"])) | {f"{name}_default_params"}
+        set(re.findall(rf"\b{name}_\w+(?=\()", sources[f"{name}.h"]))
+        | {f"{name}_default_params", f"{name}_model_hash"}
     )
     renames = "".join(f"#define {f} cores_{f}\n" for f in public)
     sources[f"{name}_cores.c"] = renames + sources[f"{name}_cores.c"]
