@@ -8,7 +8,7 @@ import numpy as np
 import scipy.linalg
 
 from symstiff.calibration.estimate import Estimate, estimate, unit_of
-from symstiff.calibration.experiment.current import settled
+from symstiff.calibration.experiment.current import settled, sigma_of
 from symstiff.calibration.measurements import Measurements
 from symstiff.calibration.residuals import ResidualTable, residual_table
 from symstiff.calibration.rows import Equations, shared_blocks, weights
@@ -37,8 +37,7 @@ def fit_absolute(model: StiffnessModel, table: Measurements) -> AbsoluteFit:
     current = settled(model, table)
     view = current.situation.view
     elastic = current.A[:, : len(current.names)]
-    sigma = table.sigma[view.state, view.component]
-    known = sigma if np.isfinite(sigma).all() else None
+    known = sigma_of(view)
     constant = [k for k, v in enumerate(view.joints) if v.kind == "link"]
     chosen = [constant[k] for k in _independent(view.J[:, constant])]
     count = len(current.names)

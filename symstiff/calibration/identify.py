@@ -24,6 +24,7 @@ from symstiff.calibration.soundness import (
     check_determined,
     check_loads,
     check_poses,
+    check_same_robot,
     outside_class,
     unlike_file,
     usable_model,
@@ -113,8 +114,7 @@ def start_model(
     if start == "joints":
         return joints_only(robot, experiment.loads, experiment.measure, experiment.fixed), None
     model = usable_model(start)
-    if model.robot.name != robot.name:
-        raise UserError(f"{start} is a model of {model.robot.name}, not of {robot.name}")
+    check_same_robot(model, robot, start)
     return model, None
 
 

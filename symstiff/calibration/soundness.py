@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import re
 from collections.abc import Sequence
 from pathlib import Path
@@ -12,11 +13,13 @@ import numpy as np
 from symstiff.calibration.compact import Array
 from symstiff.calibration.rank import RankDecision
 from symstiff.errors import UserError
+from symstiff.symbolic.numeric import forward
 
 if TYPE_CHECKING:
     from symstiff.model import StiffnessModel
     from symstiff.robot import Robot
 
+_SAME = 1e-9  # m between two tool centre points that are one
 _FAR = 100.0  # times the robot file's compliance from which a unit is questioned
 _CLEAR = 0.5  # largest deviation, as a share of the value, of a compliance that is compared
 
@@ -107,6 +110,28 @@ def outside_class(w: Array, loads: str) -> list[str]:
         f"the model is reduced for {loads} loads ({', '.join(within)}), and these have {', '.join(beyond)} too: what "
         f"they do to the robot is not in the model; identify with --loads {wider}"
     ]
+
+
+def check_same_robot(model: StiffnessModel, robot: Robot, origin: str) -> None:
+    """Raise UserError where a model was made of another robot, or of one with another geometry."""
+    if model.robot.name != robot.name:
+        raise UserError(f"{origin} is a model of {model.robot.name}, not of {robot.name}")
+    apart = _apart(model.robot, robot)
+    if apart > _SAME:
+        raise UserError(
+            f"{origin} was made with another geometry than {robot.name}'s robot file: their tool centre points are up to "
+            f"{1e3 * apart:.3g} mm apart; give the robot file it was made with, or identify again"
+        )
+
+
+def _apart(one: Robot, other: Robot) -> float:
+    """Greatest distance [m] between the tool centre points of two robots at a few joint angles."""
+    if one.dof != other.dof:
+        return math.inf
+    q = np.random.default_rng(0).uniform(-1.0, 1.0, (5, one.dof))
+    away = forward(one, q) - forward(other, q)
+    turned = np.abs(away[:, :3, :3]).max() * one.reach
+    return float(max(np.linalg.norm(away[:, :3, 3], axis=1).max(), turned))
 
 
 def unlike_file(model: StiffnessModel, robot: Robot) -> list[str]:

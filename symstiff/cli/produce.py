@@ -2,11 +2,8 @@
 
 from __future__ import annotations
 
-import math
 from pathlib import Path
 from typing import TYPE_CHECKING
-
-import numpy as np
 
 from symstiff.cli.output import check_targets, console, note, stages, write_json
 from symstiff.cli.show import parse_fixed, print_stages
@@ -18,10 +15,6 @@ if TYPE_CHECKING:
 
     from symstiff.codegen.generate import Generated
     from symstiff.model import StiffnessModel
-    from symstiff.robot.schema import Robot
-
-_SAME = 1e-9
-"""Distance [m] up to which two tool centre points are one."""
 
 
 def run_generate(
@@ -67,35 +60,16 @@ def _fresh(out: Console, robot: str, loads: str, measure: str, fixed: str | None
 
 
 def _identified(robot: str, model_file: Path, loads: str | None, measure: str | None) -> StiffnessModel:
-    from symstiff.calibration.soundness import usable_model
+    from symstiff.calibration.soundness import check_same_robot, usable_model
 
-    model, given = usable_model(model_file), load(robot)
-    if model.robot.name != given.name:
-        raise UserError(f"{model_file} is a model of {model.robot.name}, not of {given.name}")
-    apart = _apart(model.robot, given)
-    if apart > _SAME:
-        raise UserError(
-            f"{model_file} was made with another geometry than {robot}: their tool centre points are up to "
-            f"{1e3 * apart:.3g} mm apart; give the robot file it was made with, or identify again"
-        )
+    model = usable_model(model_file)
+    check_same_robot(model, load(robot), str(model_file))
     for key, wanted, has in (("loads", loads, model.loads), ("measure", measure, model.measure)):
         if wanted is not None and wanted != has:
             raise UserError(
                 f"{model_file} was reduced for {key} {has}: leave out --{key} {wanted}, or identify again"
             )
     return model
-
-
-def _apart(one: Robot, other: Robot) -> float:
-    """Greatest distance [m] between the tool centre points of two robots at a few joint angles."""
-    from symstiff.symbolic.numeric import forward
-
-    if one.dof != other.dof:
-        return math.inf
-    q = np.random.default_rng(0).uniform(-1.0, 1.0, (5, one.dof))
-    away = forward(one, q) - forward(other, q)
-    turned = np.abs(away[:, :3, :3]).max() * one.reach
-    return float(max(np.linalg.norm(away[:, :3, 3], axis=1).max(), turned))
 
 
 def _report(out: Console, result: Generated) -> None:

@@ -33,7 +33,9 @@ from symstiff.symbolic.programs import observation_program
 from symstiff.symbolic.terms import Term
 
 _POSES = 60
+"""Random poses at which columns are compared."""
 _STILL = 1e-9
+"""Range [rad, m] up to which a joint never moves."""
 _COMPLIANCE = 1e-7
 """Usual size of a compliance that the model leaves out."""
 

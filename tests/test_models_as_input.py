@@ -1,0 +1,102 @@
+"""Model files and tables as input: what does not belong together is refused, what is not told is filled."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+import tomli_w
+from command_line import Run, assert_users_mistake, run_command_line  # noqa: F401
+
+from symstiff.calibration.identify import identify
+from symstiff.calibration.measurements import measurements
+from symstiff.calibration.rows import equations, stated_sigma
+from symstiff.effects.base import EffectInstance, Scales, catalogue
+from symstiff.errors import UserError
+from symstiff.model import StiffnessModel
+from symstiff.reduction.reduce import reduce
+from symstiff.robot import load
+from symstiff.robot.table import to_table
+
+DRIFT = EffectInstance("thermal_drift", {"measurement": "frame"}, {"T": 3600.0})
+
+
+def scara() -> StiffnessModel:
+    return StiffnessModel.of(reduce(load("scara")))
+
+
+def test_a_model_of_another_geometry_is_refused(run: Run, tmp_path: Path) -> None:
+    scara().save(tmp_path / "model.toml")
+    table = to_table(load("scara"))
+    table["tool"] = {"xyz": [0.0, 0.0, 0.3]}
+    (tmp_path / "longer.toml").write_text(tomli_w.dumps(table))
+    data = "pose,q1[deg],q2[deg],q3[m],q4[deg],fz[N],dz[mm]\n" + "".join(
+        f"p{k},{10 * k},{5 * k},0.05,{7 * k},-50,0.1\n" for k in range(9)
+    )
+    (tmp_path / "data.csv").write_text(data)
+    model, robot = tmp_path / "model.toml", tmp_path / "longer.toml"
+    for command in (
+        ("generate", robot, "--model", model, "-o", tmp_path / "out"),
+        ("identify", robot, tmp_path / "data.csv", "--start", model, "-o", tmp_path / "out.toml"),
+        ("diagnose", robot, tmp_path / "data.csv", "--start", model, "-o", tmp_path / "out"),
+    ):
+        assert_users_mistake(run(*command), "model.toml", "another geometry", "mm apart")
+    assert not (tmp_path / "out").exists()
+    assert not (tmp_path / "out.toml").exists()
+
+
+def test_generated_code_leaves_out_what_the_measuring_device_does(run: Run, tmp_path: Path) -> None:
+    scara().with_effect(DRIFT).save(tmp_path / "model.toml")
+    done = run(
+        "generate", "scara", "--model", tmp_path / "model.toml", "-o", tmp_path / "out", "--no-compile"
+    )
+    assert done.code == 0
+    assert "without thermal_drift" in done.out + done.err
+    assert "thermal" not in (tmp_path / "out" / "scara.h").read_text()
+
+
+def test_a_misspelt_key_of_a_shape_is_refused(run: Run, tmp_path: Path) -> None:
+    late = EffectInstance("backlash", {"joint": 2}, {"widht": 3.0})
+    scara().with_effect(late).save(tmp_path / "model.toml")
+    mistake = run("generate", "scara", "--model", tmp_path / "model.toml", "-o", tmp_path / "out")
+    assert_users_mistake(mistake, "model.toml", "backlash", "widht")
+
+
+@pytest.mark.parametrize("effect", sorted(catalogue()))
+@pytest.mark.parametrize("kind", ["deflection", "absolute"])
+def test_every_shape_of_the_catalogue_is_read_whole(effect: str, kind: str) -> None:
+    robot, entry = load("ur10"), catalogue()[effect]
+    scales = Scales(kind, angles=((0.1, 0.4),) * robot.dof, context={"time": 10.0, "temperature": 5.0})
+    for where in entry.places(robot):
+        for shape in entry.shapes(robot, where, scales):
+            assert not EffectInstance(effect, where, shape).unread(robot)
+
+
+def test_a_gap_in_sigma_takes_the_median_of_its_kind_and_a_kind_without_any_is_unknown() -> None:
+    model, n = scara(), 6
+    q, w = np.linspace(0.1, 0.6, 4 * n).reshape(n, 4), np.tile([0, 0, -50.0, 0, 0, 0], (n, 1))
+    sigma = np.full((n, 6), np.nan)
+    sigma[:, 0], sigma[0, 1] = 1e-5, 3e-5
+    values = np.where(np.arange(6) < 3, 1e-4, np.nan) * np.ones((n, 1))
+    table = measurements(
+        q, w, values=values, sigma=sigma, kind="deflection", joint_units=["rad", "rad", "m", "rad"]
+    )
+    found = equations(model, table).sigma
+    assert found is not None
+    assert sorted(found)[-1] == 3e-5
+    assert np.sum(found == 1e-5) == 3 * n - 1
+    rotations = np.array([3, 4, 5])
+    assert stated_sigma(table, np.zeros(3, dtype=np.intp), rotations) is None
+
+
+def test_columns_that_are_the_rounding_of_others_are_told_as_not_loaded() -> None:
+    robot = load("planar2r")
+    model = StiffnessModel.of(reduce(robot))
+    rng = np.random.default_rng(0)
+    q = rng.uniform(-2.5, 2.5, (40, 2))
+    w = rng.normal(size=(40, 6)) * [100, 100, 100, 0, 0, 50]
+    values = model.deflection(q, w) + 1e-7 * rng.normal(size=(40, 6))
+    table = measurements(q, w, values=values, kind="deflection", joint_units=["rad", "rad"])
+    with pytest.raises(UserError, match=r"not loaded at all: .*k2_44"):
+        identify(robot, table)
