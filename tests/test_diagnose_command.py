@@ -210,11 +210,12 @@ def test_the_same_table_gives_the_same_bytes(named: Path, tmp_path: Path) -> Non
 
 @pytest.mark.skipif(not UR10.exists(), reason="the measured UR10 data are not there")
 def test_a_real_ur10_shows_its_geometry_and_its_gears() -> None:
-    found = run(Task(load("ur10"), read_measurements(UR10), "joints", max_poses=60))
+    found = run(Task(load("ur10"), read_measurements(UR10), "joints", max_poses=100))
     named = {e.effect for e in found.named}
     assert named & {"geometric_error", "joint_offset"}
     assert "transmission_error" in named
-    # what gives way under the arm's own weight looks like geometry in so few poses: then both stand in the set
+    # what gives way under the arm's own weight looks like geometry in so few poses: then both stand in the set;
+    # in 60 poses the ripple of several gears cannot be told from joints that stand a little elsewhere each time
     assert named <= {
         "geometric_error",
         "joint_offset",

@@ -12,6 +12,7 @@ from symstiff.discrepancy.diagnose import diagnose
 from symstiff.discrepancy.noise import JOINTS, by_joint
 from symstiff.discrepancy.prepare import prepare
 from symstiff.discrepancy.problem import Array, Problem
+from symstiff.discrepancy.scan import evidence, likeliest
 from symstiff.discrepancy.strata import strata
 from tests.test_discrepancy_engine import QUICK, SIGMA, arm, measured, saturating, scaled
 
@@ -152,3 +153,18 @@ def test_load_nonlinearity_shows_in_its_own_stratum() -> None:
     ready = prepare(measured(a.problem, signal), a.candidates)
     p = {s.name: s.p_value for s in strata(a.problem, ready.scan)}
     assert p["nonlinear in load"] < 1e-3
+
+
+def test_what_is_missing_does_not_make_the_start_model_worse_than_it_is() -> None:
+    """Before an effect is in the model it passes for a shared error, by which the start model must not be fitted."""
+    a = arm(20)
+    problem = measured(a.problem, scaled(a.problem, saturating(a.problem, 1), 6000.0), 5)
+    found = diagnose(problem, a.candidates, QUICK)
+    left = problem.y - problem.A @ np.linalg.lstsq(problem.A, problem.y, rcond=None)[0]
+    assert found.rms.before == pytest.approx(float(np.sqrt(np.mean(left**2))), rel=0.02)
+    ready = prepare(problem, a.candidates)
+    score = np.where(ready.bank.generic, -np.inf, evidence(ready.scan).score)
+    entry = int(evidence(ready.scan).best_entry[int(np.argmax(score))])
+    alone, with_it = ready.scan.best.sharing, likeliest(ready.scan, (entry,)).sharing
+    assert alone.ratio > 1.0
+    assert with_it.ratio < 0.2

@@ -15,11 +15,12 @@ from symstiff.calibration.simulation import Effect, Truth, clean_response, nomin
 from symstiff.discrepancy.assemble import Assembly, assemble
 from symstiff.discrepancy.bank import build
 from symstiff.discrepancy.beside import evidence_beside
+from symstiff.discrepancy.design import effective_rank
 from symstiff.discrepancy.laws import unnamed_laws
 from symstiff.discrepancy.marginal import EXPECTED, log_bayes, of_sizes
 from symstiff.discrepancy.noise import start
 from symstiff.discrepancy.problem import Array, Candidate, Parameter
-from symstiff.discrepancy.scan import column_space, effective_rank, evidence, extend, open_scan
+from symstiff.discrepancy.scan import column_space, evidence, extend, open_scan
 from symstiff.effects.base import find
 from symstiff.model import StiffnessModel
 from symstiff.reduction.reduce import reduce

@@ -119,8 +119,8 @@ def check_same_robot(model: StiffnessModel, robot: Robot, origin: str) -> None:
     apart = _apart(model.robot, robot)
     if apart > _SAME:
         raise UserError(
-            f"{origin} was made with another geometry than {robot.name}'s robot file: their tool centre points are up to "
-            f"{1e3 * apart:.3g} mm apart; give the robot file it was made with, or identify again"
+            f"{origin} was made with another geometry than {robot.name}'s robot file: their tool centre points are "
+            f"up to {1e3 * apart:.3g} mm apart; give the robot file it was made with, or identify again"
         )
 
 

@@ -6,9 +6,34 @@ from collections.abc import Sequence
 from functools import lru_cache
 
 import numpy as np
+from scipy import optimize, stats
 
+from symstiff.discrepancy.marginal import log_bayes
 from symstiff.discrepancy.problem import Array
-from symstiff.discrepancy.scan import Scan, detectable_noncentrality, effective_rank
+from symstiff.discrepancy.scan import Scan
+
+
+def detectable_noncentrality(
+    score: float, log_prior: float, rank: float, freedom: int, power: float = 0.8
+) -> float:
+    """Noncentrality at which an effect of this rank exceeds ``score`` with the given power."""
+
+    def gap(square: float) -> float:
+        value = log_bayes(np.array(square), np.array(freedom + square - rank), np.array(rank), freedom)
+        return float(value) + log_prior - score
+
+    high = 50.0
+    while gap(high) < 0 and high < 1e6:
+        high *= 2.0
+    square = optimize.brentq(gap, 1e-9, high) if gap(1e-9) < 0 else 1e-9
+    low, top = 0.0, 4.0 * square + 50.0
+    return float(optimize.brentq(lambda lam: stats.ncx2.sf(square, rank, max(lam, 1e-9)) - power, low, top))
+
+
+def effective_rank(scan: Scan, entry: int) -> float:
+    """Number of directions that a signal by parameters of usual size is spread over."""
+    return 1.0 / max(float(np.sum(scan.best.variance[scan.bank.slice(entry)] ** 2)), 1e-300)
+
 
 _needed = lru_cache(maxsize=4096)(detectable_noncentrality)
 """Candidates of one effect ask the same question at all their places."""

@@ -12,9 +12,10 @@ from symstiff.calibration.experiment.rounding import without_rounding
 from symstiff.calibration.experiment.situation import Situation
 from symstiff.calibration.measurements import Measurements
 from symstiff.discrepancy.assemble import Assembly, assemble
+from symstiff.discrepancy.noise import Sharing
 from symstiff.discrepancy.prepare import prepare
 from symstiff.discrepancy.problem import Array, Problem
-from symstiff.discrepancy.scan import coefficients
+from symstiff.discrepancy.scan import coefficients, open_scan
 from symstiff.discrepancy.threads import one_thread
 from symstiff.effects.base import EffectInstance, find
 from symstiff.model import StiffnessModel
@@ -38,6 +39,8 @@ class Fitted:
     residual: Array
     reading: Array
     assembly: Assembly
+    sharing: Sharing
+    """The shared error that is likeliest."""
 
 
 def grow(model: StiffnessModel, instances: Iterable[EffectInstance]) -> StiffnessModel:
@@ -50,12 +53,13 @@ def grow(model: StiffnessModel, instances: Iterable[EffectInstance]) -> Stiffnes
 
 
 @one_thread
-def fit(model: StiffnessModel, table: Measurements) -> Fitted:
+def fit(model: StiffnessModel, table: Measurements, sharing: Sharing | None = None) -> Fitted:
     """Identify all parameters of a model jointly, with the noise as the data show it.
 
     The device's placement in absolute data is estimated along. Loads and readings that lean on the
     compliances (a wrong load, a turned frame), and laws under such loads, are linearised anew until what is left
-    settles. Raises UserError for data that do not fit the robot.
+    settles. ``sharing``: a shared error that is known, as of a better model. Raises UserError for data that do not
+    fit the robot.
     """
     known, left = model, np.zeros(0)
     for _ in range(1 if model.is_linear and table.kind != "absolute" else _ROUNDS):
@@ -64,7 +68,12 @@ def fit(model: StiffnessModel, table: Measurements) -> Fitted:
         kept = independent(problem, [model.steps[n] for n in names])
         own = [names[k] for k in kept if k < len(names)]
         ready = prepare(replace(problem, A=problem.A[:, kept]), ())
-        value, std, fitted = coefficients(ready.scan, problem.A[:, kept], problem.y, ())
+        scan = ready.scan
+        if sharing is not None:
+            scan = open_scan(
+                ready.bank, replace(scan.noise, sharings=(sharing,)), problem.y, problem.A[:, kept]
+            )
+        value, std, fitted = coefficients(scan, problem.A[:, kept], problem.y, ())
         values = dict.fromkeys(model.parameters, 0.0) | _nominal(model)
         values |= dict(zip(own, value[: len(own)].tolist(), strict=True))
         deviations = {n: float(s) for n, s in zip(own, std[: len(own)], strict=True) if np.isfinite(s)}
@@ -73,7 +82,7 @@ def fit(model: StiffnessModel, table: Measurements) -> Fitted:
         if before.size and np.linalg.norm(left - before) < _SETTLED * np.linalg.norm(left):
             break
     absorbed = tuple(n for n in model.parameters if n not in own and n not in _nominal(model))
-    return Fitted(known, absorbed, left, _rigid(assembly), assembly)
+    return Fitted(known, absorbed, left, _rigid(assembly), assembly, scan.best.sharing)
 
 
 def _rigid(assembly: Assembly) -> Array:

@@ -10,10 +10,10 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
-from scipy import linalg, optimize, stats
+from scipy import linalg
 
 from symstiff.discrepancy.bank import Bank, orthonormal
-from symstiff.discrepancy.marginal import log_bayes, of_rank, of_sizes
+from symstiff.discrepancy.marginal import of_rank, of_sizes
 from symstiff.discrepancy.noise import Noise, Roots, Sharing
 from symstiff.discrepancy.problem import Array, Index
 
@@ -121,6 +121,24 @@ def directions(bank: Bank, layer: Layer, entries: tuple[int, ...]) -> tuple[Arra
     added = np.hstack([layer.outside[:, bank.slice(e)] for e in entries])
     U, s, _ = np.linalg.svd(added, full_matrices=False)
     return U[:, s > 1e-7 * s[0]], s[s > 1e-7 * s[0]]
+
+
+def likeliest(scan: Scan, entries: tuple[int, ...]) -> Layer:
+    """The layer of the likeliest sharing once some entries are in the model."""
+    if not entries or len(scan.layers) == 1:
+        return scan.best
+    value = []
+    for layer in scan.layers:
+        U, s = directions(scan.bank, layer, entries)
+        rss = max(layer.rss - float(np.sum((U.T @ layer.y) ** 2)), 1e-300)
+        determinant = layer.determinant + 2.0 * float(np.log(s).sum())
+        value.append(-0.5 * (scan.freedom - len(s)) * float(np.log(rss)) - 0.5 * determinant)
+    return scan.layers[int(np.argmax(value))]
+
+
+def at_sharing(scan: Scan, sharing: Sharing) -> Scan:
+    """The scan at one of its sharings."""
+    return at_sharings(scan, np.array([layer.sharing == sharing for layer in scan.layers]))
 
 
 def extend(scan: Scan, entries: tuple[int, ...]) -> Scan:
@@ -345,36 +363,14 @@ def critical(sample: Array, alpha: float) -> float:
     return float(np.quantile(sample, 1.0 - alpha)) if len(sample) and np.isfinite(sample[-1]) else np.inf
 
 
-def detectable_noncentrality(
-    score: float, log_prior: float, rank: float, freedom: int, power: float = 0.8
-) -> float:
-    """Noncentrality at which an effect of this rank exceeds ``score`` with the given power."""
-
-    def gap(square: float) -> float:
-        value = log_bayes(np.array(square), np.array(freedom + square - rank), np.array(rank), freedom)
-        return float(value) + log_prior - score
-
-    high = 50.0
-    while gap(high) < 0 and high < 1e6:
-        high *= 2.0
-    square = optimize.brentq(gap, 1e-9, high) if gap(1e-9) < 0 else 1e-9
-    low, top = 0.0, 4.0 * square + 50.0
-    return float(optimize.brentq(lambda lam: stats.ncx2.sf(square, rank, max(lam, 1e-9)) - power, low, top))
-
-
-def effective_rank(scan: Scan, entry: int) -> float:
-    """Number of directions that a signal by parameters of usual size is spread over."""
-    return 1.0 / max(float(np.sum(scan.best.variance[scan.bank.slice(entry)] ** 2)), 1e-300)
-
-
 def coefficients(scan: Scan, A: Array, y: Array, entries: tuple[int, ...]) -> tuple[Array, Array, Array]:
-    """Joint least squares of model and entries at the likeliest sharing.
+    """Joint least squares of model and entries at the sharing that is likeliest with them.
 
     Returns estimates (P + k,), their standard deviations, and the fitted values (M,) in the data's unit.
     Directions of the model that the data do not hold are left at their least-norm value, with infinite
     standard deviation where they touch a parameter.
     """
-    layer = scan.best
+    layer = likeliest(scan, entries)
     D = scan.noise.spread[:, None]
     chosen = [scan.bank.columns[:, scan.bank.slice(e)] for e in entries]
     X = np.hstack([A, *chosen])

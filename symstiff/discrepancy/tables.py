@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 
 import numpy as np
 
@@ -11,7 +12,7 @@ from symstiff.discrepancy.design import confusability, needed, share_left, small
 from symstiff.discrepancy.prepare import Prepared
 from symstiff.discrepancy.problem import Array, Candidate, Options, Problem, Shape
 from symstiff.discrepancy.result import CandidateResult, Estimate, Name, NamedEffect, Step
-from symstiff.discrepancy.scan import coefficients, critical, evidence, extend
+from symstiff.discrepancy.scan import at_sharing, coefficients, critical, evidence, extend, likeliest
 from symstiff.discrepancy.search import Judged
 from symstiff.discrepancy.strata import strata
 from symstiff.discrepancy.verdict import Outcome
@@ -56,7 +57,7 @@ def named_effects(problem: Problem, ready: Prepared, outcome: Outcome) -> tuple[
         effects = _fitted(problem, ready, judged.entries)[3]
         for i, (member, entry) in enumerate(zip(judged.members, judged.entries, strict=True)):
             others = tuple(e for e in judged.entries if e != entry)
-            without = extend(ready.scan, others)
+            without = extend(at_sharing(ready.scan, judged.scan.best.sharing), others)
             scale2 = judged.scan.best.rss / max(judged.scan.freedom, 1)
             gained = (without.best.rss - judged.scan.best.rss) / max(scale2, 1e-300)
             candidate = bank.candidates[member]
@@ -190,8 +191,12 @@ def unavailable(candidates: Sequence[Candidate], reason: str) -> tuple[Candidate
 
 
 def steps(problem: Problem, ready: Prepared, named: Judged | None, outcome: Outcome) -> tuple[Step, ...]:
-    """The growth path: the starting model, then each member of the named set in the order of its strength."""
+    """The growth path: the starting model, then each member of the named set in the order of its strength.
+
+    All under the shared error that is left at its end: before it, what is missing passes for one.
+    """
     entries: tuple[int, ...] = named.entries if named is not None else ()
+    ready = replace(ready, scan=at_sharing(ready.scan, likeliest(ready.scan, entries).sharing))
     rows = problem.axis < 3 if np.any(problem.axis < 3) else np.ones(problem.rows, bool)
     out = []
     for count in range(len(entries) + 1):

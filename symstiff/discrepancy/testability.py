@@ -4,10 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
-from symstiff.discrepancy.design import share_left, smallest_detectable
+from symstiff.discrepancy.design import effective_rank, share_left, smallest_detectable
 from symstiff.discrepancy.prepare import Prepared
 from symstiff.discrepancy.problem import Array, Problem
-from symstiff.discrepancy.scan import effective_rank
 
 
 def testable(problem: Problem, ready: Prepared) -> Array:

@@ -275,8 +275,8 @@ def _finding(
     )  # fmt: skip
     tell("identification")
     grown = grow(base, [e.instance for e in named if e.set_number == 0])
-    before = fit(start, table)
-    after = before if grown is start else fit(grown, table)
+    after = fit(grown, table)
+    before = after if grown is start else fit(start, table, after.sharing)
     verdict, reason = last.verdict, last.reason
     if climbed and verdict == NOTHING:
         verdict, reason = NAMED, "the links give way; beyond the complete model no test rejects"
