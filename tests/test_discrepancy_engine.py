@@ -12,11 +12,12 @@ from hypothesis import strategies as st
 from symstiff.discrepancy import baselines
 from symstiff.discrepancy.design import confusability, detectable_noncentrality, share_left
 from symstiff.discrepancy.diagnose import diagnose
-from symstiff.discrepancy.noise import AXES, JOINTS, Noise, Sharing
+from symstiff.discrepancy.noise import Noise
 from symstiff.discrepancy.prepare import prepare
 from symstiff.discrepancy.problem import Array, Candidate, Options, Parameter, Problem
 from symstiff.discrepancy.scan import evidence, explained, open_scan, tail
 from symstiff.discrepancy.separation import Hypotheses, deciding_poses
+from symstiff.discrepancy.sharing import AXES, JOINTS, Sharing
 from symstiff.errors import UserError
 
 SIGMA = 3e-5

@@ -9,10 +9,10 @@ import numpy as np
 import pytest
 
 from symstiff.discrepancy.diagnose import diagnose
-from symstiff.discrepancy.noise import JOINTS, by_joint
 from symstiff.discrepancy.prepare import prepare
 from symstiff.discrepancy.problem import Array, Problem
 from symstiff.discrepancy.scan import evidence, likeliest
+from symstiff.discrepancy.sharing import EACH, JOINTS, sizes
 from symstiff.discrepancy.strata import strata
 from tests.test_discrepancy_engine import QUICK, SIGMA, arm, measured, saturating, scaled
 
@@ -44,14 +44,30 @@ def test_joints_that_stand_elsewhere_raise_no_alarm() -> None:
     assert [d.noise.shared for d in found].count(JOINTS) >= 9
 
 
+@pytest.mark.parametrize("seed", range(4))
+def test_errors_of_joints_and_of_axes_are_told_together(seed: int) -> None:
+    a = arm(40)
+    joints = joints_elsewhere(a.problem, [2e-4] * 3, seed)
+    found = prepare(measured(a.problem, joints, seed, 6.0 * SIGMA), a.candidates)
+    assert found.scan.best.sharing.way == EACH
+    assert found.report.shared == JOINTS
+    assert found.report.sigma == pytest.approx(SIGMA, rel=0.1)
+    size = np.hypot(6.0 * SIGMA, np.sqrt(np.mean(joints**2)))
+    assert found.report.approach == pytest.approx(size, rel=0.15)
+    alone = max(
+        v for v, x in zip(found.scan.log_likelihood, found.scan.layers, strict=True) if x.sharing.way != EACH
+    )
+    assert found.scan.log_likelihood.max() > alone + 50.0
+
+
 def test_the_variances_of_the_joints_errors_are_found() -> None:
     problem = arm(200).problem
     size = np.array([2e-5, 8e-5, 4e-5])
     y = joints_elsewhere(problem, list(size), 1) + SIGMA * np.random.default_rng(2).normal(size=problem.rows)
     spread = np.full(problem.rows, SIGMA)
     ratio = float(np.var(y)) / SIGMA**2 - 1.0
-    found = np.array(by_joint(problem, y, spread, 1.0, ratio))
-    assert found / found[0] == pytest.approx((size / size[0]) ** 2, rel=0.35)
+    found = np.array(sizes(problem, y, spread, 1.0, ratio))[:3]
+    assert found / found[0] == pytest.approx((size / size[0]) ** 2, rel=0.45)
 
 
 @pytest.mark.parametrize(("own", "size"), [(0.0, 0.7), (1.0, 0.7), (1.0, 0.4), (0.0, 0.0)])

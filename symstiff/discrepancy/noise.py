@@ -2,51 +2,33 @@
 
 from __future__ import annotations
 
-from bisect import bisect_left
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Mapping
+from dataclasses import dataclass
 
 import numpy as np
 from scipy import stats
 
-from symstiff.discrepancy.problem import Array, Index, Problem
-
-RATIOS = (0.1, 0.35, 1.0, 3.0, 10.0, 35.0, 120.0, 400.0)
-"""Grid of (variance of the approach error) / (variance of the noise); every second one is looked at first."""
-
-AXES, SHIFT, JOINTS = "axes", "shift", "joints"
-"""What a pose's rows share: an error of every measured axis, of the translations alone, or of the joints' angles."""
+from symstiff.discrepancy.problem import Array, Problem
+from symstiff.discrepancy.sharing import (
+    AXES,
+    EACH,
+    NEAR,
+    PRICE,
+    RATIOS,
+    Roots,
+    Sharing,
+    Split,
+    at_first,
+    main_rows,
+    mostly,
+    patterns,
+)
 
 _SURE = 2.8
 """Standard deviations from which the noise is said to grow with a quantity."""
 
-_ALIKE = 4.0
-"""Poses that the belief in joints with like errors counts for."""
-_STEPS = 30
-
 NEGLIGIBLE = 0.03
 """Departure of sigma from the stated one that changes nothing in practice: no remark is made of it."""
-
-Roots = tuple[tuple[Index, Array, Array], ...]
-"""Batches of blocks: (n, m) rows, (n, m, k) orthonormal directions, (n, k) what is added along them."""
-
-
-@dataclass(frozen=True)
-class Sharing:
-    """One hypothesis of the error that a pose's rows share: what shares it, and its variance over the noise's."""
-
-    way: str = AXES
-    ratio: float = 0.0
-
-
-@dataclass(frozen=True)
-class Split:
-    """How a shared error is split."""
-
-    own: float = 0.0
-    """Part of the axes' error that each marker has alone."""
-    joints: tuple[float, ...] = ()
-    """Variances of the joints' errors, up to a common factor; none: all alike."""
 
 
 @dataclass(frozen=True)
@@ -58,6 +40,8 @@ class Noise:
     sharings: tuple[Sharing, ...]
     ways: Mapping[str, Roots]
     """K of each way: (n, m) row numbers of equal-sized blocks, their eigenvectors (n, m, k) and eigenvalues (n, k)."""
+    each: tuple[float, ...] = ()
+    """The variances that the way ``EACH`` has learned."""
 
     def root(self, sharing: Sharing, power: float) -> Roots:
         """(I + ratio K)^power, less the identity."""
@@ -79,8 +63,11 @@ class Noise:
         return out
 
     def log_determinant(self, sharing: Sharing) -> float:
-        """log |I + ratio K|."""
-        return float(sum(np.log1p(sharing.ratio * value).sum() for _, _, value in self.ways[sharing.way]))
+        """log |I + ratio K|, and twice the price of what was learned."""
+        price = 2.0 * PRICE * (len(self.each) - 1) if sharing.way == EACH else 0.0
+        return price + float(
+            sum(np.log1p(sharing.ratio * value).sum() for _, _, value in self.ways[sharing.way])
+        )
 
 
 @dataclass(frozen=True)
@@ -126,108 +113,8 @@ def start(problem: Problem) -> Noise:
         for rows in (problem.axis < 3, problem.axis >= 3):
             if np.any(rows):
                 spread[rows] = max(float(np.std(problem.y[rows])), 1e-12)
-    ways = _ways(problem, spread, Split())
-    return Noise(spread, _sharings(problem, ways, RATIOS[1::2]), ways)
-
-
-def near(noise: Noise, kept: Sequence[Sharing], finer: bool = False) -> Noise:
-    """The noise with the sharings that are likely and their neighbours on the grid, or halfway to them."""
-    out = [Sharing()]
-    for way in dict.fromkeys(s.way for s in noise.sharings if s.ratio > 0):
-        there = sorted({s.ratio for s in kept if s.way == way and s.ratio > 0})
-        first = bisect_left(RATIOS, there[0]) if there else 0
-        last = bisect_left(RATIOS, there[-1]) if there else 0
-        if finer and 1 <= len(there) <= 2:
-            out += [Sharing(way, r) for r in (0.55 * there[0], *there, 1.8 * there[-1])]
-        elif there or all(s.ratio == 0 for s in kept):
-            out += [Sharing(way, r) for r in RATIOS[max(first - 1, 0) : last + 2]]
-    return replace(noise, sharings=tuple(out)) if len(noise.sharings) > 1 else noise
-
-
-def _sharings(problem: Problem, ways: Mapping[str, Roots], ratios: Sequence[float]) -> tuple[Sharing, ...]:
-    """Those that the rows can tell: axes need several rows of one axis in a pose, joints several rows in a pose."""
-    label = problem.pose * (problem.axis.max() + 1) + problem.axis
-    repeated = {way: problem.rows - len(np.unique(problem.pose if way == JOINTS else label)) for way in ways}
-    seen = [way for way in ways if repeated[way] >= 10 and problem.poses > 2]
-    return (Sharing(), *(Sharing(way, r) for way in seen for r in ratios))
-
-
-def _ways(problem: Problem, spread: Array, split: Split) -> dict[str, Roots]:
-    """K of every way that the data can tell.
-
-    All are scaled alike: a ratio of 1 is a shared error as large as the noise, mean square of the main rows.
-    """
-    common = np.ones(problem.rows)
-    for kind in (problem.axis < 3, problem.axis >= 3):  # a shared error in metres, one in radians
-        common[kind] = np.sqrt(np.mean(spread[kind] ** 2)) if np.any(kind) else 1.0
-    u = common / spread
-    axis = problem.pose * (problem.axis.max() + 1) + problem.axis
-    markers = _markers(problem, split.own)
-    alone = [np.sqrt(split.own) * u * marker for marker in markers]
-    factor = np.column_stack([np.sqrt(1.0 - split.own) * u, *alone])
-    ways = {AXES: _blocks(axis, factor)}
-    if np.any(problem.axis < 3) and np.any(problem.axis >= 3):
-        ways[SHIFT] = _blocks(axis, factor * (problem.axis < 3)[:, None])
-    if problem.J is not None and any(j >= 0 for j in problem.joint_of):
-        ways[JOINTS] = _blocks(problem.pose, of_joints(problem, common, split.joints) / spread[:, None])
-    return ways
-
-
-def _markers(problem: Problem, own: float) -> list[Array]:
-    points = problem.points
-    return [(points == p).astype(float) for p in np.unique(points)] if own > 0 else []
-
-
-def of_joints(problem: Problem, common: Array, variances: Sequence[float] = ()) -> Array:
-    """(M, n) readings of errors of the joints, the whole as large as ``common`` (M,) in the main rows.
-
-    Where nothing is known of the variances all angles are alike, a slide's error as large at the tool as an angle's.
-    """
-    assert problem.J is not None
-    J = problem.J[:, [v for v, j in enumerate(problem.joint_of) if j >= 0]]
-    main = main_rows(problem)
-    size = np.sqrt(np.mean(J[main] ** 2, axis=0))
-    slides = np.array([j in problem.slides for j in problem.joint_of if j >= 0]) & (size > 0)
-    if np.any(slides) and np.any(size[~slides] > 0):
-        J = J * np.where(slides, np.sqrt(np.mean(size[~slides] ** 2)) / np.where(slides, size, 1.0), 1.0)
-    if variances:
-        J = J * np.sqrt(np.array(variances))
-    whole = float(np.sqrt(np.sum(np.mean(J[main] ** 2, axis=0))))
-    return np.asarray(J * (np.sqrt(np.mean(common[main] ** 2)) / max(whole, 1e-300)))
-
-
-def by_joint(
-    problem: Problem, residual: Array, spread: Array, scale2: float, ratio: float
-) -> tuple[float, ...]:
-    """Variances of the joints' errors up to a common factor: expectation and maximisation, drawn towards equal ones.
-
-    ``residual`` (M,) in the data's unit with the shared error in it, of variance ratio·scale2 against scale2.
-    """
-    factor = of_joints(problem, spread) / spread[:, None]
-    z = residual / (spread * np.sqrt(scale2))
-    poses = np.unique(problem.pose)
-    F = [factor[problem.pose == p] for p in poses]
-    seen = np.stack([f.T @ z[problem.pose == p] for f, p in zip(F, poses, strict=True)])
-    gram = np.stack([f.T @ f for f in F])
-    w = np.ones(factor.shape[1])
-    for _ in range(_STEPS):
-        S = np.linalg.inv(gram + np.diag(1.0 / (ratio * w)))
-        mean = np.einsum("pij,pj->pi", S, seen)
-        second = np.sum(mean**2 + np.einsum("pii->pi", S), axis=0) / ratio
-        w = (_ALIKE + second) / (_ALIKE + len(poses))
-    return tuple(float(x) for x in w / np.mean(w))
-
-
-def _blocks(label: Index, factor: Array) -> Roots:
-    """Eigenvalues and vectors of the blocks of factor·factorᵀ, rows with one label each."""
-    order = np.argsort(label, kind="stable")
-    groups = np.split(order, np.flatnonzero(np.diff(label[order])) + 1)
-    out = []
-    for size in sorted({len(g) for g in groups}):
-        rows = np.array([g for g in groups if len(g) == size], dtype=np.intp)
-        U, s, _ = np.linalg.svd(factor[rows], full_matrices=False)
-        out.append((rows, U, s**2))
-    return tuple(out)
+    ways = patterns(problem, spread, Split())
+    return Noise(spread, at_first(problem, ways, RATIOS[1::2]), ways)
 
 
 def refine(
@@ -265,12 +152,10 @@ def refine(
     others = (np.sum(alone) - alone) / max(len(alone) - 1, 1)
     factor = np.exp(0.5 * (alone - others)).tolist()
     by_marker = {problem.marker(int(m)): f for m, f in zip(markers, factor, strict=True)}
-    return Noise(spread, noise.sharings, _ways(problem, spread, split)), growth, by_marker
-
-
-def main_rows(problem: Problem) -> np.ndarray:
-    """(M,) the rows that sizes are told of: translations, rotations where there are none."""
-    return problem.axis < 3 if np.any(problem.axis < 3) else np.ones(problem.rows, bool)
+    ways, sharings = patterns(problem, spread, split), noise.sharings
+    if split.each:
+        sharings = (*sharings, *(Sharing(EACH, r) for r in NEAR))
+    return Noise(spread, sharings, ways, split.each), growth, by_marker
 
 
 def pure_error(problem: Problem, spread: Array) -> tuple[float, int]:
@@ -325,9 +210,18 @@ def report(
     }
     return NoiseReport(
         sigma, stated, relative, interval, misstated, freedom, source, by_axis,
-        _homogeneity(problem, residual, dof), growth, by_marker, sigma * float(np.sqrt(sharing.ratio)),
-        approach_p, sharing.way,
+        _homogeneity(problem, residual, dof), growth, by_marker,
+        float(np.sqrt(found * np.mean((noise.spread**2 * _diagonal(noise, sharing))[rows]))),
+        approach_p, mostly(problem, noise.spread, noise.each) if sharing.way == EACH else sharing.way,
     )  # fmt: skip
+
+
+def _diagonal(noise: Noise, sharing: Sharing) -> Array:
+    """(M,) of ratio K."""
+    out = np.zeros(len(noise.spread))
+    for rows, U, value in noise.ways[sharing.way]:
+        out[rows] = np.einsum("nmk,nk->nm", U**2, sharing.ratio * value)
+    return out
 
 
 def _homogeneity(problem: Problem, residual: Array, dof: float) -> float:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy import stats
@@ -13,7 +13,8 @@ from symstiff.discrepancy.bank import Bank, build
 from symstiff.discrepancy.beside import evidence_beside
 from symstiff.discrepancy.laws import unnamed_laws
 from symstiff.discrepancy.problem import Array, Candidate, Problem
-from symstiff.discrepancy.scan import Layer, Scan, at_sharings, extend, likely, open_scan
+from symstiff.discrepancy.scan import Scan, at_sharings, extend, likely, open_scan
+from symstiff.discrepancy.sharing import JOINTS, Split, near, sizes
 
 SAME_SHARE = 0.1
 """Change of the markers' own share of the approach error up to which its size is looked for near the last one."""
@@ -36,7 +37,7 @@ def prepare(problem: Problem, candidates: Sequence[Candidate]) -> Prepared:
     Otherwise a large missing effect would pass for noise that differs between axes or between poses.
     """
     bank = build(problem, candidates, unnamed_laws(problem))
-    noise, split = noises.start(problem), noises.Split()
+    noise, split = noises.start(problem), Split()
     growth: dict[str, float] = {}
     by_marker: dict[str, float] = {}
     scan, clean = _opened(problem, bank, noise, by_way=True)
@@ -46,7 +47,8 @@ def prepare(problem: Problem, candidates: Sequence[Candidate]) -> Prepared:
             problem, noises.start(problem), _within_residual(clean), clean.freedom, split
         )
         if last or abs(split.own - before) < SAME_SHARE:
-            noise = noises.near(noise, [layer.sharing for layer in scan.layers], last)
+            kept = [layer.sharing for layer in scan.layers]
+            noise = replace(noise, sharings=near(noise.sharings, kept, last))
         scan, clean = _opened(problem, bank, noise, by_way=not last)
     report = noises.report(
         problem, noise, _within_residual(clean), clean.best.rss / max(clean.freedom, 1), clean.freedom,
@@ -92,9 +94,9 @@ def _without_the_obvious(scan: Scan, most: int = 3, least: float = 4.0) -> Scan:
     return extend(scan, entries)
 
 
-def _data_residual(scan: Scan, way: str = "") -> Array:
-    """(M,) at the likeliest sharing, or the likeliest of a way."""
-    layer = _likeliest(scan, way)
+def _data_residual(scan: Scan) -> Array:
+    """(M,) at the likeliest sharing."""
+    layer = scan.best
     return np.asarray(scan.noise.apply(layer.colour, layer.y[:, None])[:, 0] * scan.noise.spread)
 
 
@@ -104,20 +106,13 @@ def _within_residual(scan: Scan) -> Array:
     return np.asarray(layer.y * scan.noise.spread)
 
 
-def _likeliest(scan: Scan, way: str) -> Layer:
-    of_way = [(v, k) for k, v in enumerate(scan.log_likelihood) if scan.layers[k].sharing.way == way]
-    return scan.layers[max(of_way)[1]] if of_way else scan.best
-
-
-def _split(problem: Problem, clean: Scan) -> noises.Split:
+def _split(problem: Problem, clean: Scan) -> Split:
     own = _own_share(problem, clean, _data_residual(clean))
-    layer = _likeliest(clean, noises.JOINTS)
-    if layer.sharing.way != noises.JOINTS:
-        return noises.Split(own)
-    residual = _data_residual(clean, noises.JOINTS)
-    scale2 = layer.rss / max(clean.freedom, 1)
-    joints = noises.by_joint(problem, residual, clean.noise.spread, scale2, layer.sharing.ratio)
-    return noises.Split(own, joints)
+    ratio = clean.best.sharing.ratio
+    if ratio == 0.0 or all(layer.sharing.way != JOINTS for layer in clean.layers):
+        return Split(own)
+    scale2 = clean.best.rss / max(clean.freedom, 1)
+    return Split(own, sizes(problem, _data_residual(clean), clean.noise.spread, scale2, ratio))
 
 
 def _own_share(problem: Problem, scan: Scan, residual: Array) -> float:

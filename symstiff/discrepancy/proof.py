@@ -7,9 +7,10 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from symstiff.discrepancy.bank import Bank
-from symstiff.discrepancy.noise import Noise, Roots
+from symstiff.discrepancy.noise import Noise
 from symstiff.discrepancy.problem import Array, Index, Options, Problem
 from symstiff.discrepancy.scan import evidence, extend, open_scan
+from symstiff.discrepancy.sharing import Roots
 
 NO_GAP = 0.05
 """Gap, as a share of the noise, below which no share of it is told."""
@@ -84,7 +85,7 @@ def _rows(noise: Noise, rows: Index) -> Noise:
     place = np.full(len(noise.spread), -1)
     place[rows] = np.arange(len(rows))
     ways = {way: _inside(place, batches) for way, batches in noise.ways.items()}
-    return Noise(noise.spread[rows], noise.sharings, ways)
+    return replace(noise, spread=noise.spread[rows], ways=ways)
 
 
 def _inside(place: Index, batches: Roots) -> Roots:

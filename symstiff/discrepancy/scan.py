@@ -14,8 +14,9 @@ from scipy import linalg
 
 from symstiff.discrepancy.bank import Bank, orthonormal
 from symstiff.discrepancy.marginal import of_rank, of_sizes
-from symstiff.discrepancy.noise import Noise, Roots, Sharing
+from symstiff.discrepancy.noise import Noise
 from symstiff.discrepancy.problem import Array, Index
+from symstiff.discrepancy.sharing import Roots, Sharing
 
 Mask = np.ndarray[tuple[int, ...], np.dtype[np.bool_]]
 

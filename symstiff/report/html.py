@@ -9,9 +9,9 @@ from typing import Any
 from markupsafe import Markup
 
 from symstiff import __version__
-from symstiff.discrepancy.noise import JOINTS
 from symstiff.discrepancy.proof import NO_GAP
 from symstiff.discrepancy.result import CandidateResult, Estimate, Name
+from symstiff.discrepancy.sharing import JOINTS
 from symstiff.discrepancy.speech import named, spoken
 from symstiff.discrepancy.verdict import INSUFFICIENT
 from symstiff.discrepancy.workflow import Finding, Found

@@ -1,0 +1,182 @@
+"""What the rows of a pose share: the ways, the pattern of each in the data, and the sizes that are learned."""
+
+from __future__ import annotations
+
+from bisect import bisect_left
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from symstiff.discrepancy.problem import Array, Index, Problem
+
+RATIOS = (0.1, 0.35, 1.0, 3.0, 10.0, 35.0, 120.0, 400.0)
+"""Grid of (variance of the approach error) / (variance of the noise); every second one is looked at first."""
+
+AXES, SHIFT, JOINTS, EACH = "axes", "shift", "joints", "each"
+"""What a pose's rows share: an error of every measured axis, of the translations alone, of the joints' angles, all
+alike, or one of every joint and of the axes beside, of sizes that were learned."""
+
+_ALIKE = 4.0
+"""Poses that the belief in joints with like errors counts for."""
+_STEPS = 150
+NEAR = (0.55, 1.0, 1.8)
+"""Ratios about a learned size that are looked at."""
+PRICE = 0.5
+"""Log-likelihood that a learned size must gain."""
+
+Roots = tuple[tuple[Index, Array, Array], ...]
+"""Batches of blocks: (n, m) rows, (n, m, k) orthonormal directions, (n, k) what is added along them."""
+
+
+@dataclass(frozen=True)
+class Sharing:
+    """One hypothesis of the error that a pose's rows share: what shares it, and its variance over the noise's."""
+
+    way: str = AXES
+    ratio: float = 0.0
+
+
+@dataclass(frozen=True)
+class Split:
+    """How a shared error is split."""
+
+    own: float = 0.0
+    """Part of the axes' error that each marker has alone."""
+    each: tuple[float, ...] = ()
+    """Variances of the joints' errors and, last, of the axes', over the noise's; none where they were not learned."""
+
+
+def at_first(problem: Problem, ways: Mapping[str, Roots], ratios: Sequence[float]) -> tuple[Sharing, ...]:
+    """Those that the rows can tell: axes need several rows of one axis in a pose, joints several rows in a pose."""
+    label = problem.pose * (problem.axis.max() + 1) + problem.axis
+    repeated = {way: problem.rows - len(np.unique(problem.pose if way == JOINTS else label)) for way in ways}
+    seen = [way for way in ways if repeated[way] >= 10 and problem.poses > 2]
+    return (Sharing(), *(Sharing(way, r) for way in seen for r in ratios))
+
+
+def near(sharings: Sequence[Sharing], kept: Sequence[Sharing], finer: bool = False) -> tuple[Sharing, ...]:
+    """The sharings that are likely and their neighbours on the grid, or halfway to them; what was learned stays."""
+    if len(sharings) == 1:
+        return tuple(sharings)
+    out = [Sharing()]
+    for way in dict.fromkeys(s.way for s in sharings if s.ratio > 0 and s.way != EACH):
+        there = sorted({s.ratio for s in kept if s.way == way and s.ratio > 0})
+        first = bisect_left(RATIOS, there[0]) if there else 0
+        last = bisect_left(RATIOS, there[-1]) if there else 0
+        if finer and 1 <= len(there) <= 2:
+            out += [Sharing(way, r) for r in (0.55 * there[0], *there, 1.8 * there[-1])]
+        elif there or all(s.ratio == 0 for s in kept):
+            out += [Sharing(way, r) for r in RATIOS[max(first - 1, 0) : last + 2]]
+    return (*out, *(s for s in sharings if s.way == EACH))
+
+
+def patterns(problem: Problem, spread: Array, split: Split) -> dict[str, Roots]:
+    """K of every way that the data can tell.
+
+    All are scaled alike: a ratio of 1 is a shared error as large as the noise, mean square of the main rows.
+    """
+    common = _common(problem, spread)
+    u = common / spread
+    axis = problem.pose * (problem.axis.max() + 1) + problem.axis
+    markers = _markers(problem, split.own)
+    alone = [np.sqrt(split.own) * u * marker for marker in markers]
+    factor = np.column_stack([np.sqrt(1.0 - split.own) * u, *alone])
+    ways = {AXES: _blocks(axis, factor)}
+    if np.any(problem.axis < 3) and np.any(problem.axis >= 3):
+        ways[SHIFT] = _blocks(axis, factor * (problem.axis < 3)[:, None])
+    if problem.J is not None and any(j >= 0 for j in problem.joint_of):
+        ways[JOINTS] = _blocks(problem.pose, of_joints(problem, common) / spread[:, None])
+    if split.each:
+        ways[EACH] = _blocks(
+            problem.pose, _every(problem, spread) * np.sqrt(_spread_out(problem, split.each))
+        )
+    return ways
+
+
+def _markers(problem: Problem, own: float) -> list[Array]:
+    points = problem.points
+    return [(points == p).astype(float) for p in np.unique(points)] if own > 0 else []
+
+
+def of_joints(problem: Problem, common: Array) -> Array:
+    """(M, n) readings of errors of the joints, the whole as large as ``common`` (M,) in the main rows.
+
+    All angles are alike, a slide's error is as large at the tool as an angle's.
+    """
+    assert problem.J is not None
+    J = problem.J[:, [v for v, j in enumerate(problem.joint_of) if j >= 0]]
+    main = main_rows(problem)
+    size = np.sqrt(np.mean(J[main] ** 2, axis=0))
+    slides = np.array([j in problem.slides for j in problem.joint_of if j >= 0]) & (size > 0)
+    if np.any(slides) and np.any(size[~slides] > 0):
+        J = J * np.where(slides, np.sqrt(np.mean(size[~slides] ** 2)) / np.where(slides, size, 1.0), 1.0)
+    whole = float(np.sqrt(np.sum(np.mean(J[main] ** 2, axis=0))))
+    return np.asarray(J * (np.sqrt(np.mean(common[main] ** 2)) / max(whole, 1e-300)))
+
+
+def _common(problem: Problem, spread: Array) -> Array:
+    """(M,) one size for the metres and one for the radians: a shared error has those units."""
+    common = np.ones(problem.rows)
+    for kind in (problem.axis < 3, problem.axis >= 3):
+        common[kind] = np.sqrt(np.mean(spread[kind] ** 2)) if np.any(kind) else 1.0
+    return common
+
+
+def _every(problem: Problem, spread: Array) -> Array:
+    """(M, n + axes) readings of errors of every joint and of every axis, in units of the noise."""
+    common = _common(problem, spread)
+    axes = (problem.axis[:, None] == np.unique(problem.axis)) * common[:, None]
+    return np.asarray(np.hstack([of_joints(problem, common), axes]) / spread[:, None])
+
+
+def _spread_out(problem: Problem, each: Sequence[float]) -> Array:
+    """(n + axes,) the axes' variance for each axis."""
+    return np.array([*each[:-1], *(each[-1] for _ in np.unique(problem.axis))])
+
+
+def sizes(problem: Problem, residual: Array, spread: Array, scale2: float, ratio: float) -> tuple[float, ...]:
+    """Variances of the errors of the joints (n) and of the axes (one) over the noise's, by expectation-maximisation.
+
+    ``residual`` (M,) in the data's unit with the shared error in it, of variance ratio·scale2 against scale2. The
+    joints' variances are drawn towards equal ones.
+    """
+    F, z = _every(problem, spread), residual / (spread * np.sqrt(scale2))
+    poses = np.unique(problem.pose)
+    blocks = [F[problem.pose == p] for p in poses]
+    seen = np.stack([f.T @ z[problem.pose == p] for f, p in zip(blocks, poses, strict=True)])
+    gram = np.stack([f.T @ f for f in blocks])
+    n = F.shape[1] - len(np.unique(problem.axis))
+    w = np.full(F.shape[1], max(0.5 * ratio, 1e-3))
+    for _ in range(_STEPS):
+        S = np.linalg.inv(gram + np.diag(1.0 / w))
+        mean = np.einsum("pij,pj->pi", S, seen)
+        second = np.sum(mean**2 + np.einsum("pii->pi", S), axis=0)
+        w[:n] = (_ALIKE * np.mean(w[:n]) + second[:n]) / (_ALIKE + len(poses))
+        w[n:] = np.mean(second[n:]) / len(poses)
+        w = np.maximum(w, 1e-9)
+    return (*w[:n].tolist(), float(w[-1]))
+
+
+def mostly(problem: Problem, spread: Array, each: Sequence[float]) -> str:
+    """``JOINTS`` or ``AXES``: what most of the main rows' shared error of these sizes comes from."""
+    part = np.mean(_every(problem, spread)[main_rows(problem)] ** 2, axis=0) * _spread_out(problem, each)
+    joints = len(each) - 1
+    return JOINTS if np.sum(part[:joints]) >= np.sum(part[joints:]) else AXES
+
+
+def _blocks(label: Index, factor: Array) -> Roots:
+    """Eigenvalues and vectors of the blocks of factor·factorᵀ, rows with one label each."""
+    order = np.argsort(label, kind="stable")
+    groups = np.split(order, np.flatnonzero(np.diff(label[order])) + 1)
+    out = []
+    for size in sorted({len(g) for g in groups}):
+        rows = np.array([g for g in groups if len(g) == size], dtype=np.intp)
+        U, s, _ = np.linalg.svd(factor[rows], full_matrices=False)
+        out.append((rows, U, s**2))
+    return tuple(out)
+
+
+def main_rows(problem: Problem) -> np.ndarray:
+    """(M,) the rows that sizes are told of: translations, rotations where there are none."""
+    return problem.axis < 3 if np.any(problem.axis < 3) else np.ones(problem.rows, bool)
