@@ -109,6 +109,17 @@ def test_a_residual_far_above_the_stated_sigma_is_not_called_explained() -> None
     assert "1.9 times the stated sigma" in found.reason
 
 
+@pytest.mark.parametrize(("factor", "verdict"), [(3.0, "nothing_missing"), (8.0, "unexplained")])
+def test_single_readings_hold_how_the_robot_misses_its_poses(factor: float, verdict: str) -> None:
+    a = arm(60, (1.0,))
+    table = replace(measured(a.problem, 0.0, 7), sigma=np.full(a.problem.rows, SIGMA / factor))
+    found = diagnose(table, a.candidates, QUICK)
+    assert found.noise.single
+    assert found.noise.misstated
+    assert found.verdict == verdict
+    assert not diagnose(measured(arm(20).problem, 0.0, 7), arm(20).candidates, QUICK).noise.single
+
+
 def test_noise_that_grows_with_distance_is_found() -> None:
     a = arm(30)
     distance = np.linspace(1.0, 4.0, a.problem.rows)

@@ -168,3 +168,30 @@ def test_what_unused_poses_predict_no_better_is_unconfirmed() -> None:
     assert not unconfirmed(Rms(4.0, 3.0, 4.0, 3.5, 3.0))
     assert not unconfirmed(Rms(4.0, 4.0, 4.0, 4.0, 3.0))
     assert not unconfirmed(Rms(4.0, 3.0, None, None, 3.0))
+
+
+def _tilted(table: Measurements, lift: float, size: float) -> np.ndarray:
+    """(N, 3) shifts of the measured points where a foot at the base's origin lifts, by vectors alone."""
+    seen = look(load(ROBOT), table)
+    origin = seen.found.T[:, :3, 3]
+    moment = (np.cross(origin, table.w[:, :3]) + table.w[:, 3:])[:, :2]
+    length = np.linalg.norm(moment, axis=1)
+    share = np.clip(length / length.max() - lift, 0.0, None) / (1.0 - lift)
+    tilt = np.column_stack([moment / length[:, None] * share[:, None], np.zeros(len(length))])
+    return np.asarray(np.cross(size * tilt, origin + seen.offset))
+
+
+def test_a_foot_that_lifts_is_accused_with_its_tilt() -> None:
+    table = measured()
+    values = table.values.copy()
+    values[:, :3] += _tilted(table, 0.5, 3e-4)
+    found = _diagnosed(replace(table, values=values))
+    assert found.verdict == "unexplained"
+    law = found.last.device_law
+    assert law is not None
+    assert law.place == "foot of the base"
+    assert law.terms[0][1] == pytest.approx(3e-4, rel=0.15)
+    assert "the foot of the base, where a tilt beyond 50 % of the largest moment" in words.sentence(found)
+    view = found.assembly.situation.view
+    column = _law(found.assembly.problem, "foot of the base", "tilt beyond 50 % of the largest moment")[:, 0]
+    assert column == pytest.approx(_tilted(table, 0.5, 1.0)[view.state, view.component], abs=1e-12)

@@ -1,4 +1,4 @@
-"""What the measurement itself may add without a name: force sensor, measuring device, markers, loads read late."""
+"""What has no name and no virtual joint: force sensor, device, markers, loads read late, a foot that lifts."""
 
 from __future__ import annotations
 
@@ -6,12 +6,12 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from symstiff.calibration.experiment.situation import Situation, View
+from symstiff.calibration.experiment.situation import Situation, View, has_weights, under_weights
 from symstiff.calibration.loading import load_factor
 from symstiff.discrepancy.problem import Array, DeviceLaw, Parameter
-from symstiff.symbolic.terms import AXES, Term, VirtualJoint, deflection, w
+from symstiff.symbolic.terms import AXES, Term, VirtualJoint, deflection, link_joint, w
 
-SENSOR, DEVICE, ORDER = "force sensor", "measuring device", "order of the loads"
+SENSOR, DEVICE, ORDER, FOOT = "force sensor", "measuring device", "order of the loads", "foot of the base"
 _WRENCH = ("fx", "fy", "fz", "mx", "my", "mz")
 _PERCENT, _MILLIONTH = 1e-2, 1e-6
 _VARIES = 0.3
@@ -20,6 +20,9 @@ _GROWTH = (1, 2)
 """Powers of the distance by which a reading may grow beyond its scale: refraction."""
 _TURNS = (1, 2)
 """Waves per turn of an encoder of the measuring device that runs out of true."""
+
+_LIFTS = (0.3, 0.5, 0.7)
+"""Shares of the largest tilting moment from which a foot lifts."""
 
 
 def device_laws(situation: Situation) -> tuple[DeviceLaw, ...]:
@@ -31,6 +34,7 @@ def device_laws(situation: Situation) -> tuple[DeviceLaw, ...]:
         *_pulls(situation),
         *_markers(view),
         *_late(situation),
+        *_foot(view),
     ]
     if view.table.kind == "absolute":
         found += _readings(view)
@@ -145,6 +149,26 @@ def _late(situation: Situation) -> Iterator[DeviceLaw]:
     constant = np.stack([np.bincount(group, c) / np.bincount(group) for c in change.T], axis=1)[group]
     if np.sum((change - constant) ** 2) > _VARIES * np.sum(change**2):
         yield DeviceLaw(ORDER, "late", (Parameter("late", "%"),), _PERCENT * view.read(change)[:, None])
+
+
+def _foot(view: View) -> Iterator[DeviceLaw]:
+    """A base whose foot lifts: it tilts the way of the moment across its z axis, by what is beyond a threshold."""
+    across = [view.index[link_joint(0, axis)] for axis in (4, 5)]
+    own = view.table.kind == "deflection" and has_weights(view.robot)
+    total = ((under_weights(view).tau if own else view.tau) + view.more)[:, across]
+    before = total - (view.tau + view.more)[:, across] if own else np.zeros_like(total)
+    largest = max(float(np.max(np.linalg.norm(total, axis=1), initial=0.0)), 1e-300)
+
+    def lifted(moment: Array, lift: float) -> Array:
+        size = np.linalg.norm(moment, axis=1, keepdims=True)
+        beyond = np.maximum(size - lift * largest, 0.0) / ((1.0 - lift) * largest)
+        return np.asarray(beyond * moment / np.maximum(size, 1e-300))
+
+    for lift in _LIFTS:
+        tilt = lifted(total, lift) - lifted(before, lift)
+        title = f"tilt beyond {100 * lift:.0f} % of the largest moment"
+        shift = np.einsum("mv,mv->m", view.J[:, across], tilt[view.state])
+        yield DeviceLaw(FOOT, title, (Parameter(title, "rad"),), shift[:, None])
 
 
 def _readings(view: View) -> Iterator[DeviceLaw]:

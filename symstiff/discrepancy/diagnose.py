@@ -12,7 +12,7 @@ import numpy as np
 
 from symstiff.discrepancy.bank import Bank
 from symstiff.discrepancy.localise import FittedLaw, Localisation, best_law, device_law, localise
-from symstiff.discrepancy.noise import Noise, NoiseReport
+from symstiff.discrepancy.noise import CONTRADICTED, REPEATABILITY, Noise, NoiseReport
 from symstiff.discrepancy.prepare import Prepared, prepare
 from symstiff.discrepancy.problem import Array, Candidate, Options, Problem
 from symstiff.discrepancy.proof import held_out
@@ -33,8 +33,6 @@ from symstiff.discrepancy.testability import testable
 from symstiff.discrepancy.threads import one_thread
 from symstiff.discrepancy.verdict import NOTHING, UNEXPLAINED, UNTESTABLE, Outcome, decide
 
-CONTRADICTED = 1.5
-"""Least ratio of the residual to the stated sigma at which a table without a rejected test is not explained."""
 LEAST_FREEDOM = 5
 """Degrees of freedom outside the model below which no test is made."""
 
@@ -112,7 +110,8 @@ def plausible(problem: Problem, ready: Prepared, proposal: Proposal) -> bool:
 
 def against_sigma(outcome: Outcome, report: NoiseReport) -> Outcome:
     """Nothing is named missing, and yet the residual contradicts the stated sigma: that is not an explained table."""
-    if outcome.verdict != NOTHING or report.ratio_interval is None or report.ratio_interval[0] < CONTRADICTED:
+    limit = REPEATABILITY if report.single else CONTRADICTED
+    if outcome.verdict != NOTHING or report.ratio_interval is None or report.ratio_interval[0] < limit:
         return outcome
     reason = (
         f"the residual is {report.ratio:.1f} times the stated sigma: either that is too small, "

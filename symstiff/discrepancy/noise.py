@@ -22,6 +22,7 @@ from symstiff.discrepancy.sharing import (
     main_rows,
     mostly,
     patterns,
+    shares,
 )
 
 _SURE = 2.8
@@ -29,6 +30,12 @@ _SURE = 2.8
 
 NEGLIGIBLE = 0.03
 """Departure of sigma from the stated one that changes nothing in practice: no remark is made of it."""
+
+
+CONTRADICTED = 1.5
+"""Least ratio of the residual to the stated sigma at which a table without a rejected test is not explained."""
+REPEATABILITY = 5.0
+"""The same where every axis is read once in a pose: how a robot misses its poses is in the residual then."""
 
 
 @dataclass(frozen=True)
@@ -97,6 +104,8 @@ class NoiseReport:
     """That they share none."""
     shared: str = AXES
     """What they share: errors of the axes or of the joints."""
+    single: bool = False
+    """Every axis is read once in a pose: what its rows share cannot be told from the noise."""
 
     @property
     def mostly_shared(self) -> bool:
@@ -213,6 +222,7 @@ def report(
         _homogeneity(problem, residual, dof), growth, by_marker,
         float(np.sqrt(found * np.mean((noise.spread**2 * _diagonal(noise, sharing))[rows]))),
         approach_p, mostly(problem, noise.spread, noise.each) if sharing.way == EACH else sharing.way,
+        not shares(problem, AXES),
     )  # fmt: skip
 
 

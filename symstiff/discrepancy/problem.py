@@ -29,7 +29,7 @@ class Parameter:
 
 @dataclass(frozen=True)
 class DeviceLaw:
-    """What a sensor, the measuring device or a marker adds by one law."""
+    """What a sensor, the measuring device, a marker or the foot of the base adds by one law."""
 
     place: str
     title: str

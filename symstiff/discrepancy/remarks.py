@@ -6,7 +6,7 @@ import numpy as np
 
 from symstiff.calibration.experiment.situation import View
 from symstiff.calibration.measurements import Measurements
-from symstiff.discrepancy.noise import NoiseReport
+from symstiff.discrepancy.noise import CONTRADICTED, NoiseReport
 from symstiff.discrepancy.result import Diagnosis
 from symstiff.discrepancy.verdict import INSUFFICIENT, NAMED, NOTHING, UNEXPLAINED
 
@@ -39,9 +39,14 @@ def _of_sigma(noise: NoiseReport) -> list[str]:
     if not noise.misstated or noise.ratio_interval is None:
         return []
     low, high = noise.ratio_interval
+    why = "no test relies on the stated one"
+    if noise.single and low > CONTRADICTED:
+        why = (
+            "the robot's repeatability, or something missing that no test names: "
+            "approach some poses anew, or measure more loads in each"
+        )
     return [
-        f"what is left varies by {noise.ratio:.2f} times the stated sigma ({low:.2f} to {high:.2f}): "
-        "no test relies on the stated one"
+        f"what is left varies by {noise.ratio:.2f} times the stated sigma ({low:.2f} to {high:.2f}): {why}"
     ]
 
 

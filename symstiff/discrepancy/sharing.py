@@ -20,6 +20,8 @@ alike, or one of every joint and of the axes beside, of sizes that were learned.
 _ALIKE = 4.0
 """Poses that the belief in joints with like errors counts for."""
 _STEPS = 150
+_SEVERAL = 10
+"""Rows beyond one a pose from which they say what they share."""
 NEAR = (0.55, 1.0, 1.8)
 """Ratios about a learned size that are looked at."""
 PRICE = 0.5
@@ -48,11 +50,14 @@ class Split:
 
 
 def at_first(problem: Problem, ways: Mapping[str, Roots], ratios: Sequence[float]) -> tuple[Sharing, ...]:
-    """Those that the rows can tell: axes need several rows of one axis in a pose, joints several rows in a pose."""
-    label = problem.pose * (problem.axis.max() + 1) + problem.axis
-    repeated = {way: problem.rows - len(np.unique(problem.pose if way == JOINTS else label)) for way in ways}
-    seen = [way for way in ways if repeated[way] >= 10 and problem.poses > 2]
-    return (Sharing(), *(Sharing(way, r) for way in seen for r in ratios))
+    """Those that the rows can tell."""
+    return (Sharing(), *(Sharing(way, r) for way in ways if shares(problem, way) for r in ratios))
+
+
+def shares(problem: Problem, way: str) -> bool:
+    """Whether the rows can tell a way: axes need several rows of one axis in a pose, joints several rows in a pose."""
+    label = problem.pose if way == JOINTS else problem.pose * (problem.axis.max() + 1) + problem.axis
+    return problem.rows - len(np.unique(label)) >= _SEVERAL and problem.poses > 2
 
 
 def near(sharings: Sequence[Sharing], kept: Sequence[Sharing], finer: bool = False) -> tuple[Sharing, ...]:
