@@ -135,9 +135,11 @@ def _check_contents(shown: Path, target: Path) -> None:
 
 
 def _contents(target: Path) -> Iterator[str]:
-    """The files of a folder; caches of Python and scratch of other runs apart."""
+    """The files of a folder; caches of Python, scratch of other runs and what CMake built in it apart."""
     for folder, below, files in os.walk(target):
         below[:] = [d for d in below if d != "__pycache__" and not d.startswith(_SCRATCH)]
+        if Path(folder) == target:  # it stays where it is, and CMake builds anew what has changed
+            below[:] = [d for d in below if not (target / d / "CMakeCache.txt").is_file()]
         links = [d for d in below if (Path(folder) / d).is_symlink()]
         yield from ((Path(folder) / name).relative_to(target).as_posix() for name in (*files, *links))
 

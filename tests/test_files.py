@@ -92,6 +92,20 @@ def test_a_users_file_in_a_generated_folder_stops_the_next_writing(tmp_path):
     assert (tmp_path / "gen" / "a").read_text() == "old"
 
 
+def test_what_cmake_built_in_a_folder_stays_there(tmp_path):
+    fill(tmp_path / "gen", a="old")
+    for place in ("build", "below/build"):
+        (tmp_path / "gen" / place).mkdir(parents=True)
+        (tmp_path / "gen" / place / "a.o").write_text("object")
+    (tmp_path / "gen" / "build" / "CMakeCache.txt").write_text("cache")
+    with pytest.raises(UserError, match=r"gen holds below/build/a\.o"):
+        fill(tmp_path / "gen", a="new")
+    (tmp_path / "gen" / "below" / "build" / "a.o").unlink()
+    fill(tmp_path / "gen", a="new")
+    assert (tmp_path / "gen" / "a").read_text() == "new"
+    assert (tmp_path / "gen" / "build" / "a.o").read_text() == "object"
+
+
 def test_a_folder_of_an_older_version_without_a_list_is_left_alone(tmp_path):
     (tmp_path / "gen").mkdir()
     (tmp_path / "gen" / "manifest.json").write_text(json.dumps({"generator": "0.1", "model_hash": "x"}))
