@@ -146,12 +146,12 @@ def print_residuals(out: Console, parts: list[tuple[str, Any]]) -> None:
             continue
         share = f": {100 * residuals.compensated:.1f} % of the deflection compensated"
         table = Table(title=title + share, title_justify="left")
-        table.add_column("mm, mrad")
-        for axis in residuals.before:
-            short = {"positional": "pos.", "rotational": "rot."}.get(axis, axis)
-            table.add_column(f"{short} MAX", justify="right")
-            table.add_column(f"{short} RMS", justify="right")
-        for label, sizes in (("before", residuals.before), ("after", residuals.after)):
-            cells = [f"{1e3 * x:.3f}" for s in sizes.values() for x in (s.max, s.rms)]
-            table.add_row(label, *cells)
+        table.add_column("")
+        for when in ("before", "after"):
+            table.add_column(f"{when} MAX", justify="right")
+            table.add_column(f"{when} RMS", justify="right")
+        for axis, before in residuals.before.items():
+            unit = "mrad" if axis.startswith("r") else "mm"
+            both = (before, residuals.after[axis])
+            table.add_row(f"{axis} [{unit}]", *(f"{1e3 * x:.3f}" for s in both for x in (s.max, s.rms)))
         out.print(table)
