@@ -79,7 +79,7 @@ def near(sharings: Sequence[Sharing], kept: Sequence[Sharing], finer: bool = Fal
 def patterns(problem: Problem, spread: Array, split: Split) -> dict[str, Roots]:
     """K of every way that the data can tell.
 
-    All are scaled alike: a ratio of 1 is a shared error as large as the noise, mean square of the main rows.
+    A ratio of 1 is a shared error as large as the noise, mean square of the main rows; of ``EACH`` as learned.
     """
     common = _common(problem, spread)
     u = common / spread
