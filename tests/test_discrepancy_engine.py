@@ -181,6 +181,15 @@ def test_two_effects_are_both_named_and_the_growth_path_has_both_steps() -> None
     assert len(d.growth) == 3
 
 
+@pytest.mark.parametrize("strong", [0, 2])
+def test_the_stronger_of_two_effects_is_told_first(strong: int) -> None:
+    a = arm(40)
+    sizes = {strong: 1500.0, 2 - strong: 120.0}
+    signal = sum(scaled(a.problem, saturating(a.problem, v), size) for v, size in sizes.items())
+    found = diagnose(measured(a.problem, np.asarray(signal), 3), a.candidates, QUICK)
+    assert [e.where["joint"] for e in found.effects if e.set_number == 0] == [strong + 1, 3 - strong]
+
+
 def test_a_law_that_the_catalogue_does_not_hold_is_not_given_a_name() -> None:
     a = arm()
     problem = a.problem

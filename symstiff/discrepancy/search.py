@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -146,7 +146,7 @@ def polish(shop: Workshop, proposal: Proposal) -> Proposal:
 
 def judge(shop: Workshop, proposal: Proposal) -> Judged:
     """Is the set sufficient, is each member needed, and does an unnamed law do better?"""
-    options = shop.options
+    options, proposal = shop.options, _by_strength(shop, proposal)
     members, entries = proposal.members, proposal.entries
     scan, left = shop.scan(entries), shop.evidence(entries)
     named = float(np.max(shop.score(members, entries, False), initial=-np.inf))
@@ -172,6 +172,18 @@ def judge(shop: Workshop, proposal: Proposal) -> Judged:
         members, entries, proposal.score, scan, left, gained, p_named, p_unnamed, missed, rival, who,
         not (lack_named or lack_unnamed or _lacking(shop, scan, gained)), p_members,
     )  # fmt: skip
+
+
+def _by_strength(shop: Workshop, proposal: Proposal) -> Proposal:
+    """The set with its members in the order of their evidence given the others."""
+    n = range(len(proposal.members))
+    strength = [_evidence_of(shop, proposal, place) for place in n]
+    order = sorted(n, key=lambda place: -strength[place])
+    return replace(
+        proposal,
+        members=tuple(proposal.members[k] for k in order),
+        entries=tuple(proposal.entries[k] for k in order),
+    )
 
 
 def _lacking(shop: Workshop, scan: Scan, gained: float) -> bool:
@@ -274,6 +286,10 @@ def _same(scan: Scan, law: int, entries: tuple[int, ...]) -> bool:
 
 def _needed(shop: Workshop, proposal: Proposal, place: int) -> float:
     """Backward check: family-wise p-value of one member given the others, by the null of the start."""
+    return shop.null((), ()).p_named(_evidence_of(shop, proposal, place))
+
+
+def _evidence_of(shop: Workshop, proposal: Proposal, place: int) -> float:
+    """Score of one member given the others."""
     entries = tuple(e for i, e in enumerate(proposal.entries) if i != place)
-    score = float(shop.evidence(entries).score[proposal.members[place]])
-    return shop.null((), ()).p_named(score)
+    return float(shop.evidence(entries).score[proposal.members[place]])
