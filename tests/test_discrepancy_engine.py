@@ -181,6 +181,18 @@ def test_two_effects_are_both_named_and_the_growth_path_has_both_steps() -> None
     assert len(d.growth) == 3
 
 
+def test_a_further_effect_must_be_more_believable_than_none() -> None:
+    """However lightly it is tested: here every further effect passes its test."""
+    a = arm(30)
+    signal = scaled(a.problem, saturating(a.problem, 2), 400.0) + scaled(
+        a.problem, saturating(a.problem, 0), 14.0
+    )
+    problem = measured(a.problem, signal, 0)
+    found = diagnose(problem, a.candidates, replace(QUICK, alpha_further=1.0, alpha_notable=1.0))
+    assert found.verdict == "named"
+    assert [(e.effect, e.where["joint"]) for e in found.effects] == [("bend", 3)]
+
+
 @pytest.mark.parametrize("strong", [0, 2])
 def test_the_stronger_of_two_effects_is_told_first(strong: int) -> None:
     a = arm(40)

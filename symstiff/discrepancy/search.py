@@ -165,7 +165,8 @@ def judge(shop: Workshop, proposal: Proposal) -> Judged:
     rival, who = _rival(shop, proposal)
     further = options.alpha_notable if missed > options.notable else options.alpha_further
     other = options.alpha_notable if missed > options.tolerated_shape else options.alpha_sufficient
-    lack_named = p_named < further and missed > _tolerated(shop, proposal, False)
+    # a further effect must be more believable than none: small p-values alone are shapes that are only close
+    lack_named = p_named < further and named + ONE_MORE > 0 and missed > _tolerated(shop, proposal, False)
     lack_unnamed = p_unnamed < other and missed > _tolerated(shop, proposal, True)
     p_members = tuple(_needed(shop, proposal, i) for i in range(len(members)))
     return Judged(

@@ -152,6 +152,8 @@ def _case(
     scene = _limited(scene, rng, wanted if any(s.context == "heavy" for s in stories) else 0.0)
     draw, base = _draw(scene, rng), scene.values
     made = [(story, *story.make(draw)) for story in stories]
+    if len({(e.effect, repr(sorted(w.items()))) for _, e, w in made}) < len(made):
+        raise _Unfit  # two of one name are one
     for story, _, where in made:
         if story.context == "start" and kind != "untestable":
             base = without(base, where)
