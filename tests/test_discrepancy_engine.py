@@ -185,9 +185,9 @@ def test_a_further_effect_must_be_more_believable_than_none() -> None:
     """However lightly it is tested: here every further effect passes its test."""
     a = arm(30)
     signal = scaled(a.problem, saturating(a.problem, 2), 400.0) + scaled(
-        a.problem, saturating(a.problem, 0), 14.0
+        a.problem, saturating(a.problem, 0), 16.0
     )
-    problem = measured(a.problem, signal, 0)
+    problem = measured(a.problem, signal, 5)
     found = diagnose(problem, a.candidates, replace(QUICK, alpha_further=1.0, alpha_notable=1.0))
     assert found.verdict == "named"
     assert [(e.effect, e.where["joint"]) for e in found.effects] == [("bend", 3)]
