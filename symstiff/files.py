@@ -39,7 +39,7 @@ def new_folder(path: str | Path) -> Iterator[Path]:
     """Fill a folder that appears only when all of it is there; in an old one, files that symstiff wrote are replaced.
 
     Yields the temporary folder. The list of what was written stays in the folder, as ``.symstiff``. Raises UserError
-    where the place cannot be written, or holds anything else.
+    where the place cannot be written, or holds anything else than a build tree of CMake.
     """
     check_folder(path)
     target = Path(os.path.realpath(path))
