@@ -19,6 +19,7 @@ from symstiff.discrepancy.laws import _soft_spots
 from symstiff.discrepancy.problem import Options
 from symstiff.discrepancy.result import Estimate
 from symstiff.discrepancy.search import _lacking
+from symstiff.discrepancy.sharing import AXES, EACH, Sharing
 from symstiff.discrepancy.strata import Stratum
 from symstiff.discrepancy.workflow import Found, Task, run
 from symstiff.effects.base import EffectInstance
@@ -246,3 +247,20 @@ def test_an_effect_of_known_size_is_told_at_the_size_that_the_data_say() -> None
     rows = {m.name: m for m in moved(replace(found, effects=(effect,), grown=grown))}
     row = rows["large_deflection_all_share"]
     assert (row.before, row.after, row.after_std, row.unit) == (None, 1.4, 0.3, "")
+
+
+def test_a_start_model_is_fitted_under_the_noise_of_the_better_one_whatever_that_has_learned() -> None:
+    table, start = measured(HARDENING), StiffnessModel.of(reduce(load(ROBOT), "force", "position"))
+    after = fit(
+        grow(start, [EffectInstance("nonlinear_stiffness", {"joint": 2}, {"load": 20.0, "knee": 1.0})]), table
+    )
+    assert len(after.noise.sharings) == 1
+    learned = replace(after.noise, sharings=(Sharing(EACH, 1.0),), ways={EACH: after.noise.ways[AXES]})
+    before = fit(start, table, learned)
+    assert before.noise.sharings == learned.sharings
+    # and by hand, without a shared error: plain weighted least squares
+    plain = replace(after.noise, sharings=(Sharing(),))
+    problem = assemble(start, table, effects=()).problem
+    A, y = (x / (plain.spread if x.ndim == 1 else plain.spread[:, None]) for x in (problem.A, problem.y))
+    expected = problem.y - problem.A @ np.linalg.lstsq(A, y, rcond=1e-9)[0]
+    assert fit(start, table, plain).residual == pytest.approx(expected, abs=1e-9)

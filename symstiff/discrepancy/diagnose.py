@@ -12,12 +12,12 @@ import numpy as np
 
 from symstiff.discrepancy.bank import Bank
 from symstiff.discrepancy.localise import FittedLaw, Localisation, best_law, device_law, localise
-from symstiff.discrepancy.noise import CONTRADICTED, REPEATABILITY, Noise, NoiseReport
+from symstiff.discrepancy.noise import CONTRADICTED, REPEATABILITY, NoiseReport
 from symstiff.discrepancy.prepare import Prepared, prepare
 from symstiff.discrepancy.problem import Array, Candidate, Options, Problem
 from symstiff.discrepancy.proof import held_out
 from symstiff.discrepancy.result import Diagnosis, Name, Rms
-from symstiff.discrepancy.scan import Scan, coefficients, column_space
+from symstiff.discrepancy.scan import Scan, coefficients, column_space, one_sharing
 from symstiff.discrepancy.search import Proposal
 from symstiff.discrepancy.strata import Stratum, strata
 from symstiff.discrepancy.tables import (
@@ -118,11 +118,6 @@ def against_sigma(outcome: Outcome, report: NoiseReport) -> Outcome:
         "or something is missing that no test names"
     )
     return replace(outcome, verdict=UNEXPLAINED, reason=reason)
-
-
-def one_sharing(scan: Scan) -> Noise:
-    """The noise at its likeliest sharing alone: enough for the folds."""
-    return replace(scan.noise, sharings=(scan.best.sharing,))
 
 
 def _least(parts: tuple[Stratum, ...]) -> float:

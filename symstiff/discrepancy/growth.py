@@ -12,10 +12,11 @@ from symstiff.calibration.experiment.rounding import without_rounding
 from symstiff.calibration.experiment.situation import Situation
 from symstiff.calibration.measurements import Measurements
 from symstiff.discrepancy.assemble import Assembly, assemble
+from symstiff.discrepancy.bank import build
+from symstiff.discrepancy.noise import Noise
 from symstiff.discrepancy.prepare import prepare
 from symstiff.discrepancy.problem import Array, Problem
-from symstiff.discrepancy.scan import coefficients, open_scan
-from symstiff.discrepancy.sharing import Sharing
+from symstiff.discrepancy.scan import Scan, coefficients, one_sharing, open_scan
 from symstiff.discrepancy.threads import one_thread
 from symstiff.effects.base import EffectInstance, find
 from symstiff.model import StiffnessModel
@@ -39,8 +40,8 @@ class Fitted:
     residual: Array
     reading: Array
     assembly: Assembly
-    sharing: Sharing
-    """The shared error that is likeliest."""
+    noise: Noise
+    """As the fit weighed the rows: with one shared error, the likeliest."""
 
 
 def grow(model: StiffnessModel, instances: Iterable[EffectInstance]) -> StiffnessModel:
@@ -53,13 +54,13 @@ def grow(model: StiffnessModel, instances: Iterable[EffectInstance]) -> Stiffnes
 
 
 @one_thread
-def fit(model: StiffnessModel, table: Measurements, sharing: Sharing | None = None) -> Fitted:
+def fit(model: StiffnessModel, table: Measurements, noise: Noise | None = None) -> Fitted:
     """Identify all parameters of a model jointly, with the noise as the data show it.
 
     The device's placement in absolute data is estimated along. Loads and readings that lean on the
     compliances (a wrong load, a turned frame), and laws under such loads, are linearised anew until what is left
-    settles. ``sharing``: a shared error that is known, as of a better model. Raises UserError for data that do not
-    fit the robot.
+    settles. ``noise``: one that is known, as of a better model of the same table. Raises UserError for data that
+    do not fit the robot.
     """
     known, left = model, np.zeros(0)
     for _ in range(1 if model.is_linear and table.kind != "absolute" else _ROUNDS):
@@ -67,12 +68,8 @@ def fit(model: StiffnessModel, table: Measurements, sharing: Sharing | None = No
         problem, names = assembly.problem, assembly.names
         kept = independent(problem, [model.steps[n] for n in names])
         own = [names[k] for k in kept if k < len(names)]
-        ready = prepare(replace(problem, A=problem.A[:, kept]), ())
-        scan = ready.scan
-        if sharing is not None:
-            scan = open_scan(
-                ready.bank, replace(scan.noise, sharings=(sharing,)), problem.y, problem.A[:, kept]
-            )
+        kept_only = replace(problem, A=problem.A[:, kept])
+        scan = prepare(kept_only, ()).scan if noise is None else _weighed(kept_only, noise)
         value, std, fitted = coefficients(scan, problem.A[:, kept], problem.y, ())
         values = dict.fromkeys(model.parameters, 0.0) | _nominal(model)
         values |= dict(zip(own, value[: len(own)].tolist(), strict=True))
@@ -82,7 +79,12 @@ def fit(model: StiffnessModel, table: Measurements, sharing: Sharing | None = No
         if before.size and np.linalg.norm(left - before) < _SETTLED * np.linalg.norm(left):
             break
     absorbed = tuple(n for n in model.parameters if n not in own and n not in _nominal(model))
-    return Fitted(known, absorbed, left, _rigid(assembly), assembly, scan.best.sharing)
+    return Fitted(known, absorbed, left, _rigid(assembly), assembly, one_sharing(scan))
+
+
+def _weighed(problem: Problem, noise: Noise) -> Scan:
+    """The scan of a model without candidates under a noise that is known."""
+    return open_scan(build(problem, (), ()), noise, problem.y, problem.A)
 
 
 def _rigid(assembly: Assembly) -> Array:

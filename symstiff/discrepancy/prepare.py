@@ -65,9 +65,8 @@ def _opened(problem: Problem, bank: Bank, noise: noises.Noise, by_way: bool) -> 
     whole = open_scan(bank, noise, problem.y, problem.A)
     clean = _without_the_obvious(whole)
     kept = likely(whole, by_way) | likely(clean, by_way)
-    kept |= np.array(
-        [layer.sharing.ratio == 0 for layer in whole.layers]
-    )  # where everything missing is found
+    # none may be the likeliest once everything that is missing is in the model
+    kept |= np.array([layer.sharing.ratio == 0 for layer in whole.layers])
     return at_sharings(whole, kept), at_sharings(clean, kept)
 
 

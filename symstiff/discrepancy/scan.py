@@ -128,13 +128,19 @@ def likeliest(scan: Scan, entries: tuple[int, ...]) -> Layer:
     """The layer of the likeliest sharing once some entries are in the model."""
     if not entries or len(scan.layers) == 1:
         return scan.best
-    value = []
+    layers, gained = [], 0
     for layer in scan.layers:
         U, s = directions(scan.bank, layer, entries)
-        rss = max(layer.rss - float(np.sum((U.T @ layer.y) ** 2)), 1e-300)
-        determinant = layer.determinant + 2.0 * float(np.log(s).sum())
-        value.append(-0.5 * (scan.freedom - len(s)) * float(np.log(rss)) - 0.5 * determinant)
-    return scan.layers[int(np.argmax(value))]
+        rss = layer.rss - float(np.sum((U.T @ layer.y) ** 2))
+        layers.append(replace(layer, rss=rss, determinant=layer.determinant + 2.0 * float(np.log(s).sum())))
+        gained = len(s)
+    after = Scan(scan.bank, scan.noise, tuple(layers), scan.freedom - gained)
+    return scan.layers[int(np.argmax(after.log_likelihood))]
+
+
+def one_sharing(scan: Scan) -> Noise:
+    """The noise at its likeliest sharing alone."""
+    return replace(scan.noise, sharings=(scan.best.sharing,))
 
 
 def at_sharing(scan: Scan, sharing: Sharing) -> Scan:

@@ -276,7 +276,7 @@ def _finding(
     tell("identification")
     grown = grow(base, [e.instance for e in named if e.set_number == 0])
     after = fit(grown, table)
-    before = after if grown is start else fit(start, table, after.sharing)
+    before = after if grown is start else fit(start, table, after.noise)
     verdict, reason = last.verdict, last.reason
     if climbed and verdict == NOTHING:
         verdict, reason = NAMED, "the links give way; beyond the complete model no test rejects"
