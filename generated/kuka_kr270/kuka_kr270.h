@@ -10,11 +10,11 @@
  * targets        c,casadi
  *
  * Units: m, rad, N, N*m. Wrench w = (fx, fy, fz, mx, my, mz) at the tool centre point in base axes; deflection
- * dt = (dx, dy, dz, drx, dry, drz) of the tool centre point in base axes (rotation vector). Base axes are those of the
- * world, in which the robot file places frame 0. Joint variables q in
- * rad. Matrices are row-major.
- * Frame 0 in the world: xyz (0, 0, 0.75) m, rpy (0, 0, 0) rad; the tool centre point in frame 6: xyz (0.05, 0.1, 0.3) m,
- * rpy (0, 0, 0) rad. Joint limits are not looked at.
+ * dt = (dx, dy, dz, drx, dry, drz) of the tool centre point in base axes (rotation vector). Matrices are row-major.
+ * Joint variables q in rad; joint limits are not looked at.
+ * Base axes are those of the world. The robot file places
+ *   frame 0 in the world:              xyz (0, 0, 0.75) m, rpy (0, 0, 0) rad,
+ *   the tool centre point in frame 6:  xyz (0.05, 0.1, 0.3) m, rpy (0, 0, 0) rad.
  * The parameters were reduced to what loads of the class "gravity" identify: a vertical force at the tool centre point (world z).
  *
  * Operations per call (additions, multiplications, sign changes, sines and cosines):
@@ -93,9 +93,10 @@ extern const char kuka_kr270_model_hash[65];
 /* Deflection dt [m, rad] of the tool centre point under the wrench w [N, N*m] at joints q. */
 int kuka_kr270_deflection(const kuka_kr270_params_t *p, const double q[6], const double w[6], double dt[6]);
 
-/* One step without iteration: the joint command q_cmd = q - J(q)^+ * dt(q, w) that puts the loaded tool where the unloaded one would be at q
- * (to first order in the deflection). No joint moves by more than KUKA_KR270_MAX_CORRECTION: more, as near a singular
- * pose, is KUKA_KR270_E_RANGE. On error q_cmd is q where that is finite, else zeros. */
+/* One step without iteration: the joint command q_cmd = q - J(q)^+ * dt(q, w) that puts the loaded tool where the
+ * unloaded one would be at q (to first order in the deflection).
+ * No joint moves by more than KUKA_KR270_MAX_CORRECTION: more, as near a singular pose, is
+ * KUKA_KR270_E_RANGE. On error q_cmd is q where that is finite, else zeros. */
 int kuka_kr270_compensate(const kuka_kr270_params_t *p, const double q[6], const double w[6], double q_cmd[6]);
 
 /* Observation matrix A (6 x 26): dt = A * k for the compliances k. */

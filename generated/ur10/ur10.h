@@ -10,11 +10,11 @@
  * targets        c,casadi
  *
  * Units: m, rad, N, N*m. Wrench w = (fx, fy, fz, mx, my, mz) at the tool centre point in base axes; deflection
- * dt = (dx, dy, dz, drx, dry, drz) of the tool centre point in base axes (rotation vector). Base axes are those of the
- * world, in which the robot file places frame 0. Joint variables q in
- * rad. Matrices are row-major.
- * Frame 0 in the world: xyz (0, 0, 0) m, rpy (0, 0, 0) rad; the tool centre point in frame 6: xyz (0, 0, 0) m,
- * rpy (0, 0, 0) rad. Joint limits are not looked at.
+ * dt = (dx, dy, dz, drx, dry, drz) of the tool centre point in base axes (rotation vector). Matrices are row-major.
+ * Joint variables q in rad; joint limits are not looked at.
+ * Base axes are those of the world. The robot file places
+ *   frame 0 in the world:              xyz (0, 0, 0) m, rpy (0, 0, 0) rad,
+ *   the tool centre point in frame 6:  xyz (0, 0, 0) m, rpy (0, 0, 0) rad.
  * The parameters were reduced to what loads of the class "wrench" identify: any force and moment at the tool centre point.
  *
  * Operations per call (additions, multiplications, sign changes, sines and cosines):
@@ -96,9 +96,10 @@ extern const char ur10_model_hash[65];
 /* Deflection dt [m, rad] of the tool centre point under the wrench w [N, N*m] at joints q. */
 int ur10_deflection(const ur10_params_t *p, const double q[6], const double w[6], double dt[6]);
 
-/* One step without iteration: the joint command q_cmd = q - J(q)^+ * dt(q, w) that puts the loaded tool where the unloaded one would be at q
- * (to first order in the deflection). No joint moves by more than UR10_MAX_CORRECTION: more, as near a singular
- * pose, is UR10_E_RANGE. On error q_cmd is q where that is finite, else zeros. */
+/* One step without iteration: the joint command q_cmd = q - J(q)^+ * dt(q, w) that puts the loaded tool where the
+ * unloaded one would be at q (to first order in the deflection).
+ * No joint moves by more than UR10_MAX_CORRECTION: more, as near a singular pose, is
+ * UR10_E_RANGE. On error q_cmd is q where that is finite, else zeros. */
 int ur10_compensate(const ur10_params_t *p, const double q[6], const double w[6], double q_cmd[6]);
 
 /* Observation matrix A (6 x 31): dt = A * k for the compliances k. */
