@@ -25,6 +25,13 @@ def test_an_approach_error_common_to_a_poses_load_cases_raises_no_alarm(size: fl
     assert np.median([d.noise.approach for d in found]) == pytest.approx(size * SIGMA, rel=0.5)
 
 
+def test_the_reading_without_load_that_a_poses_load_cases_share_is_found() -> None:
+    a = arm(60)
+    found = [prepare(measured(a.problem, 0.0, s, 0.35 * SIGMA), a.candidates) for s in range(6)]
+    assert np.median([f.report.approach for f in found]) == pytest.approx(0.35 * SIGMA, rel=0.3)
+    assert np.median([f.report.sigma for f in found]) == pytest.approx(SIGMA, rel=0.03)
+
+
 def joints_elsewhere(problem: Problem, size: Sequence[float], seed: int) -> Array:
     """(M,) readings of joints that stand elsewhere in each pose, by ``size`` [rad] each."""
     assert problem.J is not None

@@ -113,17 +113,22 @@ class NoiseReport:
         return self.approach > self.sigma
 
 
-def start(problem: Problem) -> Noise:
-    """The noise as stated: sigma where given, else one number for each kind of component."""
+def stated(problem: Problem) -> Array:
+    """(M,) sigma where given, else one number for each kind of component."""
     if problem.sigma is not None:
-        spread = np.array(problem.sigma, dtype=float)
-    else:
-        spread = np.ones(problem.rows)
-        for rows in (problem.axis < 3, problem.axis >= 3):
-            if np.any(rows):
-                spread[rows] = max(float(np.std(problem.y[rows])), 1e-12)
-    ways = patterns(problem, spread, Split())
-    return Noise(spread, at_first(problem, ways, RATIOS[1::2]), ways)
+        return np.array(problem.sigma, dtype=float)
+    spread = np.ones(problem.rows)
+    for rows in (problem.axis < 3, problem.axis >= 3):
+        if np.any(rows):
+            spread[rows] = max(float(np.std(problem.y[rows])), 1e-12)
+    return spread
+
+
+def start(problem: Problem, split: Split) -> Noise:
+    """The noise as stated."""
+    spread = stated(problem)
+    ways = patterns(problem, spread, Split(split.own))
+    return Noise(spread, at_first(problem, ways, RATIOS[::2]), ways)
 
 
 def refine(

@@ -13,8 +13,8 @@ from symstiff.discrepancy.bank import Bank, build
 from symstiff.discrepancy.beside import evidence_beside
 from symstiff.discrepancy.laws import unnamed_laws
 from symstiff.discrepancy.problem import Array, Candidate, Problem
-from symstiff.discrepancy.scan import Scan, at_sharings, extend, likely, open_scan
-from symstiff.discrepancy.sharing import JOINTS, Split, near, sizes
+from symstiff.discrepancy.scan import Scan, at_sharings, column_space, extend, likely, open_scan
+from symstiff.discrepancy.sharing import JOINTS, RATIOS, Split, near, sizes
 
 SAME_SHARE = 0.1
 """Change of the markers' own share of the approach error up to which its size is looked for near the last one."""
@@ -37,16 +37,19 @@ def prepare(problem: Problem, candidates: Sequence[Candidate]) -> Prepared:
     Otherwise a large missing effect would pass for noise that differs between axes or between poses.
     """
     bank = build(problem, candidates, unnamed_laws(problem))
-    noise, split = noises.start(problem), Split()
+    split = _first_split(problem)
+    noise = noises.start(problem, split)
     growth: dict[str, float] = {}
     by_marker: dict[str, float] = {}
     scan, clean = _opened(problem, bank, noise, by_way=True)
-    for last in (False, True):
+    for last in (None, False, True):
         before, split = split.own, _split(problem, clean)
+        if last is None and abs(split.own - before) < SAME_SHARE:
+            continue
         noise, growth, by_marker = noises.refine(
-            problem, noises.start(problem), _within_residual(clean), clean.freedom, split
+            problem, noises.start(problem, split), _within_residual(clean), clean.freedom, split
         )
-        if last or abs(split.own - before) < SAME_SHARE:
+        if last is not None:
             kept = [layer.sharing for layer in scan.layers]
             noise = replace(noise, sharings=near(noise.sharings, kept, last))
         scan, clean = _opened(problem, bank, noise, by_way=not last)
@@ -105,20 +108,28 @@ def _within_residual(scan: Scan) -> Array:
     return np.asarray(layer.y * scan.noise.spread)
 
 
+def _first_split(problem: Problem) -> Split:
+    """How a shared error looks split before anything else is known of the noise."""
+    spread = noises.stated(problem)
+    basis = column_space(problem.A / spread[:, None])
+    y = problem.y / spread
+    return Split(_own_share(problem, y - basis @ (basis.T @ y)))
+
+
 def _split(problem: Problem, clean: Scan) -> Split:
-    own = _own_share(problem, clean, _data_residual(clean))
+    own = _own_share(problem, _data_residual(clean) / clean.noise.spread)
     ratio = clean.best.sharing.ratio
     if ratio == 0.0 or all(layer.sharing.way != JOINTS for layer in clean.layers):
         return Split(own)
     scale2 = clean.best.rss / max(clean.freedom, 1)
-    return Split(own, sizes(problem, _data_residual(clean), clean.noise.spread, scale2, ratio))
+    each = sizes(problem, _data_residual(clean), clean.noise.spread, scale2, ratio)
+    return Split(own, each if max(each) > RATIOS[0] else ())
 
 
-def _own_share(problem: Problem, scan: Scan, residual: Array) -> float:
-    """Part of the shared error that each marker has for itself, by moments of the residual within a pose."""
+def _own_share(problem: Problem, z: Array) -> float:
+    """Part of the shared error that each marker has for itself, by moments of the residual (M,) within a pose."""
     if len(np.unique(problem.channel)) == len(np.unique(problem.axis)):
         return 0.0
-    z = residual / scan.noise.spread
     same, pairs = _products(z, problem.pose * (problem.channel.max() + 1) + problem.channel)
     every, all_pairs = _products(z, problem.pose * (problem.axis.max() + 1) + problem.axis)
     alone = same / max(pairs, 1.0)

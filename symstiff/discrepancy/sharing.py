@@ -10,7 +10,7 @@ import numpy as np
 
 from symstiff.discrepancy.problem import Array, Index, Problem
 
-RATIOS = (0.1, 0.35, 1.0, 3.0, 10.0, 35.0, 120.0, 400.0)
+RATIOS = (0.03, 0.1, 0.35, 1.0, 3.0, 10.0, 35.0, 120.0, 400.0)
 """Grid of (variance of the approach error) / (variance of the noise); every second one is looked at first."""
 
 AXES, SHIFT, JOINTS, EACH = "axes", "shift", "joints", "each"
@@ -70,8 +70,10 @@ def near(sharings: Sequence[Sharing], kept: Sequence[Sharing], finer: bool = Fal
         first = bisect_left(RATIOS, there[0]) if there else 0
         last = bisect_left(RATIOS, there[-1]) if there else 0
         if finer and 1 <= len(there) <= 2:
-            out += [Sharing(way, r) for r in (0.55 * there[0], *there, 1.8 * there[-1])]
-        elif there or all(s.ratio == 0 for s in kept):
+            between = (0.55 * there[0], *there, 1.8 * there[-1])
+            out += [Sharing(way, r) for r in between if r >= RATIOS[0]]
+        else:
+            # none is a neighbour of the smallest, also where another way than this one is likely
             out += [Sharing(way, r) for r in RATIOS[max(first - 1, 0) : last + 2]]
     return (*out, *(s for s in sharings if s.way == EACH))
 

@@ -301,9 +301,13 @@ def _unexplained(finding: Finding) -> str:
         text += f", where {device_text(finding.last.device_law)}"
     law = finding.last.law
     if law is not None and finding.last.device_law is None:
-        where = "" if law.virtual_joint == accused else f" at {law.virtual_joint}"
+        where = (
+            ", where"
+            if law.virtual_joint == accused
+            else f", without a smooth law there; at {law.virtual_joint}"
+        )
         text += (
-            f", where the smooth law{where} Δθ = {law_text(finding, law)} explains "
+            f"{where} the smooth law Δθ = {law_text(finding, law)} explains "
             f"{100 * law.explained:.0f} % of what the model leaves"
         )
     return (
