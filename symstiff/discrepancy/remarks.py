@@ -16,6 +16,8 @@ FAR = 2.5
 """Error on poses that were not used, against the noise, that is spoken of."""
 BESIDE = 6.0
 """Residual of a row, in standard deviations, that is spoken of where few rows have such."""
+SURE, NOTABLE = 1e-3, 0.3
+"""Probability without it, and size against the noise, of a shared error that is spoken of in absolute data."""
 _FEW_ROWS = 0.02
 _MOSTLY = 0.5
 """Share of the residual's variance that few poses bring from which they are spoken of."""
@@ -25,7 +27,7 @@ def remarked(view: View, last: Diagnosis) -> list[str]:
     """Remarks on a diagnosis of what ``view`` shows, a sentence each."""
     noise = last.noise
     return [
-        *_of_sigma(noise), *_of_approach(last), *_of_markers(noise), *_of_poses(view.table, last), *_of_single(last),
+        *_of_sigma(noise), *_of_approach(view.table, last), *_of_markers(noise), *_of_poses(view.table, last), *_of_single(last),
         *_of_proof(last), *_of_rows(view, last),
     ]  # fmt: skip
 
@@ -50,9 +52,11 @@ def _of_sigma(noise: NoiseReport) -> list[str]:
     ]
 
 
-def _of_approach(last: Diagnosis) -> list[str]:
+def _of_approach(table: Measurements, last: Diagnosis) -> list[str]:
+    """In deflections a pose's rows share the reading without load, which is no larger than the noise."""
     noise = last.noise
-    if last.verdict != NOTHING or not noise.mostly_shared:
+    sure = table.kind == "absolute" and noise.approach_p < SURE and noise.approach > NOTABLE * noise.sigma
+    if last.verdict != NOTHING or not (sure or noise.mostly_shared):
         return []
     return [
         f"a pose's rows share an error {noise.approach / noise.sigma:.1f} times the noise: the robot's repeatability, "
