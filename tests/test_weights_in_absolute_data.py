@@ -7,10 +7,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from symstiff.calibration.experiment.current import settled
 from symstiff.calibration.identify import identify
 from symstiff.calibration.measurements import measurements
 from symstiff.calibration.simulation import Truth, clean_response, nominal_truth
 from symstiff.discrepancy.growth import fit
+from symstiff.discrepancy.scan import column_space
 from symstiff.model import StiffnessModel
 from symstiff.reduction.reduce import reduce
 from symstiff.robot import Robot, load
@@ -60,3 +62,14 @@ def test_the_values_are_those_that_loads_at_the_tool_show(way: str) -> None:
     found = model.deflection(loads.q, loads.w)[:, :3]
     error = float(np.sqrt(np.mean((found - wanted) ** 2)))
     assert error < 0.05 * float(np.sqrt(np.mean(wanted**2)))
+
+
+def test_no_column_is_the_rounding_of_others() -> None:
+    """Such a column is a direction by chance: it takes a degree of freedom, another one at every call."""
+    robot = heavy()
+    _, table = experiment(robot, 3, "absolute", SIGMA)
+    start = StiffnessModel.of(reduce(robot, "force", "pose"))
+    one = column_space(settled(start, table).A)
+    other = column_space(settled(start, replace(table, q=table.q + 1e-13)).A)
+    assert one.shape == other.shape
+    assert np.linalg.norm(one - other @ (other.T @ one), axis=0) == pytest.approx(0.0, abs=1e-6)

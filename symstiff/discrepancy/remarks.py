@@ -27,8 +27,8 @@ def remarked(view: View, last: Diagnosis) -> list[str]:
     """Remarks on a diagnosis of what ``view`` shows, a sentence each."""
     noise = last.noise
     return [
-        *_of_sigma(noise), *_of_approach(view.table, last), *_of_markers(noise), *_of_poses(view.table, last), *_of_single(last),
-        *_of_proof(last), *_of_rows(view, last),
+        *_of_sigma(noise), *_of_approach(view.table, last), *_of_markers(noise), *_of_poses(view.table, last),
+        *_of_single(last), *_of_proof(last), *_of_rows(view, last),
     ]  # fmt: skip
 
 

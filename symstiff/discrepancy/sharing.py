@@ -15,7 +15,7 @@ RATIOS = (0.03, 0.1, 0.35, 1.0, 3.0, 10.0, 35.0, 120.0, 400.0)
 
 AXES, SHIFT, JOINTS, EACH = "axes", "shift", "joints", "each"
 """What a pose's rows share: an error of every measured axis, of the translations alone, of the joints' angles, all
-alike, or one of every joint and of the axes beside, of sizes that were learned."""
+alike, or one of every joint, of the axes and of each marker beside, of sizes that were learned."""
 
 _ALIKE = 4.0
 """Poses that the belief in joints with like errors counts for."""
@@ -46,7 +46,8 @@ class Split:
     own: float = 0.0
     """Part of the axes' error that each marker has alone."""
     each: tuple[float, ...] = ()
-    """Variances of the joints' errors and, last, of the axes', over the noise's; none where they were not learned."""
+    """Variances over the noise's: of each joint's errors, of the axes' and, of several markers, of what each has alone;
+    none where they were not learned."""
 
 
 def at_first(problem: Problem, ways: Mapping[str, Roots], ratios: Sequence[float]) -> tuple[Sharing, ...]:
@@ -131,19 +132,28 @@ def _common(problem: Problem, spread: Array) -> Array:
 
 
 def _every(problem: Problem, spread: Array) -> Array:
-    """(M, n + axes) readings of errors of every joint and of every axis, in units of the noise."""
+    """(M, n + axes + channels) readings of errors of joints, axes and each marker's axes, in units of the noise."""
     common = _common(problem, spread)
-    axes = (problem.axis[:, None] == np.unique(problem.axis)) * common[:, None]
-    return np.asarray(np.hstack([of_joints(problem, common), axes]) / spread[:, None])
+    alike = [(label[:, None] == np.unique(label)) * common[:, None] for label in _alike(problem)]
+    return np.asarray(np.hstack([of_joints(problem, common), *alike]) / spread[:, None])
+
+
+def _alike(problem: Problem) -> list[Index]:
+    """(M,) labels of the errors of one size: axes, and each marker's axes where there are several markers."""
+    several = len(np.unique(problem.channel)) > len(np.unique(problem.axis))
+    return [problem.axis, problem.channel] if several else [problem.axis]
 
 
 def _spread_out(problem: Problem, each: Sequence[float]) -> Array:
-    """(n + axes,) the axes' variance for each axis."""
-    return np.array([*each[:-1], *(each[-1] for _ in np.unique(problem.axis))])
+    """(n + axes + channels,) what is alike repeated."""
+    labels = _alike(problem)
+    joints = len(each) - len(labels)
+    counts = [len(np.unique(label)) for label in labels]
+    return np.repeat(each, [1] * joints + counts)
 
 
 def sizes(problem: Problem, residual: Array, spread: Array, scale2: float, ratio: float) -> tuple[float, ...]:
-    """Variances of the errors of the joints (n) and of the axes (one) over the noise's, by expectation-maximisation.
+    """Variances over the noise's, by expectation-maximisation: of each joint's errors, the axes' and the markers' own.
 
     ``residual`` (M,) in the data's unit with the shared error in it, of variance ratio·scale2 against scale2. The
     joints' variances are drawn towards equal ones.
@@ -153,22 +163,25 @@ def sizes(problem: Problem, residual: Array, spread: Array, scale2: float, ratio
     blocks = [F[problem.pose == p] for p in poses]
     seen = np.stack([f.T @ z[problem.pose == p] for f, p in zip(blocks, poses, strict=True)])
     gram = np.stack([f.T @ f for f in blocks])
-    n = F.shape[1] - len(np.unique(problem.axis))
-    w = np.full(F.shape[1], max(0.5 * ratio, 1e-3))
+    counts = [len(np.unique(label)) for label in _alike(problem)]
+    n = F.shape[1] - sum(counts)
+    group = np.repeat(np.arange(n + len(counts)), [1] * n + counts)
+    w = np.full(n + len(counts), max(0.5 * ratio, 1e-3))
     for _ in range(_STEPS):
-        S = np.linalg.inv(gram + np.diag(1.0 / w))
+        S = np.linalg.inv(gram + np.diag(1.0 / w[group]))
         mean = np.einsum("pij,pj->pi", S, seen)
         second = np.sum(mean**2 + np.einsum("pii->pi", S), axis=0)
-        w[:n] = (_ALIKE * np.mean(w[:n]) + second[:n]) / (_ALIKE + len(poses))
-        w[n:] = np.mean(second[n:]) / len(poses)
+        total = np.bincount(group, second)
+        w[:n] = (_ALIKE * np.mean(w[:n]) + total[:n]) / (_ALIKE + len(poses))
+        w[n:] = total[n:] / (np.array(counts) * len(poses))
         w = np.maximum(w, 1e-9)
-    return (*w[:n].tolist(), float(w[-1]))
+    return tuple(w.tolist())
 
 
 def mostly(problem: Problem, spread: Array, each: Sequence[float]) -> str:
     """``JOINTS`` or ``AXES``: what most of the main rows' shared error of these sizes comes from."""
     part = np.mean(_every(problem, spread)[main_rows(problem)] ** 2, axis=0) * _spread_out(problem, each)
-    joints = len(each) - 1
+    joints = len(each) - len(_alike(problem))
     return JOINTS if np.sum(part[:joints]) >= np.sum(part[joints:]) else AXES
 
 

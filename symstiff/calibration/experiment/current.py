@@ -36,6 +36,8 @@ _POSES = 60
 """Random poses at which columns are compared."""
 _STILL = 1e-9
 """Range [rad, m] up to which a joint never moves."""
+_ROUNDING = 1e-9
+"""Part of a column beside the model's below which it is rounding."""
 _COMPLIANCE = 1e-7
 """Usual size of a compliance that the model leaves out."""
 
@@ -86,7 +88,10 @@ def _standing(model: StiffnessModel, hidden: Sequence[Compliance], current: Curr
     own = [current.names.index(elastic[k]) for k in there]
     beside = slice(len(current.names), len(current.names) + len(current.hidden))
     A, fitted = current.A.copy(), dict(current.fitted)
+    whole_size = np.linalg.norm(A[:, beside], axis=0)
     A[:, beside] -= A[:, own] @ shares[there]
+    # what is left of a column that the model holds is rounding: a direction of its own, another one at every call
+    A[:, beside] *= np.linalg.norm(A[:, beside], axis=0) > _ROUNDING * whole_size
     values = np.array([fitted.get(n, 0.0) for n in current.hidden])
     for name, more in zip(elastic, shares @ values, strict=True):
         fitted[name] = fitted.get(name, 0.0) + float(more)
