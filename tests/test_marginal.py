@@ -21,6 +21,7 @@ from symstiff.discrepancy.marginal import EXPECTED, log_bayes, of_sizes
 from symstiff.discrepancy.noise import start
 from symstiff.discrepancy.problem import Array, Candidate, Parameter
 from symstiff.discrepancy.scan import column_space, evidence, extend, open_scan
+from symstiff.discrepancy.sharing import Split
 from symstiff.effects.base import find
 from symstiff.model import StiffnessModel
 from symstiff.reduction.reduce import reduce
@@ -76,7 +77,7 @@ def test_a_block_whose_usual_sizes_lie_in_one_direction_is_seen_like_one_paramet
         noise = np.random.default_rng(seed).normal(size=problem.rows)
         y = problem.y + 7.0 * signal[:, 0] / np.linalg.norm(signal) + noise
         given_data = replace(problem, y=y, sigma=np.ones(problem.rows))
-        scan = open_scan(build(given_data, [candidate], ()), start(given_data), y, problem.A)
+        scan = open_scan(build(given_data, [candidate], ()), start(given_data, Split()), y, problem.A)
         return float(evidence(scan).candidate[0]), effective_rank(scan, 0)
 
     gain = [scored(known, usual, s)[0] - scored(unknown, usual, s)[0] for s in range(20)]
@@ -177,7 +178,7 @@ def test_a_column_of_rounding_is_no_direction_of_a_block() -> None:
     block = rng.normal(size=(problem.rows, 3)) * [1.0, 1.0, 1e-15]
     parameters = tuple(Parameter(f"k{i}", typical=1.0) for i in range(3))
     bank = build(problem, [Candidate("block", {"link": 1}, parameters, lambda shape: block)], ())
-    scan = open_scan(bank, start(problem), problem.y, problem.A)
+    scan = open_scan(bank, start(problem, Split()), problem.y, problem.A)
     assert scan.best.rank[0] == 2
     assert not np.any(bank.columns[:, 2])
 
@@ -194,7 +195,7 @@ def test_the_evidence_beside_a_set_is_that_of_the_scan_that_holds_it() -> None:
         "block", {"link": 1}, tuple(Parameter(f"k{i}", typical=0.5**i) for i in range(5)), lambda s: wide
     )
     bank = build(given_data, [*arm().candidates, block], unnamed_laws(given_data))
-    scan = open_scan(bank, start(given_data), given_data.y, given_data.A)
+    scan = open_scan(bank, start(given_data, Split()), given_data.y, given_data.A)
     others = np.arange(len(bank.start)) > 5
     for entries in ((0,), (1, 5), (len(arm().candidates) + 2, 2)):
         quick, whole = evidence_beside(scan, entries), evidence(extend(scan, entries))
