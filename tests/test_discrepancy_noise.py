@@ -77,6 +77,24 @@ def test_the_variances_of_the_joints_errors_are_found() -> None:
     assert found / found[0] == pytest.approx((size / size[0]) ** 2, rel=0.45)
 
 
+def test_what_each_marker_has_alone_is_told_from_the_joints_errors() -> None:
+    poses, cases, joints, markers = 400, 3, 4, 3
+    pose, case, channel = (g.ravel() for g in np.indices((poses, cases, 3 * markers)))
+    rng = np.random.default_rng(5)
+    J = rng.normal(size=(poses, 3 * markers, joints))[pose, channel] / np.sqrt(joints)
+    angle = rng.normal(size=(poses, joints)) * np.sqrt([0.2, 0.8, 0.4, 0.4])
+    alone = np.sqrt(0.3) * rng.normal(size=(poses, 3 * markers))[pose, channel]
+    y = rng.normal(size=len(pose)) + np.einsum("mj,mj->m", J, angle[pose]) + alone
+    problem = Problem(
+        y, np.ones((len(pose), 1)), pose, case, channel, channel % 3, J=J, tau=np.zeros_like(J),
+        virtual_joints=tuple(f"joint {j + 1}" for j in range(joints)), joint_of=tuple(range(joints)),
+    )  # fmt: skip
+    found = np.array(sizes(problem, y, np.ones(len(y)), 1.0, 0.5))
+    assert found[:joints] == pytest.approx(np.mean(angle**2, axis=0), rel=0.3)
+    assert found[joints] < 0.03
+    assert found[-1] == pytest.approx(0.3, rel=0.25)
+
+
 @pytest.mark.parametrize(("own", "size"), [(0.0, 0.7), (1.0, 0.7), (1.0, 0.4), (0.0, 0.0)])
 def test_the_approach_error_is_found_whether_the_markers_share_it_or_not(own: float, size: float) -> None:
     poses, cases, markers = 40, 3, 3

@@ -17,7 +17,7 @@ from symstiff.discrepancy.scan import Scan, at_sharings, column_space, extend, l
 from symstiff.discrepancy.sharing import JOINTS, RATIOS, Split, near, sizes
 
 SAME_SHARE = 0.1
-"""Change of the markers' own share of the approach error up to which its size is looked for near the last one."""
+"""Change of the markers' own share of the approach error up to which the coarse grid is not looked at again."""
 
 
 @dataclass(frozen=True)
@@ -32,9 +32,11 @@ class Prepared:
 
 
 def prepare(problem: Problem, candidates: Sequence[Candidate]) -> Prepared:
-    """Two rounds: homogeneous noise finds what stands out, and the noise is fitted to what is left after it.
+    """Rounds: homogeneous noise finds what stands out, and the noise is fitted to what is left after it.
 
-    Otherwise a large missing effect would pass for noise that differs between axes or between poses.
+    Otherwise a large missing effect would pass for noise that differs between axes or between poses. The size of the
+    shared error is looked for on the coarse grid, on that once more where markers share otherwise than it seemed,
+    near what is likely, and finer.
     """
     bank = build(problem, candidates, unnamed_laws(problem))
     split = _first_split(problem)
@@ -42,17 +44,17 @@ def prepare(problem: Problem, candidates: Sequence[Candidate]) -> Prepared:
     growth: dict[str, float] = {}
     by_marker: dict[str, float] = {}
     scan, clean = _opened(problem, bank, noise, by_way=True)
-    for last in (None, False, True):
+    for finer in (None, False, True):
         before, split = split.own, _split(problem, clean)
-        if last is None and abs(split.own - before) < SAME_SHARE:
+        if finer is None and abs(split.own - before) < SAME_SHARE:
             continue
         noise, growth, by_marker = noises.refine(
             problem, noises.start(problem, split), _within_residual(clean), clean.freedom, split
         )
-        if last is not None:
+        if finer is not None:
             kept = [layer.sharing for layer in scan.layers]
-            noise = replace(noise, sharings=near(noise.sharings, kept, last))
-        scan, clean = _opened(problem, bank, noise, by_way=not last)
+            noise = replace(noise, sharings=near(noise.sharings, kept, finer))
+        scan, clean = _opened(problem, bank, noise, by_way=not finer)
     report = noises.report(
         problem, noise, _within_residual(clean), clean.best.rss / max(clean.freedom, 1), clean.freedom,
         clean.best.sharing, growth, by_marker, _sharing_none(clean),
