@@ -17,6 +17,7 @@ from symstiff.discrepancy.doubts import doubted, known_throughout
 from symstiff.discrepancy.growth import fit, grow
 from symstiff.discrepancy.laws import _soft_spots
 from symstiff.discrepancy.problem import Options
+from symstiff.discrepancy.remarks import _of_approach
 from symstiff.discrepancy.result import Estimate
 from symstiff.discrepancy.search import _lacking
 from symstiff.discrepancy.sharing import AXES, EACH, Sharing
@@ -84,6 +85,19 @@ def test_an_error_that_a_poses_rows_share_is_told_where_it_exceeds_the_noise() -
     assert any("share an error" in r for r in found.remarks)
     assert words.headline(found).startswith("Nothing found missing")
     assert words.headline(run(Task(load(ROBOT), measured()))) == "Nothing is missing"
+
+
+@pytest.mark.parametrize(
+    ("kind", "probability", "told"),
+    [("absolute", 1e-6, True), ("absolute", 0.02, False), ("deflection", 1e-6, False)],
+)
+def test_a_sure_shared_error_is_told_in_absolute_data(kind: str, probability: float, told: bool) -> None:
+    """In deflections it is the reading without load, which all load cases share."""
+    last = run(Task(load(ROBOT), measured())).last
+    assert last.verdict == "nothing_missing"
+    noise = replace(last.noise, approach=0.6 * last.noise.sigma, approach_p=probability)
+    remarks = _of_approach(replace(measured(), kind=kind), replace(last, noise=noise))  # type: ignore[arg-type]
+    assert [("0.6 times the noise" in r) for r in remarks] == [True] * told
 
 
 def test_lateness_is_not_looked_for_where_it_is_a_constant() -> None:
