@@ -12,9 +12,7 @@ from symstiff.discrepancy.problem import Array, Problem
 from symstiff.discrepancy.sharing import (
     AXES,
     EACH,
-    NEAR,
     PRICE,
-    RATIOS,
     Roots,
     Sharing,
     Split,
@@ -125,22 +123,26 @@ def stated(problem: Problem) -> Array:
 
 
 def start(problem: Problem, split: Split) -> Noise:
-    """The noise as stated."""
-    spread = stated(problem)
-    ways = patterns(problem, spread, Split(split.own))
-    return Noise(spread, at_first(problem, ways, RATIOS[::2]), ways)
+    """The noise as stated, with the coarse grid of what a pose's rows may share."""
+    return _noise(problem, stated(problem), split)
+
+
+def _noise(problem: Problem, spread: Array, split: Split) -> Noise:
+    ways = patterns(problem, spread, split)
+    return Noise(spread, at_first(problem, ways), ways, split.each)
 
 
 def refine(
-    problem: Problem, noise: Noise, residual: Array, dof: float, split: Split
+    problem: Problem, residual: Array, dof: float, split: Split
 ) -> tuple[Noise, dict[str, float], dict[str, float]]:
-    """Fit how the noise differs between axes and markers and grows with ``problem.spread``.
+    """Fit how the noise differs between axes and markers from the stated one and grows with ``problem.spread``.
 
     ``residual`` (M,) in the data's unit after the model and whatever was found; ``dof`` its degrees of freedom.
     Gamma regression of the squares on axis, marker and log quantities, shrunk towards homogeneity by a ridge of 20
     observations (axis, marker) and of 4. Returns also the exponents and the markers' factors.
     """
-    z = (residual / noise.spread) ** 2 * (problem.rows / max(dof, 1.0))
+    told = stated(problem)
+    z = (residual / told) ** 2 * (problem.rows / max(dof, 1.0))
     z = np.minimum(z, 25.0 * np.mean(z))
     axes, points = np.unique(problem.axis), problem.points
     markers = np.unique(points) if len(np.unique(points)) > 1 else points[:0]
@@ -159,17 +161,14 @@ def refine(
         gradient = weight * design.T @ (z / mean - 1.0) - ridge * beta * (np.arange(len(beta)) > 0)
         hessian = weight * design.T @ design + np.diag(ridge)
         beta = beta + np.linalg.solve(hessian, np.clip(gradient, -1e3, 1e3))
-    spread = noise.spread * np.exp(0.5 * design[:, 1:] @ beta[1:])
+    spread = told * np.exp(0.5 * design[:, 1:] @ beta[1:])
     sure = np.abs(beta) > _SURE * np.sqrt(np.diag(np.linalg.inv(hessian)))
     growth = {k: float(0.5 * beta[1 + levels + n]) for n, k in enumerate(names) if sure[1 + levels + n]}
     alone = beta[1 + len(axes) : 1 + levels]
     others = (np.sum(alone) - alone) / max(len(alone) - 1, 1)
     factor = np.exp(0.5 * (alone - others)).tolist()
     by_marker = {problem.marker(int(m)): f for m, f in zip(markers, factor, strict=True)}
-    ways, sharings = patterns(problem, spread, split), noise.sharings
-    if split.each:
-        sharings = (*sharings, *(Sharing(EACH, r) for r in NEAR))
-    return Noise(spread, sharings, ways, split.each), growth, by_marker
+    return _noise(problem, spread, split), growth, by_marker
 
 
 def pure_error(problem: Problem, spread: Array) -> tuple[float, int]:

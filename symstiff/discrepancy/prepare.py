@@ -14,10 +14,12 @@ from symstiff.discrepancy.beside import evidence_beside
 from symstiff.discrepancy.laws import unnamed_laws
 from symstiff.discrepancy.problem import Array, Candidate, Problem
 from symstiff.discrepancy.scan import Scan, at_sharings, column_space, extend, likely, open_scan
-from symstiff.discrepancy.sharing import JOINTS, RATIOS, Split, near, sizes
+from symstiff.discrepancy.sharing import JOINTS, RATIOS, Split, near, several_markers, sizes
 
 SAME_SHARE = 0.1
 """Change of the markers' own share of the approach error up to which the coarse grid is not looked at again."""
+_LOOKS = _COARSE, _NEAR, _FINE = "coarse", "near", "fine"
+"""How the size of the shared error is looked for."""
 
 
 @dataclass(frozen=True)
@@ -39,22 +41,16 @@ def prepare(problem: Problem, candidates: Sequence[Candidate]) -> Prepared:
     near what is likely, and finer.
     """
     bank = build(problem, candidates, unnamed_laws(problem))
-    split = _first_split(problem)
-    noise = noises.start(problem, split)
-    growth: dict[str, float] = {}
-    by_marker: dict[str, float] = {}
-    scan, clean = _opened(problem, bank, noise, by_way=True)
-    for finer in (None, False, True):
-        before, split = split.own, _split(problem, clean)
-        if finer is None and abs(split.own - before) < SAME_SHARE:
-            continue
-        noise, growth, by_marker = noises.refine(
-            problem, noises.start(problem, split), _within_residual(clean), clean.freedom, split
-        )
-        if finer is not None:
+    first = _first_split(problem)
+    scan, clean = _opened(problem, bank, noises.start(problem, first), by_way=True)
+    split = _split(problem, clean)
+    for look in _LOOKS[1 if abs(split.own - first.own) < SAME_SHARE else 0 :]:
+        noise, growth, by_marker = noises.refine(problem, _within_residual(clean), clean.freedom, split)
+        if look != _COARSE:
             kept = [layer.sharing for layer in scan.layers]
-            noise = replace(noise, sharings=near(noise.sharings, kept, finer))
-        scan, clean = _opened(problem, bank, noise, by_way=not finer)
+            noise = replace(noise, sharings=near(noise.sharings, kept, look == _FINE))
+        scan, clean = _opened(problem, bank, noise, by_way=look != _FINE)
+        split = _split(problem, clean) if look != _FINE else split
     report = noises.report(
         problem, noise, _within_residual(clean), clean.best.rss / max(clean.freedom, 1), clean.freedom,
         clean.best.sharing, growth, by_marker, _sharing_none(clean),
@@ -112,6 +108,8 @@ def _within_residual(scan: Scan) -> Array:
 
 def _first_split(problem: Problem) -> Split:
     """How a shared error looks split before anything else is known of the noise."""
+    if not several_markers(problem):
+        return Split()
     spread = noises.stated(problem)
     basis = column_space(problem.A / spread[:, None])
     y = problem.y / spread
@@ -130,7 +128,7 @@ def _split(problem: Problem, clean: Scan) -> Split:
 
 def _own_share(problem: Problem, z: Array) -> float:
     """Part of the shared error that each marker has for itself, by moments of the residual (M,) within a pose."""
-    if len(np.unique(problem.channel)) == len(np.unique(problem.axis)):
+    if not several_markers(problem):
         return 0.0
     same, pairs = _products(z, problem.pose * (problem.channel.max() + 1) + problem.channel)
     every, all_pairs = _products(z, problem.pose * (problem.axis.max() + 1) + problem.axis)

@@ -50,9 +50,18 @@ class Split:
     none where they were not learned."""
 
 
-def at_first(problem: Problem, ways: Mapping[str, Roots], ratios: Sequence[float]) -> tuple[Sharing, ...]:
-    """Those that the rows can tell."""
-    return (Sharing(), *(Sharing(way, r) for way in ways if shares(problem, way) for r in ratios))
+def at_first(problem: Problem, ways: Mapping[str, Roots]) -> tuple[Sharing, ...]:
+    """None, and the coarse grid of every way that the rows can tell; about its size what was learned."""
+    told = [way for way in ways if way == EACH or shares(problem, way)]
+    return (
+        Sharing(),
+        *(Sharing(way, ratio) for way in told for ratio in (NEAR if way == EACH else RATIOS[::2])),
+    )
+
+
+def several_markers(problem: Problem) -> bool:
+    """Whether more than one point was measured."""
+    return len(np.unique(problem.channel)) > len(np.unique(problem.axis))
 
 
 def shares(problem: Problem, way: str) -> bool:
@@ -140,8 +149,7 @@ def _every(problem: Problem, spread: Array) -> Array:
 
 def _alike(problem: Problem) -> list[Index]:
     """(M,) labels of the errors of one size: axes, and each marker's axes where there are several markers."""
-    several = len(np.unique(problem.channel)) > len(np.unique(problem.axis))
-    return [problem.axis, problem.channel] if several else [problem.axis]
+    return [problem.axis, problem.channel] if several_markers(problem) else [problem.axis]
 
 
 def _spread_out(problem: Problem, each: Sequence[float]) -> Array:

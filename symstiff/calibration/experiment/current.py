@@ -36,8 +36,6 @@ _POSES = 60
 """Random poses at which columns are compared."""
 _STILL = 1e-9
 """Range [rad, m] up to which a joint never moves."""
-_ROUNDING = 1e-9
-"""Part of a column beside the model's below which it is rounding."""
 _COMPLIANCE = 1e-7
 """Usual size of a compliance that the model leaves out."""
 
@@ -88,10 +86,10 @@ def _standing(model: StiffnessModel, hidden: Sequence[Compliance], current: Curr
     own = [current.names.index(elastic[k]) for k in there]
     beside = slice(len(current.names), len(current.names) + len(current.hidden))
     A, fitted = current.A.copy(), dict(current.fitted)
-    whole_size = np.linalg.norm(A[:, beside], axis=0)
     A[:, beside] -= A[:, own] @ shares[there]
-    # what is left of a column that the model holds is rounding: a direction of its own, another one at every call
-    A[:, beside] *= np.linalg.norm(A[:, beside], axis=0) > _ROUNDING * whole_size
+    free = (*current.names, *current.hidden)
+    # of a column that the model holds rounding is left: a direction of its own, and another one at every call
+    A[:, : len(free)] = without_rounding(A[:, : len(free)], _sizes(model, free))
     values = np.array([fitted.get(n, 0.0) for n in current.hidden])
     for name, more in zip(elastic, shares @ values, strict=True):
         fitted[name] = fitted.get(name, 0.0) + float(more)
@@ -155,7 +153,7 @@ def _current(
                     A[:, place[name]] += column
                 else:
                     target -= nominal[name] * column
-        A = without_rounding(A, np.array([model.steps.get(n, _COMPLIANCE) for n in free]))
+        A = without_rounding(A, _sizes(model, free))
         extra = placement_columns(view)
         solution, left = _fitted(np.hstack([A, extra]), target, view, [known.get(n, 0.0) for n in free])
         fit = dict(zip(free, solution, strict=True))
@@ -166,6 +164,11 @@ def _current(
     kept = [n for n, k in zip(free, keep, strict=True) if k]
     names, beside = (tuple(n for n in group if n in kept) for group in (named, hidden))
     return Current(situation, names, beside, np.hstack([A[:, keep], extra]), target, fit | nominal)
+
+
+def _sizes(model: StiffnessModel, names: Sequence[str]) -> Floats:
+    """Usual sizes of parameters, the hidden ones included."""
+    return np.array([model.steps.get(n, _COMPLIANCE) for n in names])
 
 
 def _under(view: View, laws: Laws) -> View:
