@@ -19,8 +19,8 @@ from symstiff.codegen.compiler import find_compiler
 from symstiff.codegen.generate import generate
 from symstiff.discrepancy.distinguish import distinction
 from symstiff.effects import EffectInstance, catalogue
+from symstiff.effects.arm import weight_load
 from symstiff.effects.base import Effect, Scales
-from symstiff.effects.common import weight_load
 from symstiff.errors import UserError
 from symstiff.model import StiffnessModel, joints_only, load_model
 from symstiff.reduction.reduce import reduce

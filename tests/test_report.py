@@ -162,6 +162,20 @@ def test_what_has_no_name_is_shown_where_it_sits_with_a_fitted_expression(unexpl
     assert "Δθ/τ" in part  # stiffness against the angle: what a person recognises
 
 
+def test_a_law_elsewhere_is_said_to_be_elsewhere(unexplained: Finding) -> None:
+    law, where = unexplained.last.law, unexplained.last.localisation
+    assert law is not None
+    assert where is not None
+    last = replace(unexplained.last, device_law=None)
+    here = replace(last, localisation=replace(where, accused=law.virtual_joint))
+    there = replace(last, localisation=replace(where, accused="joint 1 or so"))
+    assert f"strongest at {law.virtual_joint}, where the smooth law" in sentence(
+        replace(unexplained, last=here)
+    )
+    text = sentence(replace(unexplained, last=there))
+    assert f"joint 1 or so, without a smooth law there; at {law.virtual_joint} the smooth law" in text
+
+
 def test_the_points_of_an_unnamed_law_are_the_deflections_that_the_data_ask_for(unexplained: Finding) -> None:
     law, problem = unexplained.last.law, unexplained.assembly.problem
     assert law is not None

@@ -283,6 +283,7 @@ def _finding(
     testable = verdict != UNTESTABLE
     remarks = [*remarks, *remarked(assembly.situation.view, last)]
     remarks += _undetermined(base, assembly, last)
+    remarks += [f"{named_at(e.effect, e.where)}: {a}" for e in named for a in e.instance.assumptions]
     if unconfirmed(last.rms):
         named = tuple(replace(e, confidence=min(e.confidence, _UNCONFIRMED)) for e in named)
         remarks.append(

@@ -2,29 +2,23 @@
 
 The sign is smooth near zero. Deflection data show the difference to the unloaded state,
 gap/2·(sign(τ_weight + τ) − sign(τ_weight)). Where the robot file has no masses the unloaded state is unknown:
-then the gap is taken to be crossed by the load alone; where the weight keeps the gap closed nothing is seen.
-Masses in the robot file decide.
+then the gap is taken to be crossed by the load alone, or by the load and an arm of one of a few masses (a shape's
+``mass``); where the weight keeps the gap closed nothing is seen. Masses in the robot file decide.
 """
 
 from __future__ import annotations
 
+from symstiff.effects.arm import ASSUMED, NEARER, TOLD, masses, of_total_load, weighed
 from symstiff.effects.base import Effect, Realisation, Scales, Shape, Where
-from symstiff.effects.common import (
-    BOTH,
-    angle_unit,
-    exact,
-    joints,
-    of_total_load,
-    parameter,
-    smooth_sign,
-    weighed,
-)
+from symstiff.effects.common import BOTH, angle_unit, exact, joints, parameter, smooth_sign
 from symstiff.robot.schema import Robot
 from symstiff.symbolic.terms import Term, actuated_joint
 
 NAME = "backlash"
 WIDTHS = (0.002, 0.01, 0.04, 0.1)
 """Half-widths of the step, as shares of the largest load: a law that needs more is a nonlinear stiffness."""
+SHARP = 1
+"""Which of them stands for all where the arm's mass is one of a few."""
 
 
 def _realise(robot: Robot, where: Where, shape: Shape) -> Realisation:
@@ -36,8 +30,10 @@ def _realise(robot: Robot, where: Where, shape: Shape) -> Realisation:
 
 
 def _shapes(robot: Robot, where: Where, scales: Scales) -> tuple[Shape, ...]:
-    top = scales.of(actuated_joint(int(where["joint"])))
-    return tuple({"width": float(f"{f * top:.3g}"), **weighed(scales.kind)} for f in WIDTHS)
+    joint = int(where["joint"])
+    top = scales.of(actuated_joint(joint))
+    found = tuple({"width": float(f"{f * top:.3g}"), **weighed(scales.kind)} for f in WIDTHS)
+    return found + tuple({**found[SHARP], "mass": mass} for mass in masses(robot, joint, scales, NEARER))
 
 
 EFFECT = Effect(
@@ -53,5 +49,6 @@ EFFECT = Effect(
     separated_by="loads on both sides of the reversal of the joint's total torque; masses in the robot "
     "file say where "
     "that is",
-    told={"width": "turning over within ± {} LOAD", "weights": ""},
+    told={"width": "turning over within ± {} LOAD", "weights": "", **TOLD},
+    assumed=ASSUMED,
 )

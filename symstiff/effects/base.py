@@ -133,6 +133,8 @@ class Effect:
 
     A phrase without ``{}`` is said where the value is not zero, an empty one never.
     """
+    assumed: Mapping[str, str] = field(default_factory=dict)
+    """What a shape's value takes for granted that the robot file could tell, by key: a remark, ``{}`` for the value."""
 
 
 @dataclass(frozen=True)
@@ -165,6 +167,12 @@ class EffectInstance:
             if phrase and ("{}" in phrase or value):
                 said.append(phrase.format(f"{float(value):.4g}"))
         return tuple(said)
+
+    @property
+    def assumptions(self) -> tuple[str, ...]:
+        """Remarks on what the shape takes for granted."""
+        assumed = find(self.effect).assumed
+        return tuple(assumed[k].format(f"{float(v):.4g}") for k, v in self.shape.items() if k in assumed)
 
     def unread(self, robot: Robot) -> tuple[str, ...]:
         """Keys of the shape that the effect does not look at: misspelt, or of another effect."""

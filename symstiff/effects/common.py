@@ -1,14 +1,14 @@
-"""What the catalogue's files share: places, names, exact numbers, smooth signs, the links' own weight."""
+"""What the catalogue's files share: places, names, exact numbers, smooth signs."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
+from collections.abc import Iterable
 from functools import lru_cache
 from typing import Any
 
 import sympy as sp
 
-from symstiff.effects.base import EffectParameter, Shape, Where, place_name
+from symstiff.effects.base import EffectParameter, Where, place_name
 from symstiff.robot.schema import Robot
 from symstiff.symbolic.chain import ElasticChain
 from symstiff.symbolic.program import Builder
@@ -70,21 +70,6 @@ def load_of(joint: int) -> sp.Symbol:
     return tau(actuated_joint(joint))
 
 
-def of_total_load(law: Callable[[sp.Expr], sp.Expr], robot: Robot, joint: int, shape: Shape) -> sp.Expr:
-    """A law of a joint's total load as what a deflection shows of it: law(τ_weight + τ) − law(τ_weight).
-
-    With ``weights = 0`` in the shape, or where the robot has no masses, the load stands alone.
-    """
-    load = load_of(joint)
-    own = weight_load(robot, joint) if shape.get("weights", 1.0) else sp.S.Zero
-    return law(load) if own == 0 else law(own + load) - law(own)
-
-
-def weighed(kind: str) -> dict[str, float]:
-    """The shape entry for a kind of data: in absolute data τ holds the links' weight already."""
-    return {"weights": 0.0} if kind == "absolute" else {}
-
-
 def couple(values: Iterable[sp.Expr], other: Iterable[sp.Expr]) -> tuple[sp.Expr, sp.Expr, sp.Expr]:
     """Vector product of two triples."""
     (a, b, c), (x, y, z) = values, other
@@ -108,58 +93,3 @@ def wrench_at(robot: Robot, body: int) -> tuple[sp.Expr, ...]:
         for h in (0, 3)
         for r in range(3)
     )
-
-
-@lru_cache(maxsize=256)
-def weight_load(robot: Robot, joint: int) -> sp.Expr:
-    """Load of the robot file's masses on an actuated joint, −∂U/∂q_j, an expression in q [N or N·m]."""
-    chain = ElasticChain(robot)
-    heavy = {i: link for i, link in enumerate(robot.links) if link.mass}
-    if not any(i >= joint for i in heavy):
-        return sp.S.Zero
-    from symstiff.symbolic.terms import q
-
-    energy, height, upward = sp.S.Zero, sp.S.Zero, _upward(chain)
-    for i in range(1, chain.dof + 1):
-        turned = _about_z(upward, chain.angle(i))
-        height += sum(x * u for x, u in zip(chain.offset(i), turned, strict=True))
-        alpha = chain.rows[i - 1].alpha.sympy()
-        upward = _about_x(turned, alpha)
-        if i in heavy:
-            com = [exact(x) for x in heavy[i].com]
-            own = height + sum(x * u for x, u in zip(com, upward, strict=True))
-            energy += exact(heavy[i].mass) * GRAVITY * own
-    return -sp.diff(energy, q(joint))
-
-
-Triple = tuple[sp.Expr, sp.Expr, sp.Expr]
-
-
-def _upward(chain: ElasticChain) -> Triple:
-    """The world's upward direction in the axes of frame 0."""
-    axes: Triple = (sp.S.Zero, sp.S.Zero, sp.S.One)
-    for motion in chain.base:
-        if motion.kind[0] == "r":
-            angle = motion.value.sympy()
-            axes = (
-                _about_x(axes, angle) if motion.kind == "rx"
-                else _about_z(axes, angle) if motion.kind == "rz"
-                else _about_y(axes, angle)
-            )  # fmt: skip
-    return axes
-
-
-def _about_z(v: Triple, angle: sp.Expr) -> Triple:
-    """Components of v in axes turned about z: Rzᵀ·v."""
-    c, s = sp.cos(angle), sp.sin(angle)
-    return c * v[0] + s * v[1], c * v[1] - s * v[0], v[2]
-
-
-def _about_x(v: Triple, angle: sp.Expr) -> Triple:
-    c, s = sp.cos(angle), sp.sin(angle)
-    return v[0], c * v[1] + s * v[2], c * v[2] - s * v[1]
-
-
-def _about_y(v: Triple, angle: sp.Expr) -> Triple:
-    c, s = sp.cos(angle), sp.sin(angle)
-    return c * v[0] - s * v[2], v[1], c * v[2] + s * v[0]

@@ -1,11 +1,13 @@
 """Friction lags behind the load: Δθ_j = −branch·width/2·h(τ), less deflection on the way up than down.
 
 h is a smooth sign of the load, times |τ/τ₀|^power, or times 1 − (τ/τ₀)² where the loop closes at its ends. The load
-is the one that the experiment adds, or with ``weights`` in the shape the total one, the links' weight included.
+is the one that the experiment adds, or with ``weights`` in the shape the total one, the links' weight included, or
+with ``mass`` that of an arm of so many kilograms where the file tells no masses.
 """
 
 from __future__ import annotations
 
+from symstiff.effects.arm import ASSUMED, TOLD, masses, own_load, weight_load
 from symstiff.effects.base import Effect, Realisation, Scales, Shape, Where
 from symstiff.effects.common import (
     BOTH,
@@ -16,7 +18,6 @@ from symstiff.effects.common import (
     load_of,
     parameter,
     smooth_sign,
-    weight_load,
 )
 from symstiff.robot.schema import Robot
 from symstiff.symbolic.terms import BRANCH, Term, actuated_joint
@@ -30,8 +31,8 @@ SHARP = 0.002
 def _realise(robot: Robot, where: Where, shape: Shape) -> Realisation:
     j = int(where["joint"])
     load, width = load_of(j), exact(shape.get("width", 5.0))
-    if shape.get("weights"):
-        load = load + weight_load(robot, j)
+    if shape.get("weights") or "mass" in shape:
+        load = load + own_load(robot, j, shape)
     loop = parameter(NAME, where, "width", angle_unit(robot, j), 0.0, 5e-3, 5e-5)
     law = -BRANCH * smooth_sign(load, width) / 2
     power, scale = shape.get("power"), shape.get("load", 1.0)
@@ -43,13 +44,16 @@ def _realise(robot: Robot, where: Where, shape: Shape) -> Realisation:
 
 
 def _shapes(robot: Robot, where: Where, scales: Scales) -> tuple[Shape, ...]:
-    top = scales.of(actuated_joint(int(where["joint"])))
+    joint = int(where["joint"])
+    top = scales.of(actuated_joint(joint))
     widths = [float(f"{f * top:.3g}") for f in WIDTHS]
     found: list[Shape] = [{"width": s, "load": top, "power": p} for s in widths for p in POWERS]
+    narrow = found[: len(POWERS)]
     found.append({"width": float(f"{SHARP * top:.3g}"), "load": top, "power": 0.0})
+    if scales.kind == "deflection" and weight_load(robot, joint) != 0:
+        found += [{**s, "weights": 1.0} for s in found]
+    found += [{**s, "mass": mass} for mass in masses(robot, joint, scales) for s in narrow]
     found.append({"width": widths[0], "loop": float(f"{1.05 * top:.3g}")})
-    if scales.kind == "deflection" and weight_load(robot, int(where["joint"])) != 0:
-        found += [{**s, "weights": 1.0} for s in found if "loop" not in s]
     return tuple(found)
 
 
@@ -66,6 +70,7 @@ EFFECT = Effect(
     separated_by="poses in which the neighbouring joints carry loads in other proportions",
     told={
         "width": "turning over within ± {} LOAD", "load": "load over {} LOAD", "power": "to the power {}",
-        "loop": "closed at {} LOAD", "weights": "links' weight counted",
+        "loop": "closed at {} LOAD", "weights": "links' weight counted", **TOLD,
     },
+    assumed=ASSUMED,
 )  # fmt: skip

@@ -3,13 +3,15 @@
 Without a shape the polynomial with c₂ and c₃. Profiled shapes have one parameter c, Δθ_j = c·τ₀·h(τ/τ₀),
 with h = sign(x)|x|^power (smooth near zero), x − clip(x, −1, 1) beyond a knee at τ₀, or tanh x; c is a slope
 in rad/(N·m) whatever the shape. Where masses are known, τ is the total load and what its weight does alone is
-taken away; with ``weights = 0`` in the shape τ is the load that the experiment adds.
+taken away; with ``weights = 0`` in the shape τ is the load that the experiment adds, with ``mass`` that load and
+the weight of an arm of so many kilograms.
 """
 
 from __future__ import annotations
 
 import sympy as sp
 
+from symstiff.effects.arm import ASSUMED, TOLD, masses, most_arm_load, of_total_load, weighed, weight_load
 from symstiff.effects.base import Effect, Realisation, Scales, Shape, Where
 from symstiff.effects.common import (
     BOTH,
@@ -17,11 +19,8 @@ from symstiff.effects.common import (
     compliance_unit,
     exact,
     joints,
-    of_total_load,
     parameter,
     size,
-    weighed,
-    weight_load,
 )
 from symstiff.robot.schema import Robot
 from symstiff.symbolic.terms import Term, actuated_joint
@@ -79,7 +78,17 @@ def _shapes(robot: Robot, where: Where, scales: Scales) -> tuple[Shape, ...]:
         readings.append(
             {"weights": 0.0}
         )  # a balancer may carry the weight: the gear then sees the load alone
-    return tuple({**shape, **reading} for reading in readings for shape in found)
+    known = tuple({**shape, **reading} for reading in readings for shape in found)
+    return known + tuple(s for m in masses(robot, joint, scales) for s in _under(m, robot, joint, top))
+
+
+def _under(mass: float, robot: Robot, joint: int, top: float) -> tuple[Shape, ...]:
+    """The shapes under an arm whose masses are not known."""
+    most = float(f"{top + mass * most_arm_load(robot, joint):.3g}")
+    found = [{"load": most, "power": p} for p in POWERS[:2]]
+    found += [{"load": float(f"{f * most:.3g}"), "knee": 1.0} for f in KNEES[::3]]
+    found += [{"load": float(f"{f * most:.3g}"), "saturation": 1.0} for f in SATURATIONS[::2]]
+    return tuple({**shape, "mass": mass} for shape in found)
 
 
 EFFECT = Effect(
@@ -96,6 +105,7 @@ EFFECT = Effect(
     separated_by="several load levels at one pose, and the same load at several angles of the joint",
     told={
         "load": "load over {} LOAD", "power": "to the power {}", "knee": "two slopes that meet at one",
-        "saturation": "saturating beyond one", "weights": "",
+        "saturation": "saturating beyond one", "weights": "", **TOLD,
     },
+    assumed=ASSUMED,
 )  # fmt: skip

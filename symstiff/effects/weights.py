@@ -2,13 +2,11 @@
 
 from __future__ import annotations
 
+from symstiff.effects.arm import heaviest
 from symstiff.effects.base import Realisation, Where
 from symstiff.effects.common import GRAVITY, XYZ, couple, parameter
 from symstiff.robot.schema import Robot
 from symstiff.symbolic.terms import Term, VirtualJoint, up
-
-DENSEST = 50.0
-"""No body of a robot is heavier than this [kg/m³] times the cube of its reach: a UR10 has 8 in all, a KR 270 35."""
 
 
 def weight(effect: str, where: Where, robot: Robot, body: int, lightest: float) -> Realisation:
@@ -17,9 +15,9 @@ def weight(effect: str, where: Where, robot: Robot, body: int, lightest: float) 
     The force is −m·g·up, the moment about the frame's origin is −g·(m·c) × up.
     """
     upward = [up(body, k) for k in (1, 2, 3)]
-    heaviest = max(DENSEST * robot.reach**3, 1.0)
-    farthest = heaviest * robot.reach / 4
-    mass = parameter(effect, where, "m", "kg", max(lightest, -heaviest), heaviest, 1.0)
+    most = heaviest(robot)
+    farthest = most * robot.reach / 4
+    mass = parameter(effect, where, "m", "kg", max(lightest, -most), most, 1.0)
     terms = [Term(mass.name, VirtualJoint("body", body, k), -GRAVITY * u) for k, u in enumerate(upward, 1)]
     moments = [parameter(effect, where, f"m{x}", "kg*m", -farthest, farthest, 0.5) for x in XYZ]
     for k, moment in enumerate(moments):

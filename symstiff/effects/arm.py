@@ -1,0 +1,162 @@
+"""The weight of the arm as load on its joints: of the masses in the robot file, or of what an arm may weigh.
+
+A gear sees the sum of all loads. Deflections show what the experiment's load adds to the weight's, so a law that is
+not linear needs the weight. Where the file tells no masses, a few are tried, each spread evenly along the arm.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from functools import lru_cache
+
+import numpy as np
+import sympy as sp
+
+from symstiff.effects.base import Scales, Shape
+from symstiff.effects.common import GRAVITY, exact, load_of
+from symstiff.robot.schema import Robot
+from symstiff.symbolic.chain import ElasticChain
+from symstiff.symbolic.terms import actuated_joint, q
+
+Triple = tuple[sp.Expr, sp.Expr, sp.Expr]
+
+MOMENTS = (0.3, 0.9, 2.7)
+"""Largest moment of an arm whose masses are not known, over that of the loads: smooth laws are alike within a step."""
+NEARER = (0.3, 0.52, 0.9, 1.56, 2.7, 4.7)
+"""The same for laws that jump."""
+DENSEST = 50.0
+"""No body of a robot is heavier than this [kg/m³] times the cube of its reach: a UR10 has 8 in all, a KR 270 35."""
+TOLD = {"mass": "under an arm of {} kg"}
+ASSUMED = {
+    "mass": "the robot file tells no masses, so the law was taken under an arm of {} kg, spread evenly along it; "
+    "masses in the file would tell what the joint carries"
+}
+"""What a shape's ``mass`` means, and takes for granted."""
+_SHORTEST = 1e-6
+"""Length of an arm without lengths [m]."""
+_POSES = 500
+_NO_LOAD = 1e-6
+"""Load of a kilogram that is rounding: the joint's axis is upright [N or N·m]."""
+
+
+def of_total_load(law: Callable[[sp.Expr], sp.Expr], robot: Robot, joint: int, shape: Shape) -> sp.Expr:
+    """A law of a joint's total load as what a deflection shows of it: law(τ_weight + τ) − law(τ_weight)."""
+    load, own = load_of(joint), own_load(robot, joint, shape)
+    return law(load) if own == 0 else law(own + load) - law(own)
+
+
+def own_load(robot: Robot, joint: int, shape: Shape) -> sp.Expr:
+    """Load of the arm's weight on a joint, as a shape takes it [N or N·m].
+
+    Of the file's masses; none with ``weights = 0``; with ``mass`` that of an arm of so many kilograms.
+    """
+    if "mass" in shape:
+        return exact(shape["mass"]) * arm_load(robot, joint)
+    return weight_load(robot, joint) if shape.get("weights", 1.0) else sp.S.Zero
+
+
+def weighed(kind: str) -> dict[str, float]:
+    """The shape entry for a kind of data: in absolute data τ holds the links' weight already."""
+    return {"weights": 0.0} if kind == "absolute" else {}
+
+
+def masses(
+    robot: Robot, joint: int, scales: Scales, moments: tuple[float, ...] = MOMENTS
+) -> tuple[float, ...]:
+    """Masses [kg] to be tried for an arm whose file tells none; none where they do not load the joint."""
+    known = any(link.mass for link in robot.links)
+    if known or scales.kind == "absolute" or not most_arm_load(robot, joint):
+        return ()
+    top = scales.of(actuated_joint(joint))
+    tried = (moment * top / most_arm_load(robot, joint) for moment in moments)
+    return tuple(float(f"{mass:.2g}") for mass in tried if mass < heaviest(robot))
+
+
+def heaviest(robot: Robot) -> float:
+    """What no body of a robot weighs more than [kg]."""
+    return max(DENSEST * robot.reach**3, 1.0)
+
+
+@lru_cache(maxsize=256)
+def weight_load(robot: Robot, joint: int) -> sp.Expr:
+    """Load of the robot file's masses on an actuated joint, −∂U/∂q_j, an expression in q [N or N·m]."""
+    heavy = {i: link for i, link in enumerate(robot.links) if link.mass}
+    bodies = {i: (exact(link.mass), tuple(map(exact, link.com))) for i, link in heavy.items()}
+    return _load_of_bodies(ElasticChain(robot), joint, bodies)
+
+
+@lru_cache(maxsize=256)
+def arm_load(robot: Robot, joint: int) -> sp.Expr:
+    """The same of one kilogram that is spread evenly along the arm, from frame 0 to the tool.
+
+    Half of a stretch between two frames hangs at either of them, which loads the joints as an even rod does.
+    """
+    chain = ElasticChain(robot)
+    tip = chain.tool_offset()
+    ends = [(row.a.sympy(), row.d.sympy()) for row in chain.rows] + [tip]
+    stretches = [float(sp.sqrt(sum(x**2 for x in end))) for end in ends]
+    half = [exact(f"{x / (2.0 * max(sum(stretches), _SHORTEST)):.4f}") for x in stretches]
+    n = chain.dof
+    bodies = {i: (half[i - 1] + half[i], (sp.S.Zero,) * 3) for i in range(1, n)}
+    last = half[n - 1] + 2 * half[n]
+    bodies[n] = (last, tuple(x * half[n] / last for x in tip) if last else (sp.S.Zero,) * 3)
+    return _load_of_bodies(chain, joint, bodies)
+
+
+@lru_cache(maxsize=256)
+def most_arm_load(robot: Robot, joint: int) -> float:
+    """The largest size of ``arm_load`` in random poses within the joints' limits [N or N·m]; 0 for rounding."""
+    names = [q(i + 1) for i in range(robot.dof)]
+    low, high = np.array([j.range for j in robot.joint], dtype=float).T
+    poses = np.random.default_rng(0).uniform(low, high, (_POSES, robot.dof))
+    load = sp.lambdify(names, arm_load(robot, joint), "numpy")(*poses.T)
+    found = float(np.max(np.abs(load)))
+    return found if found > _NO_LOAD else 0.0
+
+
+def _load_of_bodies(
+    chain: ElasticChain, joint: int, bodies: Mapping[int, tuple[sp.Expr, tuple[sp.Expr, ...]]]
+) -> sp.Expr:
+    """−∂U/∂q_j of masses [kg] with their centres in the DH frame of their body [m]."""
+    if not any(i >= joint for i in bodies):
+        return sp.S.Zero
+    energy, height, upward = sp.S.Zero, sp.S.Zero, _upward(chain)
+    for i in range(1, chain.dof + 1):
+        turned = _about_z(upward, chain.angle(i))
+        height += sum(x * u for x, u in zip(chain.offset(i), turned, strict=True))
+        upward = _about_x(turned, chain.rows[i - 1].alpha.sympy())
+        if i in bodies:
+            mass, centre = bodies[i]
+            own = height + sum(x * u for x, u in zip(centre, upward, strict=True))
+            energy += mass * GRAVITY * own
+    return -sp.diff(energy, q(joint))
+
+
+def _upward(chain: ElasticChain) -> Triple:
+    """The world's upward direction in the axes of frame 0."""
+    axes: Triple = (sp.S.Zero, sp.S.Zero, sp.S.One)
+    for motion in chain.base:
+        if motion.kind[0] == "r":
+            angle = motion.value.sympy()
+            axes = (
+                _about_x(axes, angle) if motion.kind == "rx"
+                else _about_z(axes, angle) if motion.kind == "rz"
+                else _about_y(axes, angle)
+            )  # fmt: skip
+    return axes
+
+
+def _about_z(v: Triple, angle: sp.Expr) -> Triple:
+    """Components of v in axes turned about z: Rzᵀ·v."""
+    c, s = sp.cos(angle), sp.sin(angle)
+    return c * v[0] + s * v[1], c * v[1] - s * v[0], v[2]
+
+
+def _about_x(v: Triple, angle: sp.Expr) -> Triple:
+    c, s = sp.cos(angle), sp.sin(angle)
+    return v[0], c * v[1] + s * v[2], c * v[2] - s * v[1]
+
+
+def _about_y(v: Triple, angle: sp.Expr) -> Triple:
+    c, s = sp.cos(angle), sp.sin(angle)
+    return c * v[0] - s * v[2], v[1], c * v[2] + s * v[0]

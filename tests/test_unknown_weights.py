@@ -1,0 +1,112 @@
+"""Gears see the weight of the arm, whether the robot file tells it or not."""
+
+from __future__ import annotations
+
+import itertools
+from typing import Any
+
+import numpy as np
+import pytest
+import sympy as sp
+
+from symstiff.calibration.measurements import Measurements, measurements
+from symstiff.calibration.simulation import Effect, Truth, clean_response, nominal_truth
+from symstiff.calibration.simulation.chain import chain_of
+from symstiff.calibration.simulation.chain import posture as posture_of
+from symstiff.discrepancy.workflow import Task, run
+from symstiff.effects.arm import MOMENTS, arm_load, heaviest, masses, most_arm_load
+from symstiff.effects.base import Scales, find
+from symstiff.robot import Robot, load
+from symstiff.symbolic.terms import actuated_joint, q
+
+SIGMA = 2e-5
+STEP = 1e-6
+LOADS = {"backlash": (0.33, 0.67, 1.0), "nonlinear_stiffness": (0.33, 0.67, 1.0)}
+UP_AND_DOWN = (0.33, 0.67, 1.0, 0.67, 0.33)
+
+
+def without_masses(robot: Robot) -> Robot:
+    """The robot as a file without masses would tell it."""
+    none = {"mass": 0.0, "com": (0.0, 0.0, 0.0)}
+    bare = [j.model_copy(update={"link": j.link.model_copy(update=none)}) for j in robot.joint]
+    return robot.model_copy(update={"joint": tuple(bare)})
+
+
+def experiment(effect: str, joint: int, shape: str, sizes: dict[str, Any]) -> Measurements:
+    """Deflections of a UR10 with its weights, under forces in random directions, with a hidden effect."""
+    robot, rng = load("ur10"), np.random.default_rng(1)
+    levels = LOADS.get(effect, UP_AND_DOWN)
+    n, poses = len(levels), 30
+    angles = np.array([[rng.uniform(-2.8, 2.8) for _ in robot.joint] for _ in range(poses)])
+    direction = rng.normal(size=(poses, 3))
+    direction /= np.linalg.norm(direction, axis=1)[:, None]
+    w = np.array([np.r_[110.0 * f * s, 0, 0, 0] for f in direction for s in levels])
+    more = {} if n == 3 else {"branch": np.tile([1, 1, 1, -1, -1], poses)}
+    states = np.repeat(angles, n, axis=0)
+    truth = Truth(robot, nominal_truth(robot), (Effect(effect, {"joint": joint}, shape, sizes),))
+    read = clean_response(truth, states, w, {"kind": "deflection", **more})
+    read[:, :3] += SIGMA * rng.normal(size=(len(w), 3))
+    read[:, 3:] = np.nan
+    return measurements(
+        states, w, values=read, sigma=np.where(np.isnan(read), np.nan, SIGMA),
+        pose=np.repeat(np.arange(poses), n), kind="deflection", joint_units=["rad"] * 6, **more,
+    )  # fmt: skip
+
+
+@pytest.mark.parametrize(
+    ("effect", "joint", "shape", "sizes"),
+    [
+        ("backlash", 2, "tanh", {"gap": 2e-4, "knee": 0.5}),
+        ("nonlinear_stiffness", 2, "polynomial", {"c2": 2e-8}),
+        ("nonlinear_stiffness", 3, "two_slope", {"c": 8e-6, "knee": 60.0}),
+        ("hysteresis", 3, "constant", {"width": 2e-4, "knee": 3.0}),
+    ],
+)
+def test_gears_are_named_where_the_file_tells_no_masses(
+    effect: str, joint: int, shape: str, sizes: dict[str, Any]
+) -> None:
+    robot = load("ur10")
+    found = run(Task(without_masses(robot), experiment(effect, joint, shape, sizes)))
+    assert found.verdict == "named"
+    assert [(e.effect, e.where) for e in found.named] == [(effect, {"joint": joint})]
+    weight = sum(link.mass for link in robot.links)
+    assert weight / 4 < found.named[0].shape["mass"] < 4 * weight
+    assert any("the robot file tells no masses" in remark for remark in found.remarks)
+    gap = found.named[0].parameters.get("backlash_2_gap")
+    assert gap is None or gap.value == pytest.approx(2e-4, rel=0.15)
+
+
+@pytest.mark.parametrize("name", ["kuka_kr270", "franka_panda", "puma560", "scara"])
+def test_an_arms_load_is_that_of_an_even_rod(name: str) -> None:
+    """Against the height of the rod's centre in the simulator's geometry, by differences."""
+    robot = load(name)
+    chain = chain_of(robot)
+    at = np.random.default_rng(0).uniform(-1, 1, robot.dof)
+
+    def height(angles: np.ndarray) -> float:
+        found = posture_of(chain, angles[None], np.zeros((1, chain.size)))
+        points = np.vstack([found.after[1][0], found.at(chain.tool)])
+        centre = [(a[2] + b[2]) / 2 for a, b in itertools.pairwise(points)]
+        lengths = [*np.hypot(chain.a, chain.d), np.linalg.norm(chain.tool)]
+        return float(np.dot(lengths, centre) / np.sum(lengths))
+
+    for joint in range(1, robot.dof + 1):
+        step = STEP * np.eye(robot.dof)[joint - 1]
+        expected = -9.80665 * (height(at + step) - height(at - step)) / (2 * STEP)
+        law = sp.lambdify([q(i + 1) for i in range(robot.dof)], arm_load(robot, joint))
+        assert float(law(*at)) == pytest.approx(expected, abs=2e-3)
+
+
+def test_masses_are_tried_where_they_matter_and_are_not_known() -> None:
+    bare = without_masses(load("ur10"))
+    scales = Scales("deflection", {actuated_joint(j): 100.0 for j in range(1, 7)})
+    tried = masses(bare, 2, scales)
+    assert [m * most_arm_load(bare, 2) / 100.0 for m in tried] == pytest.approx(list(MOMENTS), rel=0.05)
+    assert masses(bare, 1, scales) == ()  # an upright axis
+    assert masses(load("ur10"), 2, scales) == ()
+    assert masses(bare, 2, Scales("absolute", scales.load)) == ()
+    assert all(m < heaviest(bare) for j in range(1, 7) for m in masses(bare, j, scales))
+    assert len(masses(bare, 6, Scales("deflection", {actuated_joint(6): 1e5}))) == 0
+    for effect in ("backlash", "hysteresis", "nonlinear_stiffness"):
+        assert any("mass" in s for s in find(effect).shapes(bare, {"joint": 2}, scales))
+        assert not any("mass" in s for s in find(effect).shapes(load("ur10"), {"joint": 2}, scales))
