@@ -218,6 +218,26 @@ def test_noise_has_the_stated_size_and_approach_errors_are_common_to_a_pose():
     assert np.isnan(clean.sigma).all()
 
 
+def test_the_reading_without_load_is_common_to_a_points_deflections_in_a_pose():
+    noise = Noise(sigma_mm=(0.02, 0.02, 0.02), unloaded_mm=(0.1, 0.1, 0.1))
+    table = design(400)
+    table = replace(table, points=("tcp", "p1"), point=np.arange(len(table)) // 2 % 2)
+    for pose in (table.pose, table.pose // 2 * 2):  # one point a pose, then two
+        made = replace(table, pose=pose)
+        clean = simulate(replace(BARE, noise=Noise()), made, 1)
+        error = (simulate(replace(BARE, noise=noise), made, 1).values - clean.values)[:, :3]
+        error = error.reshape(400, 2, 3) * 1e3
+        assert np.allclose((error[:, 0] - error[:, 1]).std(axis=0), np.sqrt(2) * 0.02, rtol=0.15)
+        assert np.allclose(error.mean(axis=1).std(axis=0), 0.1, rtol=0.15)
+        assert abs(np.corrcoef(error[::2].ravel(), error[1::2].ravel())[0, 1]) < 0.1
+    absolute = replace(BARE, kind="absolute")
+    values = [
+        simulate(replace(absolute, noise=n), design(5), 1).values
+        for n in (Noise(), replace(noise, sigma_mm=(0.0,) * 3))
+    ]
+    np.testing.assert_array_equal(*values)
+
+
 @pytest.mark.parametrize(
     ("change", "message"),
     [

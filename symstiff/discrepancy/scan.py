@@ -65,7 +65,7 @@ class Scan:
     @property
     def log_likelihood(self) -> Array:
         """(R,) restricted profile log-likelihood of each sharing."""
-        return _log_likelihood(self, np.array([layer.rss for layer in self.layers]))
+        return log_likelihood(self, np.array([layer.rss for layer in self.layers]))
 
     @property
     def best(self) -> Layer:
@@ -181,7 +181,7 @@ def likely(scan: Scan, by_way: bool = False, within: float = 5.0) -> Mask:
     rss = np.array([layer.rss for layer in scan.layers])
     ways = np.array([layer.sharing.way for layer in scan.layers])
     kept = np.zeros(len(scan.layers), bool)
-    for value in (scan.log_likelihood, _log_likelihood(scan, rss - top)):
+    for value in (scan.log_likelihood, log_likelihood(scan, rss - top)):
         best = np.array([value[ways == way].max() if by_way else value.max() for way in ways])
         kept |= value > best - within
     return kept
@@ -192,7 +192,7 @@ def at_sharings(scan: Scan, keep: Mask) -> Scan:
     return replace(scan, layers=tuple(la for la, k in zip(scan.layers, keep, strict=True) if k))
 
 
-def _log_likelihood(scan: Scan, rss: Array) -> Array:
+def log_likelihood(scan: Scan, rss: Array) -> Array:
     """Restricted log-likelihood with the scale profiled; rss (R, ...) -> (R, ...)."""
     determinant = np.array([layer.determinant for layer in scan.layers])
     shape = (-1,) + (1,) * (rss.ndim - 1)
@@ -216,7 +216,7 @@ def _sum_entries(bank: Bank, squares: Array) -> Array:
 
 def entry_evidence(scan: Scan, squares: Array, rss: Array) -> Array:
     """Evidence of each entry at its likeliest sharing: squares by direction (R, K, B), rss (R, B) -> (S, B)."""
-    weight = _log_likelihood(scan, rss)
+    weight = log_likelihood(scan, rss)
     weight = weight - weight.max(axis=0)
     total = np.full((len(scan.bank.start), squares.shape[2]), -np.inf)
     for r, layer in enumerate(scan.layers):

@@ -10,7 +10,7 @@ import numpy as np
 from symstiff.discrepancy.beside import evidence_beside
 from symstiff.discrepancy.laws import of_load
 from symstiff.discrepancy.problem import Array, Options
-from symstiff.discrepancy.scan import Evidence, Null, Scan, explained, extend, null
+from symstiff.discrepancy.scan import Evidence, Null, Scan, explained, extend, log_likelihood, null
 from symstiff.discrepancy.strata import Stratum
 
 ONE_MORE = float(np.log(0.2))
@@ -161,7 +161,7 @@ def judge(shop: Workshop, proposal: Proposal) -> Judged:
     scale2 = scan.best.rss / max(scan.freedom, 1)
     before = next(layer.rss for layer in shop.start.layers if layer.sharing == scan.best.sharing)
     gained = (before - scan.best.rss) / max(scale2, 1e-300)
-    missed = _missed_share(shop, proposal, scan, gained)
+    missed = _missed_share(shop, proposal, scan)
     rival, who = _rival(shop, proposal)
     further = options.alpha_notable if missed > options.notable else options.alpha_further
     other = options.alpha_notable if missed > options.tolerated_shape else options.alpha_sufficient
@@ -234,16 +234,25 @@ def _shape_explains(shop: Workshop, proposal: Proposal, further: float) -> bool:
     return float(np.max(found)) + float(np.log(0.5 / np.sum(here))) >= further + ONE_MORE
 
 
-def _missed_share(shop: Workshop, proposal: Proposal, scan: Scan, gained: float) -> float:
-    """Share of the explainable signal that the set leaves to the best further candidate, noise deducted."""
-    squares = explained(scan)[int(np.argmax(scan.log_likelihood))]
-    scale2 = scan.best.rss / max(scan.freedom, 1)
-    usable = shop.free(proposal.members)[scan.bank.owner]
-    if not np.any(usable):
+def _missed_share(shop: Workshop, proposal: Proposal, scan: Scan) -> float:
+    """Share of the explainable signal that the set leaves to the best further candidate, noise deducted.
+
+    Under the shared error that is likeliest with that candidate: without it a shared error may take its place.
+    """
+    free = shop.free(proposal.members)
+    if not np.any(free):
         return 0.0
-    noise = scan.best.rank + 3.0 * np.sqrt(2.0 * scan.best.rank) + 4.0
-    further = max(0.0, float(np.max(np.where(usable, squares / scale2 - noise, 0.0))))
-    return further / max(further + gained, 1e-300)
+    found = shop.evidence(proposal.entries)
+    best = int(found.best_entry[int(np.argmax(np.where(free, found.score, -np.inf)))])
+    squares, rss = explained(scan), np.array([layer.rss for layer in scan.layers])
+    r = int(np.argmax(log_likelihood(scan, rss - squares[:, best])))
+    layer, scale2 = scan.layers[r], rss[r] / max(scan.freedom, 1)
+    before = next(start.rss for start in shop.start.layers if start.sharing == layer.sharing)
+    gained = (before - layer.rss) / max(scale2, 1e-300)
+    noise = layer.rank + 3.0 * np.sqrt(2.0 * layer.rank) + 4.0
+    left = np.where(free[scan.bank.owner], squares[r] / max(scale2, 1e-300) - noise, 0.0)
+    further = max(0.0, float(np.max(left)))
+    return float(further / max(further + gained, 1e-300))
 
 
 def _rival(shop: Workshop, proposal: Proposal) -> tuple[float, int]:

@@ -18,7 +18,7 @@ from symstiff.model import StiffnessModel
 from symstiff.reduction.reduce import reduce
 from symstiff.robot import Robot, load
 from tests.blind.lacking import rigid_links, without
-from tests.blind.nuisance import Whitener, drawn
+from tests.blind.nuisance import Whitener, drawn, torques_of_weights, weighing
 from tests.blind.stories import BAD_POSE, ONE, OUTSIDE, Draw, Story, Where
 
 FORCE = {"kuka_kr270": 2200.0, "ur10": 110.0, "franka_panda": 50.0, "scara": 60.0}
@@ -27,6 +27,8 @@ CLASSES = ("nothing", "one", "two", "outside", "confounded", "untestable", "bad_
 SHARES = (0.22, 0.42, 0.12, 0.12, 0.04, 0.04, 0.04)
 GEOMETRY = 1.5
 """Noncentrality that the second-order geometry of the deflection may have where it is not the story."""
+WEIGHING = 0.5
+"""Part of the deflections whose arm weighs something that the robot file could tell and does not."""
 LEAST_FREEDOM = 30
 _TRIES = 60
 _SMALL = 0.02
@@ -83,6 +85,8 @@ class _Scene:
     """A design before anything is hidden; ``basis`` spans the current model, whitened."""
 
     robot: Robot
+    body: Robot
+    """The same with what its links weigh, where the file does not tell."""
     values: dict[str, float]
     table: Measurements
     noise: Noise
@@ -165,7 +169,7 @@ def _case(
     if any(story.context == "heavy" for story, _, _ in made):
         found = (*found, geometry)
     stated = float(rng.choice([1.0, 1.0, 1.0, 0.8, 1.2]))
-    truth = Truth(scene.robot, base, effects, scene.noise)
+    truth = Truth(scene.body, base, effects, scene.noise)
     table = simulate(truth, scene.table, int(rng.integers(2**31)))
     size = float(np.sqrt(np.mean(scene.spread**2)))
     table = replace(table, sigma=np.where(table.measured, size * stated, np.nan))
@@ -190,6 +194,8 @@ def _described(scene: _Scene, size: float) -> dict[str, Any]:
         "sigma_mm": size * 1e3,
         "approach_mm": float(scene.noise.approach_mm[0]),
         "approach_mrad": float(scene.noise.approach_mrad),
+        "unloaded_mm": float(scene.noise.unloaded_mm[0]),
+        "weighs": sum(link.mass for link in scene.body.links) if scene.body is not scene.robot else 0.0,
         "freedom": 3 * len(table) - scene.basis.shape[1],
         "branch": bool(np.isfinite(table.branch).any()),
         "clock": bool(np.isfinite(table.time).any()),
@@ -223,7 +229,9 @@ def _scene(stories: Sequence[Story], rng: np.random.Generator, options: Options)
     model = _complete(robot, loads)
     spread = simulate(Truth(robot, values, (), noise), table, 1).sigma[:, :3]
     white = Whitener(robot, table, noise, spread)
-    bare = _Scene(robot, values, table, noise, loads, model, spread, white, np.ones((1, 1)), np.ones(1))
+    unknown = data == "deflection" and not any(link.mass for link in robot.links)
+    body = weighing(robot, FORCE[robot.name], rng) if unknown and rng.random() < WEIGHING else robot
+    bare = _Scene(robot, body, values, table, noise, loads, model, spread, white, np.ones((1, 1)), np.ones(1))
     return _with_model(bare, model, values)
 
 
@@ -301,7 +309,7 @@ def _values(scene: _Scene, values: dict[str, float], effects: Sequence[Effect]) 
     """Noise-free values (rows, 6), positions only."""
     table = scene.table
     fields = ("points", "point", "labels", "pose", "time", "temperature", "branch")
-    truth = Truth(scene.robot, values, tuple(effects))
+    truth = Truth(scene.body, values, tuple(effects))
     found = clean_response(
         truth, table.q, table.w, {"kind": table.kind, **{name: getattr(table, name) for name in fields}}
     )
@@ -347,6 +355,8 @@ def _draw(scene: _Scene, rng: np.random.Generator) -> Draw:
     found = assemble(scene.model, replace(scene.table, values=_values(scene, scene.values, ())), effects=())
     tau = np.abs(found.situation.view.tau).max(axis=0)
     torque = tau[[k for k, v in enumerate(found.situation.view.joints) if v.kind == "joint"]]
+    if scene.body is not scene.robot:
+        torque = torque + torques_of_weights(scene.body, scene.table)
     span = float(np.nanmax(scene.table.time)) if np.isfinite(scene.table.time).any() else 1.0
     force = float(np.linalg.norm(scene.table.w[:, :3], axis=1).max())
     angles = np.unique(scene.table.q[:, 1])

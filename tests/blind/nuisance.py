@@ -1,4 +1,4 @@
-"""What no table tells: noise that differs by axis and distance, and how the robot misses its poses."""
+"""What no table tells: noise that differs by axis and distance, how the robot misses its poses, what its arm weighs."""
 
 from __future__ import annotations
 
@@ -7,12 +7,19 @@ from scipy.spatial.transform import Rotation
 
 from symstiff.calibration.measurements import Measurements
 from symstiff.calibration.simulation import Device, Noise, Truth, clean_response
+from symstiff.calibration.simulation.chain import joint_index, posture
+from symstiff.calibration.simulation.equilibrium import States, loads
+from symstiff.calibration.simulation.experiment import prepare
 from symstiff.robot import Robot
 
 APPROACH = (0.0, 0.3, 0.3, 1.0, 3.0)
 """Error that the rows of a pose share, of every axis, in units of sigma."""
 JOINTS = (0.0, 0.0, 0.0, 1.0, 3.0)
 """The same as of joints that stand elsewhere, root mean square at the tool."""
+UNLOADED = (0.0, 0.35, 1.0)
+"""The same as of each point's reading without load: one of several repeats, or as good as any other."""
+HEAVY = (2.0, 5.0)
+"""What an arm weighs, over the force that it is made for."""
 _STEP = 1e-5
 
 
@@ -25,10 +32,34 @@ def drawn(robot: Robot, table: Measurements, rng: np.random.Generator) -> Noise:
     if joints:
         per_unit = np.sqrt(np.mean(np.sum(readings_of_joints(robot, table) ** 2, axis=2)))
         angle = joints * sigma / float(per_unit)  # mm over m/rad: mrad
+    before = float(rng.choice(UNLOADED)) if table.kind == "deflection" else 0.0
     return Noise(
         (x, y, z), growth_ppm=float(rng.uniform(0, 80 * sigma)), approach_mm=(shared * sigma,) * 3,
-        approach_mrad=angle, quantum_mm=0.001,
+        approach_mrad=angle, unloaded_mm=(before * sigma,) * 3, quantum_mm=0.001,
     )  # fmt: skip
+
+
+def weighing(robot: Robot, force: float, rng: np.random.Generator) -> Robot:
+    """The robot with weights [kg] on its links that its file does not tell: in random shares, near the frames."""
+    share = np.exp(0.7 * rng.normal(size=robot.dof))
+    mass = float(rng.uniform(*HEAVY)) * force / 9.81 * share / share.sum()
+    centre = 0.06 * robot.reach * rng.normal(size=(robot.dof, 3))
+    heavy = [{"mass": float(m), "com": tuple(map(float, c))} for m, c in zip(mass, centre, strict=True)]
+    joints = (
+        j.model_copy(update={"link": j.link.model_copy(update=own)})
+        for j, own in zip(robot.joint, heavy, strict=True)
+    )
+    return robot.model_copy(update={"joint": tuple(joints)})
+
+
+def torques_of_weights(body: Robot, table: Measurements) -> np.ndarray:
+    """(n,) largest load of the links' weights on each joint in the table's poses."""
+    mechanism = prepare(Truth(body, {}, ())).mechanism
+    none = np.zeros(len(table))
+    states = States(table.q, 0.0 * table.w, none, none, none, none)
+    rigid = posture(mechanism.chain, table.q, np.zeros((len(table), mechanism.chain.size)))
+    found = np.abs(loads(mechanism, states, rigid)).max(axis=0)
+    return np.asarray(found[[joint_index(j) for j in range(1, body.dof + 1)]])
 
 
 def readings_of_joints(robot: Robot, table: Measurements) -> np.ndarray:
@@ -54,12 +85,13 @@ class Whitener:
         """``spread`` (rows, 3): each row's own standard deviation [m]."""
         self._spread = spread
         axes = np.broadcast_to(np.diag(1e-3 * np.array(noise.approach_mm)), (len(spread), 3, 3))
-        shared = axes
+        shared = [axes]
         if noise.approach_mrad:
-            shared = np.concatenate(
-                [axes, 1e-3 * noise.approach_mrad * readings_of_joints(robot, table)], axis=2
-            )
-        shared = shared / spread[:, :, None]
+            shared.append(1e-3 * noise.approach_mrad * readings_of_joints(robot, table))
+        if any(noise.unloaded_mm):
+            own = np.diag(1e-3 * np.array(noise.unloaded_mm))
+            shared += [own * (table.point == k)[:, None, None] for k in range(len(table.points))]
+        shared = np.concatenate(shared, axis=2) / spread[:, :, None]
         self._blocks = []
         for pose in np.unique(table.pose):
             rows = np.flatnonzero(table.pose == pose)

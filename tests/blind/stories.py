@@ -28,7 +28,7 @@ class Draw:
     robot: Robot
     values: Mapping[str, float]
     torque: np.ndarray
-    """(n,) largest load on each joint."""
+    """(n,) largest load on each joint, the weight of an arm whose file tells none included."""
     force: float
     """Largest force [N]."""
     span: float

@@ -103,11 +103,14 @@ def simulate(truth: Truth, design: Measurements, seed: int) -> Measurements:
             "every wrench is zero: give the poses table loads (fx[N] …), or measure absolute positions"
         )
     experiment, design = prepare(truth), _in_environment(truth, design)
-    approach, noise = (np.random.default_rng(s) for s in np.random.SeedSequence(seed).spawn(2))
+    approach, noise, unloaded = (np.random.default_rng(s) for s in np.random.SeedSequence(seed).spawn(3))
     group = design.approach
     errors = approach.standard_normal((int(group.max()) + 1, truth.robot.dof + 3))[group]
     values = _clean(experiment, design, kind, errors[:, 3:] * truth.noise.approach_mrad * 1e-3)
     values[:, :3] += errors[:, :3] * np.array(truth.noise.approach_mm) * 1e-3
+    if kind == "deflection":
+        before = unloaded.standard_normal((int(group.max()) + 1, len(design.points), 3))[group, design.point]
+        values[:, :3] -= before * np.array(truth.noise.unloaded_mm) * 1e-3
     deviation = _deviation(truth.noise, truth.device, experiment.mechanism.chain, design)
     values += deviation * noise.standard_normal(values.shape)
     if truth.noise.quantum_mm > 0:

@@ -24,6 +24,7 @@
     growth_ppm = 5.0                     # added in quadrature: ppm of the distance from the device
     approach_mm = 0.01                   # shift common to all rows of one pose (and repeat); or [x, y, z]
     approach_mrad = 0.0                  # error of every joint, common to the loaded rows of one pose
+    unloaded_mm = 0.0                    # of the reading without load, common to a point's deflections of a pose
     quantum_mm = 0.0                     # readings are rounded to this
     stated = 1.0                         # sigma columns: the true deviation times this; 0: none
 
@@ -73,6 +74,7 @@ class Noise:
     growth_ppm: float = 0.0
     approach_mm: Triple = (0.0, 0.0, 0.0)
     approach_mrad: float = 0.0
+    unloaded_mm: Triple = (0.0, 0.0, 0.0)
     quantum_mm: float = 0.0
     stated: float = 1.0
 
