@@ -17,6 +17,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from symstiff.errors import UserError
+from symstiff.model import joints_only
 from symstiff.robot import from_table, library, load, parse, parse_exact
 
 GOOD = """
@@ -211,6 +212,13 @@ def test_a_place_without_a_robot_is_named(tmp_path: Path) -> None:
         with pytest.raises(UserError) as caught:
             load(name)
         assert str(caught.value).isprintable()
+
+
+def test_a_model_in_the_place_of_a_robot_is_told_where_to_go(tmp_path: Path) -> None:
+    file = tmp_path / "model.toml"
+    joints_only(load("planar2r")).save(file)
+    with pytest.raises(UserError, match=r"model\.toml: is a model, not a robot: .* --start"):
+        load(file)
 
 
 def test_a_robot_file_is_loaded_by_its_path(tmp_path: Path) -> None:

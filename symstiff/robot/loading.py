@@ -90,6 +90,11 @@ def toml_table(
 
 def from_table(table: dict[str, Any], origin: str = "robot") -> Robot:
     """Validate a robot given as nested dictionaries. Raises UserError."""
+    if "robot" in table and "parameters" in table:
+        raise UserError(
+            f"{printable(origin)}: is a model, not a robot: name the robot or its file, and give the model with "
+            "--model (generate) or --start (identify, diagnose)"
+        )
     try:
         return Robot.model_validate(table)
     except ValidationError as error:
