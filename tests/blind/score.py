@@ -111,6 +111,10 @@ def bars(rows: Sequence[Row]) -> dict[str, dict[str, Any]]:
     def of(kind: str) -> Select:
         return lambda r: r["kind"] == kind
 
+    def repeated(row: Row) -> bool:
+        """Of one load a pose, what a pose's rows share is noise like any other, and none of the stated one."""
+        return bool(row["design"]["levels"] > 1)
+
     def spoke(row: Row) -> float:
         return float(row["spoke"])
 
@@ -147,10 +151,12 @@ def bars(rows: Sequence[Row]) -> dict[str, dict[str, Any]]:
             rows, lambda r: r["kind"] == "confounded", lambda r: float(r["outcome"] in ("right", "half"))
         ),
         "sigma misstated: noticed": share(
-            rows, lambda r: r["stated"] != 1.0 and r["design"]["freedom"] > 150, lambda r: float(r["noticed"])
+            rows,
+            lambda r: r["stated"] != 1.0 and r["design"]["freedom"] > 150 and repeated(r),
+            lambda r: float(r["noticed"]),
         ),
         "sigma stated right: called misstated": share(
-            rows, lambda r: r["stated"] == 1.0, lambda r: float(r["noticed"])
+            rows, lambda r: r["stated"] == 1.0 and repeated(r), lambda r: float(r["noticed"])
         ),
     }  # fmt: skip
     closures = sorted(r["closure"] for r in rows if r["closure"] is not None and r["outcome"] == "right")
