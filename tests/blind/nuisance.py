@@ -40,10 +40,10 @@ def drawn(robot: Robot, table: Measurements, rng: np.random.Generator) -> Noise:
 
 
 def weighing(robot: Robot, force: float, rng: np.random.Generator) -> Robot:
-    """The robot with weights [kg] on its links that its file does not tell: in random shares, near the frames."""
-    share = np.exp(0.7 * rng.normal(size=robot.dof))
+    """The robot with weights [kg] on its links that its file does not tell: near the frames, less towards the tool."""
+    share = np.arange(robot.dof, 0, -1) * np.exp(0.5 * rng.normal(size=robot.dof))
     mass = float(rng.uniform(*HEAVY)) * force / 9.81 * share / share.sum()
-    centre = 0.06 * robot.reach * rng.normal(size=(robot.dof, 3))
+    centre = 0.02 * robot.reach * rng.normal(size=(robot.dof, 3))
     heavy = [{"mass": float(m), "com": tuple(map(float, c))} for m, c in zip(mass, centre, strict=True)]
     joints = (
         j.model_copy(update={"link": j.link.model_copy(update=own)})
