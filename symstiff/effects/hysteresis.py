@@ -2,8 +2,7 @@
 
 h is a smooth sign of the load, times |τ/τ₀|^power, or times 1 − (τ/τ₀)² where the loop closes at its ends. The load
 is the one that the experiment adds, or with ``weights`` in the shape the total one, the links' weight included, or
-with ``mass`` that of an arm of so many kilograms where the file tells no masses, or it does not turn over at all, as
-where a weight that is not known keeps it on one ``side``.
+with ``mass`` that of an arm of so many kilograms where the file tells no masses.
 """
 
 from __future__ import annotations
@@ -35,8 +34,7 @@ def _realise(robot: Robot, where: Where, shape: Shape) -> Realisation:
     if shape.get("weights") or "mass" in shape:
         load = load + own_load(robot, j, shape)
     loop = parameter(NAME, where, "width", angle_unit(robot, j), 0.0, 5e-3, 5e-5)
-    side = exact(shape["side"]) if "side" in shape else smooth_sign(load, width)
-    law = -BRANCH * side / 2
+    law = -BRANCH * smooth_sign(load, width) / 2
     power, scale = shape.get("power"), shape.get("load", 1.0)
     if power:
         law *= ((load / exact(scale)) ** 2 + NEAR_ZERO**2) ** (exact(power) / 2)
@@ -59,8 +57,6 @@ def _shapes(robot: Robot, where: Where, scales: Scales) -> tuple[Shape, ...]:
     for mass in masses(robot, joint, scales):
         most = top + mass * most_arm_load(robot, joint)
         found += [{**s, "mass": mass} for s in (*narrow, {**closed, "loop": float(f"{1.05 * most:.3g}")})]
-    if not any(link.mass for link in robot.links):
-        found += [{"side": 1.0}, {"side": -1.0}]
     return tuple(found)
 
 
@@ -77,8 +73,7 @@ EFFECT = Effect(
     separated_by="poses in which the neighbouring joints carry loads in other proportions",
     told={
         "width": "turning over within ± {} LOAD", "load": "load over {} LOAD", "power": "to the power {}",
-        "loop": "closed at {} LOAD", "weights": "links' weight counted",
-        "side": "loaded from one side", **TOLD,
+        "loop": "closed at {} LOAD", "weights": "links' weight counted", **TOLD,
     },
     assumed=ASSUMED,
 )  # fmt: skip
