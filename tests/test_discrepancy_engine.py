@@ -339,3 +339,24 @@ def test_more_columns_or_a_higher_bar_need_a_larger_effect(score: float, rank: i
     base = detectable_noncentrality(score, -4.0, float(rank), freedom)
     assert detectable_noncentrality(score + 1.0, -4.0, float(rank), freedom) > base
     assert base > 0
+
+
+def test_what_a_set_misses_is_judged_under_the_shared_error_that_is_left_with_it() -> None:
+    """Beside one effect a second passes for joints that stand elsewhere; with it in the model they do not."""
+    problem = arm().problem
+    J, q = problem.J, problem.q
+    assert J is not None
+    assert q is not None
+
+    def turning(v: int) -> Array:
+        return np.asarray(J[:, v] * np.sin(3 * q[:, v]))
+
+    unit = (Parameter("size", "rad", -1e-2, 1e-2),)
+    angles = [
+        Candidate("angle", {"joint": v + 1}, unit, lambda _, v=v: turning(v)[:, None]) for v in range(3)
+    ]
+    both = scaled(problem, saturating(problem, 1), 400.0) + scaled(problem, turning(0), 100.0)
+    d = diagnose(measured(problem, both), (*catalogue(problem), *angles), QUICK)
+    assert d.verdict == "named"
+    found = {(name.effect, name.where["joint"]) for name, _, _ in d.leading}
+    assert found == {("bend", 2), ("angle", 1)}
