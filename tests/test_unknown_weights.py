@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import itertools
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -13,8 +14,10 @@ from symstiff.calibration.measurements import Measurements, measurements
 from symstiff.calibration.simulation import Effect, Truth, clean_response, nominal_truth
 from symstiff.calibration.simulation.chain import chain_of
 from symstiff.calibration.simulation.chain import posture as posture_of
+from symstiff.discrepancy import workflow
+from symstiff.discrepancy.result import Diagnosis
 from symstiff.discrepancy.workflow import Task, run
-from symstiff.effects.arm import MOMENTS, arm_load, heaviest, masses, most_arm_load
+from symstiff.effects.arm import MOMENTS, arm_load, assumed_arms, heaviest
 from symstiff.effects.base import Scales, find
 from symstiff.robot import Robot, load
 from symstiff.symbolic.terms import actuated_joint, q
@@ -110,13 +113,34 @@ def test_an_arms_load_is_that_of_an_even_rod(name: str) -> None:
 def test_masses_are_tried_where_they_matter_and_are_not_known() -> None:
     bare = without_masses(load("ur10"))
     scales = Scales("deflection", {actuated_joint(j): 100.0 for j in range(1, 7)})
-    tried = masses(bare, 2, scales)
-    assert [m * most_arm_load(bare, 2) / 100.0 for m in tried] == pytest.approx(list(MOMENTS), rel=0.05)
-    assert masses(bare, 1, scales) == ()  # an upright axis
-    assert masses(load("ur10"), 2, scales) == ()
-    assert masses(bare, 2, Scales("absolute", scales.load)) == ()
-    assert all(m < heaviest(bare) for j in range(1, 7) for m in masses(bare, j, scales))
-    assert len(masses(bare, 6, Scales("deflection", {actuated_joint(6): 1e5}))) == 0
+    most = [largest for _, largest in assumed_arms(bare, 2, scales)]
+    assert most == pytest.approx([100.0 * (1.0 + m) for m in MOMENTS], rel=0.05)
+    assert assumed_arms(bare, 1, scales) == ()  # an upright axis
+    assert assumed_arms(load("ur10"), 2, scales) == ()
+    assert assumed_arms(bare, 2, Scales("absolute", scales.load)) == ()
+    assert all(m < heaviest(bare) for j in range(1, 7) for m, _ in assumed_arms(bare, j, scales))
+    assert assumed_arms(bare, 6, Scales("deflection", {actuated_joint(6): 1e5})) == ()
     for effect in ("backlash", "hysteresis", "nonlinear_stiffness"):
         assert any("mass" in s for s in find(effect).shapes(bare, {"joint": 2}, scales))
         assert not any("mass" in s for s in find(effect).shapes(load("ur10"), {"joint": 2}, scales))
+
+
+def test_what_is_assumed_is_said_once_and_of_what_the_verdict_counts(monkeypatch: pytest.MonkeyPatch) -> None:
+    table = experiment("backlash", 2, "tanh", {"gap": 2e-4, "knee": 0.5})
+    whole = workflow.diagnose
+
+    def several(*args: Any, **keys: Any) -> Diagnosis:
+        found = whole(*args, **keys)
+        again = tuple(replace(e, set_number=1) for e in found.effects)
+        elsewhere = tuple(replace(e, where={"joint": 3}, set_number=1) for e in found.effects)
+        return replace(found, verdict=verdict, effects=(*found.effects, *again, *elsewhere))
+
+    monkeypatch.setattr(workflow, "diagnose", several)
+    told = {}
+    for verdict in ("named", "ambiguous"):
+        remarks = run(Task(without_masses(load("ur10")), table)).remarks
+        told[verdict] = [r.split(":")[0] for r in remarks if "tells no masses" in r]
+    assert told == {
+        "named": ["backlash at joint 2"],
+        "ambiguous": ["backlash at joint 2", "backlash at joint 3"],
+    }

@@ -10,7 +10,7 @@ import numpy as np
 from symstiff.discrepancy.beside import evidence_beside
 from symstiff.discrepancy.laws import of_load
 from symstiff.discrepancy.problem import Array, Options
-from symstiff.discrepancy.scan import Evidence, Null, Scan, explained, extend, log_likelihood, null
+from symstiff.discrepancy.scan import Evidence, Layer, Null, Scan, explained, extend, log_likelihood, null
 from symstiff.discrepancy.strata import Stratum
 
 ONE_MORE = float(np.log(0.2))
@@ -158,9 +158,7 @@ def judge(shop: Workshop, proposal: Proposal) -> Judged:
     if min(p_named, p_unnamed) < close and max(p_named, p_unnamed) > 1e-5:
         distribution = shop.null(members, entries)
         p_named, p_unnamed = distribution.p_named(named), distribution.p_generic(unnamed)
-    scale2 = scan.best.rss / max(scan.freedom, 1)
-    before = next(layer.rss for layer in shop.start.layers if layer.sharing == scan.best.sharing)
-    gained = (before - scan.best.rss) / max(scale2, 1e-300)
+    gained = _gained(shop, scan, scan.best)
     missed = _missed_share(shop, proposal, scan)
     rival, who = _rival(shop, proposal)
     further = options.alpha_notable if missed > options.notable else options.alpha_further
@@ -246,13 +244,17 @@ def _missed_share(shop: Workshop, proposal: Proposal, scan: Scan) -> float:
     best = int(found.best_entry[int(np.argmax(np.where(free, found.score, -np.inf)))])
     squares, rss = explained(scan), np.array([layer.rss for layer in scan.layers])
     r = int(np.argmax(log_likelihood(scan, rss - squares[:, best])))
-    layer, scale2 = scan.layers[r], rss[r] / max(scan.freedom, 1)
-    before = next(start.rss for start in shop.start.layers if start.sharing == layer.sharing)
-    gained = (before - layer.rss) / max(scale2, 1e-300)
+    layer, scale2 = scan.layers[r], max(rss[r] / max(scan.freedom, 1), 1e-300)
     noise = layer.rank + 3.0 * np.sqrt(2.0 * layer.rank) + 4.0
-    left = np.where(free[scan.bank.owner], squares[r] / max(scale2, 1e-300) - noise, 0.0)
+    left = np.where(free[scan.bank.owner], squares[r] / scale2 - noise, 0.0)
     further = max(0.0, float(np.max(left)))
-    return float(further / max(further + gained, 1e-300))
+    return further / max(further + _gained(shop, scan, layer), 1e-300)
+
+
+def _gained(shop: Workshop, scan: Scan, layer: Layer) -> float:
+    """Sum of squares that a set has explained under one of its scan's sharings, in units of the variance left."""
+    before = next(start.rss for start in shop.start.layers if start.sharing == layer.sharing)
+    return (before - layer.rss) / max(layer.rss / max(scan.freedom, 1), 1e-300)
 
 
 def _rival(shop: Workshop, proposal: Proposal) -> tuple[float, int]:

@@ -283,7 +283,6 @@ def _finding(
     testable = verdict != UNTESTABLE
     remarks = [*remarks, *remarked(assembly.situation.view, last)]
     remarks += _undetermined(base, assembly, last)
-    remarks += [f"{named_at(e.effect, e.where)}: {a}" for e in named for a in e.instance.assumptions]
     if unconfirmed(last.rms):
         named = tuple(replace(e, confidence=min(e.confidence, _UNCONFIRMED)) for e in named)
         remarks.append(
@@ -296,6 +295,8 @@ def _finding(
                                                 *(n for n in named if n.set_number == s)))  # fmt: skip
     named = tuple(_as_identified(e, after) if e.set_number == 0 else e for e in named)
     counted = named if verdict == AMBIGUOUS else tuple(e for e in named if e.set_number == 0)
+    assumed = (f"{named_at(e.effect, e.where)}: {a}" for e in counted for a in e.instance.assumptions)
+    remarks += dict.fromkeys(assumed)  # several sets may hold one effect
     return Finding(
         task, table, before, after, first, last, assembly, verdict if testable else UNEXPLAINED, testable, reason,
         counted, tuple(e for e in named if e not in counted),

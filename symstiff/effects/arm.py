@@ -60,16 +60,21 @@ def weighed(kind: str) -> dict[str, float]:
     return {"weights": 0.0} if kind == "absolute" else {}
 
 
-def masses(
+def assumed_arms(
     robot: Robot, joint: int, scales: Scales, moments: tuple[float, ...] = MOMENTS
-) -> tuple[float, ...]:
-    """Masses [kg] to be tried for an arm whose file tells none; none where they do not load the joint."""
+) -> tuple[tuple[float, float], ...]:
+    """Masses [kg] to be tried for an arm whose file tells none, each with the largest load on the joint under it.
+
+    None where they do not load the joint, and none that is heavier than a robot can be.
+    """
     known = any(link.mass for link in robot.links)
-    if known or scales.kind == "absolute" or not most_arm_load(robot, joint):
+    most = 0.0 if known or scales.kind == "absolute" else _most_arm_load(robot, joint)
+    if not most:
         return ()
     top = scales.of(actuated_joint(joint))
-    tried = (moment * top / most_arm_load(robot, joint) for moment in moments)
-    return tuple(float(f"{mass:.2g}") for mass in tried if mass < heaviest(robot))
+    tried = (moment * top / most for moment in moments)
+    kept = (float(f"{mass:.2g}") for mass in tried if mass < heaviest(robot))
+    return tuple((mass, top + mass * most) for mass in kept)
 
 
 def heaviest(robot: Robot) -> float:
@@ -104,7 +109,7 @@ def arm_load(robot: Robot, joint: int) -> sp.Expr:
 
 
 @lru_cache(maxsize=256)
-def most_arm_load(robot: Robot, joint: int) -> float:
+def _most_arm_load(robot: Robot, joint: int) -> float:
     """The largest size of ``arm_load`` in random poses within the joints' limits [N or N·m]; 0 for rounding."""
     names = [q(i + 1) for i in range(robot.dof)]
     low, high = np.array([j.range for j in robot.joint], dtype=float).T

@@ -7,7 +7,7 @@ with ``mass`` that of an arm of so many kilograms where the file tells no masses
 
 from __future__ import annotations
 
-from symstiff.effects.arm import ASSUMED, TOLD, masses, most_arm_load, own_load, weight_load
+from symstiff.effects.arm import ASSUMED, TOLD, assumed_arms, own_load, weight_load
 from symstiff.effects.base import Effect, Realisation, Scales, Shape, Where
 from symstiff.effects.common import (
     BOTH,
@@ -54,8 +54,7 @@ def _shapes(robot: Robot, where: Where, scales: Scales) -> tuple[Shape, ...]:
         found += [{**s, "weights": 1.0} for s in found]
     closed = {"width": widths[0]}
     found.append({**closed, "loop": float(f"{1.05 * top:.3g}")})
-    for mass in masses(robot, joint, scales):
-        most = top + mass * most_arm_load(robot, joint)
+    for mass, most in assumed_arms(robot, joint, scales):
         found += [{**s, "mass": mass} for s in (*narrow, {**closed, "loop": float(f"{1.05 * most:.3g}")})]
     return tuple(found)
 

@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import sympy as sp
 
-from symstiff.effects.arm import ASSUMED, TOLD, masses, most_arm_load, of_total_load, weighed, weight_load
+from symstiff.effects.arm import ASSUMED, TOLD, assumed_arms, of_total_load, weighed, weight_load
 from symstiff.effects.base import Effect, Realisation, Scales, Shape, Where
 from symstiff.effects.common import (
     BOTH,
@@ -79,12 +79,12 @@ def _shapes(robot: Robot, where: Where, scales: Scales) -> tuple[Shape, ...]:
             {"weights": 0.0}
         )  # a balancer may carry the weight: the gear then sees the load alone
     known = tuple({**shape, **reading} for reading in readings for shape in found)
-    return known + tuple(s for m in masses(robot, joint, scales) for s in _under(m, robot, joint, top))
+    return known + tuple(s for arm in assumed_arms(robot, joint, scales) for s in _under(*arm))
 
 
-def _under(mass: float, robot: Robot, joint: int, top: float) -> tuple[Shape, ...]:
-    """The shapes under an arm whose masses are not known."""
-    most = float(f"{top + mass * most_arm_load(robot, joint):.3g}")
+def _under(mass: float, most: float) -> tuple[Shape, ...]:
+    """The shapes under an arm whose masses are not known, and the largest load on the joint under it."""
+    most = float(f"{most:.3g}")
     found = [{"load": most, "power": p} for p in POWERS[:2]]
     found += [{"load": float(f"{f * most:.3g}"), "knee": 1.0} for f in KNEES[::3]]
     found += [{"load": float(f"{f * most:.3g}"), "saturation": 1.0} for f in SATURATIONS[::2]]
