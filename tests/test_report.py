@@ -10,16 +10,19 @@ from typing import Any
 
 import numpy as np
 import pytest
+import sympy as sp
 
 from symstiff.calibration.table import read_poses
 from symstiff.discrepancy.result import Estimate
 from symstiff.discrepancy.workflow import Finding, Found, Task, run
-from symstiff.report.code import core, difference
+from symstiff.effects import EffectInstance
+from symstiff.report.code import _abridged, core, difference, formulas
 from symstiff.report.folder import write_deciding_poses
 from symstiff.report.html import render
 from symstiff.report.law_plots import left_with
 from symstiff.report.words import law_text, number, p_equals, places, quantity, sentence
 from symstiff.robot import load
+from symstiff.symbolic.terms import actuated_joint, tau
 from tests.diagnosis_data import HARDENING, ROBOT, measured
 
 CODE = {"folder": True, "compiled": True, "text": "compiled", "error": 1e-15}
@@ -127,6 +130,30 @@ def test_the_law_is_shown_as_formula_and_as_text(page: str) -> None:
     assert "nonlinear_stiffness_2_c*" in laws
     assert "tau_joint2" in laws
     assert "<svg" in laws
+
+
+def test_a_law_under_an_arms_weight_is_read_with_letters_and_means_the_same() -> None:
+    """The letters, put in their places, give the law: compared in random numbers."""
+    robot, rng = load("ur10"), np.random.default_rng(0)
+    for effect, shape in (
+        ("backlash", {"width": 80.0}),
+        ("nonlinear_stiffness", {"load": 100.0, "power": 2.0}),
+    ):
+        instance = EffectInstance(effect, {"joint": 2}, shape)
+        law = instance.realise(robot).terms[0].factor
+        letters: dict[sp.Expr, sp.Symbol] = {}
+        short = _abridged(law, letters)
+        numbers = {s: rng.uniform() for s in law.free_symbols}
+        whole = short.xreplace({letter: own for own, letter in letters.items()})
+        assert float(whole.xreplace(numbers)) == pytest.approx(float(law.xreplace(numbers)), rel=1e-9)
+        assert short.free_symbols == {tau(actuated_joint(2)), *letters.values()}
+        assert len(letters) == 1
+        (formula,) = formulas(robot, instance)
+        assert formula.letters == "a: a function of q2, q3, q4, q5 alone, written out below"
+        assert "\na = " in formula.text
+        assert len(formula.mathml) < 2000
+    plain = EffectInstance("gravity_compensator", {"joint": 2}, {})
+    assert formulas(load("kuka_kr270"), plain)[0].letters == ""
 
 
 def test_the_difference_in_the_code_shows_the_new_parameter(page: str) -> None:

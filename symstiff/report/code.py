@@ -17,6 +17,8 @@ if TYPE_CHECKING:
     from symstiff.model import StiffnessModel
 
 _MOST_TERMS, _MOST_LINES = 8, 90
+_LONG = 20
+"""Operations from which a sum that depends on several joints alone, as an arm's weight does, stands as a letter."""
 _TEMPORARY = re.compile(r"\bt(\d+)\b")
 _LONE_DOT = re.compile(r"<mo>·</mo>(?=(</mrow>)*(<mo>[+-]</mo>|$))")
 """The dot behind a parameter that nothing is multiplied with."""
@@ -24,10 +26,11 @@ _LONE_DOT = re.compile(r"<mo>·</mo>(?=(</mrow>)*(<mo>[+-]</mo>|$))")
 
 @dataclass(frozen=True)
 class Formula:
-    """A law: as MathML for reading, as SymPy's text for copying."""
+    """A law: as MathML for reading, as SymPy's text for copying, and what its letters stand for."""
 
     mathml: str
     text: str
+    letters: str = ""
 
 
 def formulas(robot: Robot, instance: EffectInstance) -> list[Formula]:
@@ -47,7 +50,8 @@ def formulas(robot: Robot, instance: EffectInstance) -> list[Formula]:
     out = []
     names = [p.name for p in instance.realise(robot).parameters]
     for name, (symbol, law) in list(laws.items())[:_MOST_TERMS]:
-        body = mathml(_readable(law, names), printer="presentation")
+        letters: dict[sp.Expr, sp.Symbol] = {}
+        body = mathml(_readable(_abridged(law, letters), names), printer="presentation")
         for k, parameter in enumerate(names):
             body = body.replace(f"<mi>{_stand_in(k)}</mi>", _parameter(parameter))
         body = _LONE_DOT.sub("", body)
@@ -55,10 +59,35 @@ def formulas(robot: Robot, instance: EffectInstance) -> list[Formula]:
         out.append(
             Formula(
                 f'<math display="block"><mrow><mi>Δ</mi>{left}<mo>=</mo>{body}</mrow></math>',
-                f"{name} += {law}",
+                "\n".join([f"{name} += {law}", *(f"{letter} = {own}" for own, letter in letters.items())]),
+                "; ".join(
+                    f"{letter}: a function of {_joints(own)} alone, written out below"
+                    for own, letter in letters.items()
+                ),
             )
         )
     return out
+
+
+def _abridged(law: sp.Expr, letters: dict[sp.Expr, sp.Symbol]) -> sp.Expr:
+    """The law with a letter, kept in ``letters``, for every long part of a sum that depends on several joints alone."""
+    import sympy as sp
+
+    if not law.is_Add:
+        return law.func(*(_abridged(x, letters) for x in law.args), evaluate=False) if law.args else law
+    parts = [_abridged(x, letters) for x in law.args if not _of_joints(x)]
+    own = sp.Add(*(x for x in law.args if _of_joints(x))).xreplace(letters)
+    if _of_joints(own) and len(own.free_symbols) > 1 and own.count_ops() > _LONG:
+        own = letters.setdefault(own, sp.Symbol("abcdefgh"[len(letters) % 8]))
+    return sp.Add(*parts, own, evaluate=False) if parts and own != 0 else sp.Add(*parts, own)
+
+
+def _of_joints(x: sp.Expr) -> bool:
+    return bool(x.free_symbols) and all(s.name.startswith("q_") for s in x.free_symbols)
+
+
+def _joints(x: sp.Expr) -> str:
+    return ", ".join(sorted(s.name.replace("_", "") for s in x.free_symbols))
 
 
 def _stand_in(k: int) -> str:

@@ -237,7 +237,7 @@ def _laws(finding: Finding) -> list[dict[str, Any]]:
         out.append(
             {
                 "name": tag + named(e.effect, e.where),
-                "formulas": [(Markup(f.mathml), f.text) for f in found],
+                "formulas": [(Markup(f.mathml), f.text, f.letters) for f in found],
                 "picture": _marked(law_plots.draw_law(finding, e)) if finding.testable else None,
             }
         )
