@@ -138,10 +138,18 @@ def polish(shop: Workshop, proposal: Proposal) -> Proposal:
         if len(others) == 1:
             first = proposal.members[1 - place]
             path = (
-                float(shop.evidence(()).score[first]) + float(shop.evidence(others).score[member]) + ONE_MORE
+                _at(shop.evidence(()), first, others[0])
+                + float(shop.evidence(others).score[member])
+                + ONE_MORE
             )
             score = max(score, path)
     return Proposal(proposal.members, tuple(entries), score)
+
+
+def _at(found: Evidence, candidate: int, entry: int) -> float:
+    """A candidate's score with the best of its shapes replaced by one that another effect beside it asks for."""
+    best = found.best_entry[candidate]
+    return float(found.score[candidate] + found.entry[entry] - found.entry[best])
 
 
 def judge(shop: Workshop, proposal: Proposal) -> Judged:
