@@ -35,6 +35,7 @@ AS_MUCH = 1.0
 """Log evidence within which two sets explain the same."""
 
 Plausible = Callable[[Proposal], bool]
+_NONE: frozenset[int] = frozenset()
 
 
 @dataclass(frozen=True)
@@ -87,6 +88,10 @@ def decide(
         judged = [judge(shop, p) for p in ranked[:4] if p.score > ranked[0].score - 5.0]
         tried += judged
         if _admissible(judged[0], options) and judged[0].score >= max(p.score for p in weighed) - 1e-9:
+            if size < options.max_effects:
+                progress(f"other sets of {size + 1}")
+                others = _others(shop, judged[0], ranked[1:8], plausible)
+                tried, weighed = tried + [j for j, _ in others], weighed + [p for _, p in others]
             break
         bases = ranked[:8]
     return _conclude(tried, weighed, tests, options)
@@ -103,16 +108,33 @@ def _together(shop: Workshop, members: Sequence[int]) -> Proposal:
     return Proposal(tuple(members), entries, score)
 
 
-def _ranked(shop: Workshop, bases: list[Proposal], plausible: Plausible) -> list[Proposal]:
-    """Proposals best first; the leading ones polished and held to their physical range."""
-    out: list[Proposal] = []
+def _ranked(
+    shop: Workshop, bases: list[Proposal], plausible: Plausible, but: frozenset[int] = _NONE
+) -> list[Proposal]:
+    """Proposals best first, without those that hold all of ``but``; the leading ones polished and in range."""
+    known, out = shop.start.bank.twin, list[Proposal]()
     for proposal in proposals(shop, bases):
         if len(out) >= 24:
             break
+        if but and but <= _set(proposal, known):
+            continue
         done = polish(shop, proposal) if len(out) < 4 else proposal
         if len(out) >= 6 or plausible(done):
             out.append(done)
     return sorted(out, key=lambda p: -p.score)
+
+
+def _others(
+    shop: Workshop, leader: Judged, bases: list[Proposal], plausible: Plausible
+) -> list[tuple[Judged, Proposal]]:
+    """Sets of one effect more that hold without the leading set: each accounts for the data in its own way.
+
+    What would only join the leading set is what its sufficiency is about.
+    """
+    but = _set(leader, shop.start.bank.twin)
+    close = [p for p in _ranked(shop, bases, plausible, but)[:4] if p.score > leader.score - CLOSE]
+    judged = ((judge(shop, p), p) for p in close)
+    return [(j, p) for j, p in judged if _admissible(j, shop.options)]
 
 
 def _admissible(judged: Judged, options: Options, lead: float = LEAD) -> bool:
