@@ -89,6 +89,16 @@ def test_hysteresis_is_named_where_the_weight_is_many_times_the_load() -> None:
     assert found.named[0].parameters["hysteresis_2_width"].value == pytest.approx(1e-4, rel=0.15)
 
 
+@pytest.mark.parametrize(("joint", "force", "knee"), [(3, 20.0, 4.0), (2, 50.0, 12.0)])
+def test_a_step_as_wide_as_the_loads_is_backlash_where_the_weight_is_many_times_as_large(
+    joint: int, force: float, knee: float
+) -> None:
+    table = experiment("backlash", joint, "tanh", {"gap": 5e-4, "knee": knee}, force=force)
+    found = run(Task(without_masses(load("ur10")), table))
+    assert found.verdict == "named"
+    assert [(e.effect, e.where) for e in found.named] == [("backlash", {"joint": joint})]
+
+
 @pytest.mark.parametrize("name", ["kuka_kr270", "franka_panda", "puma560", "scara"])
 def test_an_arms_load_is_that_of_an_even_rod(name: str) -> None:
     """Against the height of the rod's centre in the simulator's geometry, by differences."""

@@ -16,9 +16,11 @@ from symstiff.symbolic.terms import Term, actuated_joint
 
 NAME = "backlash"
 WIDTHS = (0.002, 0.01, 0.04, 0.1)
-"""Half-widths of the step, as shares of the largest load: a law that needs more is a nonlinear stiffness."""
+"""Half-widths of the step, as shares of the largest load: a law that needs more is a nonlinear stiffness.
+
+Of the load of the experiment, or, of the widest, with the weight of an assumed arm."""
 SHARP = 1
-"""Which of them stands for all where the arm's mass is one of a few."""
+"""Which of them stands for those that no measured load is near where the arm's mass is one of a few."""
 
 
 def _realise(robot: Robot, where: Where, shape: Shape) -> Realisation:
@@ -33,9 +35,12 @@ def _shapes(robot: Robot, where: Where, scales: Scales) -> tuple[Shape, ...]:
     joint = int(where["joint"])
     top = scales.of(actuated_joint(joint))
     found = tuple({"width": float(f"{f * top:.3g}"), **weighed(scales.kind)} for f in WIDTHS)
-    return found + tuple(
-        {**found[SHARP], "mass": mass} for mass, _ in assumed_arms(robot, joint, scales, NEARER)
+    sharp = ({**found[SHARP], "mass": mass} for mass, _ in assumed_arms(robot, joint, scales, NEARER))
+    wide = (
+        {"width": float(f"{WIDTHS[-1] * most:.3g}"), "mass": mass}
+        for mass, most in assumed_arms(robot, joint, scales)
     )
+    return (*found, *sharp, *wide)
 
 
 EFFECT = Effect(
