@@ -49,9 +49,9 @@ class States:
         return States(*(getattr(self, f.name)[rows] for f in fields(self)))
 
     def unloaded(self) -> States:
-        """Return the same rows before the load came: no wrench, no branch, the clock at zero."""
+        """Return the same rows just before the load came: no wrench, no branch."""
         zero = np.zeros(len(self))
-        return replace(self, w=np.zeros_like(self.w), loaded=zero, time=zero, temperature=zero, branch=zero)
+        return replace(self, w=np.zeros_like(self.w), loaded=zero, branch=zero)
 
 
 Law = Callable[[States, Floats, Floats], None]

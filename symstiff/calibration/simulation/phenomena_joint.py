@@ -239,8 +239,8 @@ phenomenon("local_bump", "compliance", "joint", "c", center=0.0, width=0.2)(
     )
 )
 phenomenon("creep", "exponential", "joint", "c", T=600.0)(
-    _of_load(lambda t, s, p: p["c"] * t * saturation(s.time, p["T"]) * s.loaded)
+    _of_load(lambda t, s, p: p["c"] * t * saturation(s.time, p["T"]))
 )
 phenomenon("thermal_softening", "linear", "joint", "c", reference=20.0)(
-    _of_load(lambda t, s, p: p["c"] * t * (s.temperature - p["reference"]) * s.loaded)
+    _of_load(lambda t, s, p: p["c"] * t * (s.temperature - p["reference"]))
 )
