@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from symstiff.calibration.measurements import Measurements, measurements
-from symstiff.calibration.simulation import Effect, Noise, Truth, clean_response, nominal_truth, simulate
+from symstiff.calibration.simulation import Noise, Truth, nominal_truth, simulate
 from symstiff.discrepancy.assemble import assemble
 from symstiff.discrepancy.scan import column_space
 from symstiff.errors import UserError
@@ -19,6 +19,7 @@ from symstiff.reduction.reduce import reduce
 from symstiff.robot import Robot, load
 from tests.blind.lacking import rigid_links, without
 from tests.blind.nuisance import Whitener, drawn, torques_of_weights, weighing
+from tests.blind.sizes import Unfit, noise_free, noncentrality, scaled
 from tests.blind.stories import BAD_POSE, ONE, OUTSIDE, Draw, Story, Where
 
 FORCE = {"kuka_kr270": 2200.0, "ur10": 110.0, "franka_panda": 50.0, "scara": 60.0}
@@ -31,7 +32,6 @@ WEIGHING = 0.5
 """Part of the deflections whose arm weighs something that the robot file could tell and does not."""
 LEAST_FREEDOM = 30
 _TRIES = 60
-_SMALL = 0.02
 
 
 @dataclass(frozen=True)
@@ -81,7 +81,7 @@ class Case:
 
 
 @dataclass(frozen=True)
-class _Scene:
+class Scene:
     """A design before anything is hidden; ``basis`` spans the current model, whitened."""
 
     robot: Robot
@@ -117,13 +117,9 @@ def case(number: int, options: Options) -> Case:
         stories = _stories(kind, rng)
         try:
             return _case(number, kind, stories, wanted, rng, options)
-        except (_Unfit, UserError, ZeroDivisionError):  # no equilibrium at that size, or nothing to be seen
+        except (Unfit, UserError, ZeroDivisionError):  # no equilibrium at that size, or nothing to be seen
             continue
     raise RuntimeError(f"no story of kind {kind} fits case {number}")
-
-
-class _Unfit(Exception):  # noqa: N818
-    """The story cannot be seen, or not at a believable size, in this design."""
 
 
 def _stories(kind: str, rng: np.random.Generator) -> tuple[Story, ...]:
@@ -157,15 +153,15 @@ def _case(
     draw, base = _draw(scene, rng), scene.values
     made = [(story, *story.make(draw)) for story in stories]
     if len({(e.effect, repr(sorted(w.items()))) for _, e, w in made}) < len(made):
-        raise _Unfit  # two of one name are one
+        raise Unfit  # two of one name are one
     for story, _, where in made:
         if story.context == "start" and kind != "untestable":
             base = without(base, where)
             scene = _with_model(scene, _lacking(scene, where), base)
     hidden = [e for story, e, _ in made if story.context != "heavy"]
-    effects, found = _scaled(scene, base, hidden, wanted, kind)
-    clean = _values(scene, base, ())
-    geometry = _noncentrality(scene, scene.excess)
+    effects, found = scaled(scene, base, hidden, wanted, kind)
+    clean = noise_free(scene, base, ())
+    geometry = noncentrality(scene, scene.excess)
     if any(story.context == "heavy" for story, _, _ in made):
         found = (*found, geometry)
     stated = float(rng.choice([1.0, 1.0, 1.0, 0.8, 1.2]))
@@ -178,12 +174,12 @@ def _case(
         number, kind, scene.robot.name, tuple(s.name for s in stories), named, wanted, found, geometry,
         _described(scene, size), stated,
     )  # fmt: skip
-    parts = tuple(_values(scene, base, (e,)) - clean for e in effects)
-    signal = _values(scene, base, effects) - clean
+    parts = tuple(noise_free(scene, base, (e,)) - clean for e in effects)
+    signal = noise_free(scene, base, effects) - clean
     return Case(label, table, scene.model, signal, parts, scene.whitened)
 
 
-def _described(scene: _Scene, size: float) -> dict[str, Any]:
+def _described(scene: Scene, size: float) -> dict[str, Any]:
     table = scene.table
     return {
         "data": table.kind,
@@ -202,10 +198,10 @@ def _described(scene: _Scene, size: float) -> dict[str, Any]:
     }
 
 
-def _scene(stories: Sequence[Story], rng: np.random.Generator, options: Options) -> _Scene:
+def _scene(stories: Sequence[Story], rng: np.random.Generator, options: Options) -> Scene:
     fits = [r for r in options.robots if all(not s.robots or r in s.robots for s in stories)]
     if not fits:
-        raise _Unfit
+        raise Unfit
     robot = load(str(rng.choice(fits)))
     data = stories[0].kind if stories else str(rng.choice(["deflection", "deflection", "absolute"]))
     if any(s.name == "joint left out" for s in stories):
@@ -231,7 +227,7 @@ def _scene(stories: Sequence[Story], rng: np.random.Generator, options: Options)
     white = Whitener(robot, table, noise, spread)
     unknown = data == "deflection" and not any(link.mass for link in robot.links)
     body = weighing(robot, FORCE[robot.name], rng) if unknown and rng.random() < WEIGHING else robot
-    bare = _Scene(robot, body, values, table, noise, loads, model, spread, white, np.ones((1, 1)), np.ones(1))
+    bare = Scene(robot, body, values, table, noise, loads, model, spread, white, np.ones((1, 1)), np.ones(1))
     return _with_model(bare, model, values)
 
 
@@ -283,7 +279,7 @@ def _complete(robot: Robot, loads: str) -> StiffnessModel:
     return StiffnessModel.of(reduce(robot, loads))
 
 
-def _lacking(scene: _Scene, where: Where) -> StiffnessModel:
+def _lacking(scene: Scene, where: Where) -> StiffnessModel:
     """The model of a robot in which that joint or link is rigid."""
     if "link" in where:
         return _complete(rigid_links(scene.robot, int(where["link"])), scene.loads)
@@ -291,11 +287,11 @@ def _lacking(scene: _Scene, where: Where) -> StiffnessModel:
     return replace(scene.model, compliances=kept, values={})
 
 
-def _with_model(scene: _Scene, model: StiffnessModel, values: dict[str, float]) -> _Scene:
+def _with_model(scene: Scene, model: StiffnessModel, values: dict[str, float]) -> Scene:
     scene = replace(scene, model=model)
-    current = assemble(model, replace(scene.table, values=_values(scene, values, ())), effects=())
+    current = assemble(model, replace(scene.table, values=noise_free(scene, values, ())), effects=())
     if not current.problem.A.shape[1]:
-        raise _Unfit  # a model has a parameter
+        raise Unfit  # a model has a parameter
     columns = np.zeros((len(scene.table), 3, current.problem.A.shape[1]))
     view = current.situation.view
     columns[view.state, view.component] = current.problem.A
@@ -305,54 +301,34 @@ def _with_model(scene: _Scene, model: StiffnessModel, values: dict[str, float]) 
     return replace(scene, basis=column_space(white.reshape(-1, columns.shape[2])), excess=excess)
 
 
-def _values(scene: _Scene, values: dict[str, float], effects: Sequence[Effect]) -> np.ndarray:
-    """Noise-free values (rows, 6), positions only."""
-    table = scene.table
-    fields = ("points", "point", "labels", "pose", "time", "temperature", "branch")
-    truth = Truth(scene.body, values, tuple(effects))
-    found = clean_response(
-        truth, table.q, table.w, {"kind": table.kind, **{name: getattr(table, name) for name in fields}}
-    )
-    found[:, 3:] = np.nan
-    return found
-
-
-def _noncentrality(scene: _Scene, signal: np.ndarray, further: np.ndarray | None = None) -> float:
-    """λ: what is left of a signal (rows, 6) outside the model and further columns, over the noise."""
-    white = scene.whitened(signal[:, :3]).ravel()
-    basis = scene.basis if further is None else np.column_stack([scene.basis, further])
-    if further is not None:
-        basis = column_space(basis, 1e-7)
-    left = white - basis @ (basis.T @ white)
-    return float(left @ left)
-
-
-def _limited(scene: _Scene, rng: np.random.Generator, heavy: float) -> _Scene:
+def _limited(scene: Scene, rng: np.random.Generator, heavy: float) -> Scene:
     """Scale the loads so that second-order geometry stays below the noise, or has the wanted λ."""
     limit = heavy or GEOMETRY * float(rng.uniform(0.1, 1.0))
     for _ in range(4 if scene.table.kind == "deflection" else 2):
-        found = _noncentrality(scene, scene.excess)
+        found = noncentrality(scene, scene.excess)
         factor = (limit / max(found, 1e-12)) ** 0.25
         if not heavy:
             factor = min(factor, 1.0)
         table = replace(scene.table, w=scene.table.w * factor)
         largest = np.linalg.norm(table.w[:, :3], axis=1).max()
         if largest > 3 * FORCE[scene.robot.name]:
-            raise _Unfit
+            raise Unfit
         scene = _with_model(replace(scene, table=table), scene.model, scene.values)
         if abs(factor - 1.0) < 0.02:
             break
-    found = _noncentrality(scene, scene.excess)
+    found = noncentrality(scene, scene.excess)
     if not heavy and found > 3 * GEOMETRY:
-        raise _Unfit
+        raise Unfit
     freedom = 3 * len(scene.table) - scene.basis.shape[1]
     if freedom < LEAST_FREEDOM:
-        raise _Unfit
+        raise Unfit
     return scene
 
 
-def _draw(scene: _Scene, rng: np.random.Generator) -> Draw:
-    found = assemble(scene.model, replace(scene.table, values=_values(scene, scene.values, ())), effects=())
+def _draw(scene: Scene, rng: np.random.Generator) -> Draw:
+    found = assemble(
+        scene.model, replace(scene.table, values=noise_free(scene, scene.values, ())), effects=()
+    )
     tau = np.abs(found.situation.view.tau).max(axis=0)
     torque = tau[[k for k, v in enumerate(found.situation.view.joints) if v.kind == "joint"]]
     if scene.body is not scene.robot:
@@ -361,30 +337,3 @@ def _draw(scene: _Scene, rng: np.random.Generator) -> Draw:
     force = float(np.linalg.norm(scene.table.w[:, :3], axis=1).max())
     angles = np.unique(scene.table.q[:, 1])
     return Draw(scene.robot, scene.values, torque, force, span, angles, scene.table.labels, rng)
-
-
-def _scaled(
-    scene: _Scene, base: dict[str, float], effects: Sequence[Effect], wanted: float, kind: str
-) -> tuple[tuple[Effect, ...], tuple[float, ...]]:
-    """Scale every effect to its λ given the others; raise where it would be larger than believable."""
-    clean = _values(scene, base, ())
-    if kind == "untestable":
-        for effect in effects:
-            signal = _values(scene, base, (effect,)) - clean
-            if _noncentrality(scene, signal) > 2.0:
-                raise _Unfit
-        return tuple(effects), (0.0,) * len(effects)
-    trial = [e.scaled(_SMALL) for e in effects]
-    found = [0.0] * len(trial)
-    for attempt in range(5):
-        signals = [_values(scene, base, (e,)) - clean for e in trial]
-        for k, signal in enumerate(signals):
-            rest = [scene.whitened(s[:, :3]).ravel() for i, s in enumerate(signals) if i != k]
-            found[k] = _noncentrality(scene, signal, np.column_stack(rest) if rest else None)
-            factor = np.sqrt(wanted / found[k]) if found[k] > 0 else np.inf
-            if attempt == 0 and factor * _SMALL > 1.0:
-                raise _Unfit
-            trial[k] = trial[k].scaled(float(factor))
-        if all(abs(f / wanted - 1) < 0.03 for f in found):
-            break
-    return tuple(trial), tuple(found)
