@@ -9,15 +9,17 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from symstiff.calibration.simulation import Noise, Truth, clean_response, simulate
+from symstiff.calibration.simulation import Effect, Noise, Truth, clean_response, simulate
 from symstiff.calibration.table import read_measurements, write_table
 from symstiff.discrepancy.assemble import assemble
 from symstiff.robot import load
+from tests.blind import generate
 from tests.blind.apart import LEVEL, _weight, apart, limit, outside
 from tests.blind.generate import Options, _design, case
 from tests.blind.nuisance import Whitener
 from tests.blind.run import benchmark, keep, one, report
 from tests.blind.score import bars, calibration, outcome, same, wilson
+from tests.blind.stories import Story
 
 SMALL = Options(
     robots=("kuka_kr270", "scara"),
@@ -45,6 +47,25 @@ def test_the_table_carries_no_trace_of_the_truth(tmp_path: Path) -> None:
     for effect, _ in hidden.label.truth:
         assert effect not in text
     assert len(read_measurements(tmp_path / "data.csv")) == len(hidden.table)
+
+
+def test_of_two_effects_none_is_what_the_other_one_may_be(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A joint's offset is a part of its link's geometric error."""
+    offset = Story("offset", "absolute", lambda d: (
+        Effect("joint_offset", {"joint": 2}, "constant", {"offset": 5e-3}), {"joint": 2}))  # fmt: skip
+    monkeypatch.setattr(generate, "_TRIES", 2)
+    options = replace(SMALL, robots=("kuka_kr270",), classes=("two",), shares=(1.0,))
+    for joint, fits in ((2, False), (5, True)):
+        geometry = Story("geometry", "absolute", lambda d, link=joint: (
+            Effect("geometric_error", {"link": link}, "constant", {"shift": [1e-3, 2e-3, 1e-3, 2e-3, 1e-3, 2e-3]}),
+            {"link": link}))  # fmt: skip
+        monkeypatch.setattr(generate, "_stories", lambda kind, rng, other=geometry: (offset, other))
+        if fits:
+            found = case(0, options).label.noncentrality
+            assert found == pytest.approx((found[0], found[0]), rel=0.1)
+        else:
+            with pytest.raises(RuntimeError, match="no story"):
+                case(0, options)
 
 
 def test_the_hidden_signal_has_the_noncentrality_that_the_label_says() -> None:

@@ -110,6 +110,28 @@ def test_an_unknown_weight_at_the_tool_cancels_unless_it_hangs_with_the_load():
     assert np.abs(on_tool - plain).max() < 1e-2 * np.abs(heavier - plain).max()
 
 
+@pytest.mark.parametrize(
+    ("effect", "values", "context"),
+    [
+        ("creep", {"c": 2e-7, "T": 100}, {"time": [50.0]}),
+        ("thermal_softening", {"c": 1e-8}, {"temperature": [35.0]}),
+    ],
+)
+def test_a_joint_that_softens_does_so_under_the_arms_weight_too_which_cancels(effect, values, context):
+    """Both readings of a deflection are made at one time: what is seen is the load's part, to first order."""
+    q, down = [[0.2, -1.0, 0.5, 0.3, 0.4, 0.1]], np.array([[0, 0, -500.0, 0, 0, 0]])
+    bare = load("kuka_kr270")
+    heavy = [j.model_copy(update={"link": j.link.model_copy(update={"mass": 150.0})}) for j in bare.joint]
+    added = []
+    for robot in (bare, bare.model_copy(update={"joint": tuple(heavy)})):
+        truth = Truth(robot, nominal_truth(robot))
+        softer = truth.with_effects(Effect(effect, {"joint": 2}, values=values))
+        context = {"kind": "deflection", **context}
+        added.append(clean_response(softer, q, down, context) - clean_response(truth, q, down, context))
+    assert np.abs(added[0]).max() > 1e-5
+    assert np.allclose(added[1], added[0], atol=0.05 * np.abs(added[0]).max())
+
+
 def test_a_sensor_error_is_a_wrong_load():
     robot = load("ur10")
     truth = Truth(robot, nominal_truth(robot))
