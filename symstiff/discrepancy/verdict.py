@@ -35,7 +35,6 @@ AS_MUCH = 1.0
 """Log evidence within which two sets explain the same."""
 
 Plausible = Callable[[Proposal], bool]
-_NONE: frozenset[int] = frozenset()
 
 
 @dataclass(frozen=True)
@@ -109,7 +108,7 @@ def _together(shop: Workshop, members: Sequence[int]) -> Proposal:
 
 
 def _ranked(
-    shop: Workshop, bases: list[Proposal], plausible: Plausible, but: frozenset[int] = _NONE
+    shop: Workshop, bases: list[Proposal], plausible: Plausible, but: frozenset[int] | None = None
 ) -> list[Proposal]:
     """Proposals best first, without those that hold all of ``but``; the leading ones polished and in range."""
     known, out = shop.start.bank.twin, list[Proposal]()
