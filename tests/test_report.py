@@ -247,6 +247,11 @@ def test_what_is_less_likely_and_not_excluded_is_in_the_sentence(named: Finding)
     assert text.startswith("What is missing: nonlinear stiffness at joint 2")
     assert text.endswith("Less likely, but not excluded: backlash at joint 2.")
     assert "Less likely" not in sentence(replace(named, alternatives=()))
+    both = (*named.effects, Found("base_compliance", {"link": 0}, {}, {}, 0.01, 0.8, ()))
+    other = Found("link_asymmetry", {"link": 0}, {}, {}, 0.01, 0.1, (), 1)
+    again = replace(named.effects[0], set_number=1)
+    text = sentence(replace(named, effects=both, alternatives=(again, other)))
+    assert text.endswith("not excluded: link asymmetry at link 0 instead of base compliance at link 0.")
 
 
 def test_an_ambiguous_verdict_leaves_poses_that_decide(named: Finding, tmp_path: Path) -> None:

@@ -244,7 +244,23 @@ def _named(finding: Finding) -> str:
     others = [[e for e in finding.alternatives if e.set_number == s] for s in sets]
     if not others:
         return text
-    return f"{text} Less likely, but not excluded: {'; or '.join(names(members) for members in others)}."
+    return f"{text} Less likely, but not excluded: {'; or '.join(_instead(members, finding) for members in others)}."
+
+
+def _instead(members: list[Found], finding: Finding) -> str:
+    """Another set in words, what it shares with the named one left out."""
+
+    def outside(some: Sequence[Found], others: Sequence[Found]) -> list[Found]:
+        there = [named(e.effect, e.where) for e in others]
+        return [e for e in some if named(e.effect, e.where) not in there]
+
+    own, gone = (
+        names(part).replace("; ", " with ")
+        for part in (outside(members, finding.named), outside(finding.named, members))
+    )
+    if not own:
+        return f"the same without {gone}"
+    return f"{own} instead of {gone}" if gone and len(finding.named) > 1 else own
 
 
 def _nothing(finding: Finding) -> str:
