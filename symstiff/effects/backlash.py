@@ -16,11 +16,9 @@ from symstiff.symbolic.terms import Term, actuated_joint
 
 NAME = "backlash"
 WIDTHS = (0.002, 0.01, 0.04, 0.1)
-"""Half-widths of the step, as shares of the largest load: a law that needs more is a nonlinear stiffness.
-
-Of the load of the experiment, or, of the widest, with the weight of an assumed arm."""
-SHARP = 1
-"""Which of them stands for those that no measured load is near where the arm's mass is one of a few."""
+"""Half-widths of the step, as shares of the largest load: a law that needs more is a nonlinear stiffness."""
+SHARP, WIDE = 1, 2
+"""Which of them stand for all where the arm's mass is one of a few: of the experiment's load, and of the whole one."""
 
 
 def _realise(robot: Robot, where: Where, shape: Shape) -> Realisation:
@@ -37,7 +35,7 @@ def _shapes(robot: Robot, where: Where, scales: Scales) -> tuple[Shape, ...]:
     found = tuple({"width": float(f"{f * top:.3g}"), **weighed(scales.kind)} for f in WIDTHS)
     sharp = ({**found[SHARP], "mass": mass} for mass, _ in assumed_arms(robot, joint, scales, NEARER))
     wide = (
-        {"width": float(f"{WIDTHS[-1] * most:.3g}"), "mass": mass}
+        {"width": float(f"{WIDTHS[WIDE] * most:.3g}"), "mass": mass}
         for mass, most in assumed_arms(robot, joint, scales)
     )
     return (*found, *sharp, *wide)
