@@ -7,6 +7,7 @@ on from there. So joints → links → what is missing from both comes out of th
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
@@ -163,7 +164,7 @@ def _diagnosed(
     """The diagnosis of a model; where it finds loads, other laws are looked for once more under the sum.
 
     A wrong payload or a biased sensor loads the gears too. The second look stands where it says the same with
-    better shapes, or where the first did not account for the data.
+    better shapes, does without some of the effects, or where the first did not account for the data.
     """
     tell("columns")
     assembly = assemble(model, table)
@@ -176,8 +177,8 @@ def _diagnosed(
     under = assemble(model, table, believed=believed)
     given = [Name(effect.effect, effect.where) for effect, _ in believed]
     again = diagnose(under.problem, under.candidates, options, tell, given)
-    same = again.verdict == NAMED and _names(again) == _names(found)
-    stands = same if found.verdict == NAMED else again.verdict in (NAMED, AMBIGUOUS)
+    enough = again.verdict == NAMED and not Counter(_names(again)) - Counter(_names(found))
+    stands = enough if found.verdict == NAMED else again.verdict in (NAMED, AMBIGUOUS)
     return (under, again) if stands else (assembly, found)
 
 
