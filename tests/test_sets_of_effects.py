@@ -3,15 +3,22 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
 
+from symstiff.calibration.measurements import measurements
+from symstiff.calibration.simulation import Effect, Noise, Truth, nominal_truth, simulate
+from symstiff.discrepancy import workflow
 from symstiff.discrepancy.diagnose import diagnose
 from symstiff.discrepancy.prepare import prepare
 from symstiff.discrepancy.problem import Array, Candidate, Parameter, Problem
+from symstiff.discrepancy.result import Diagnosis, Name
 from symstiff.discrepancy.scan import Scan, coefficients
 from symstiff.discrepancy.search import Proposal, Workshop, polish
+from symstiff.discrepancy.workflow import Task, run
+from symstiff.robot import load
 from tests.test_discrepancy_engine import QUICK, SIGMA, arm, catalogue, measured, scaled
 
 UNIT = (Parameter("size", "rad"),)
@@ -69,3 +76,52 @@ def test_a_single_effect_is_not_named_where_two_others_account_for_the_data_as_w
     assert found.verdict == "ambiguous"
     assert {"both"} in sets.values()
     assert {"one", "other"} in sets.values()
+
+
+@pytest.mark.parametrize(("second", "told"), [(28.0, 1), (200.0, 2)])
+def test_what_is_less_than_a_hundredth_of_the_signal_is_no_effect_unless_it_is_beyond_doubt(
+    second: float, told: int
+) -> None:
+    """No shape is exact: beside a strong effect a weak one at another place may be what its shape leaves."""
+    bare = arm(40).problem
+    strong = scaled(bare, of_sign(bare, 0) + 0.05 * of_branch(bare, 0), 9000.0)
+    weak = scaled(bare, of_branch(bare, 2), second)
+    found = diagnose(measured(bare, strong + weak, 2), (lawful("strong", strong), *catalogue(bare)), QUICK)
+    assert found.verdict == "named"
+    assert [e.effect for e in found.effects if e.set_number == 0] == ["strong", "loop"][:told]
+
+
+def test_a_second_look_under_the_loads_found_may_do_without_an_effect(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    robot, rng, poses = load("kuka_kr270"), np.random.default_rng(1), 30
+    limits = np.array([j.range for j in robot.joint])
+    q = rng.uniform(limits[:, 0], limits[:, 1], (poses, 6))
+    force = rng.normal(size=(poses, 3))
+    force *= 2200.0 / np.linalg.norm(force, axis=1)[:, None]
+    w = np.array([[*f * share, 0, 0, 0] for f in force for share in (1 / 3, 2 / 3, 1.0)])
+    table = measurements(
+        np.repeat(q, 3, axis=0), w, pose=np.repeat(np.arange(poses), 3), joint_units=["rad"] * 6
+    )
+    hidden = (
+        Effect("force_sensor_bias", None, "constant", {"bias": [100.0, 150, -200, 20, 30, -10]}),
+        Effect("nonlinear_stiffness", {"joint": 2}, "power", {"a": 1.2e-3, "tau0": 4400.0, "exponent": 0.6}),
+    )
+    data = simulate(Truth(robot, nominal_truth(robot), hidden, Noise((0.03,) * 3)), table, 1)
+    whole, looks = workflow.diagnose, []
+
+    def with_another(*args: Any, **keys: Any) -> Diagnosis:
+        found = whole(*args, **keys)
+        looks.append(found)
+        if len(looks) > 1:
+            return found
+        gear = next(e for e in found.effects if e.effect == "nonlinear_stiffness")
+        entry = next(x for x in found.leading if x[0].effect == "nonlinear_stiffness")
+        elsewhere = (Name("backlash", {"joint": 3}), *entry[1:])
+        more = replace(gear, effect="backlash", where={"joint": 3})
+        return replace(found, effects=(*found.effects, more), leading=(*found.leading, elsewhere))
+
+    monkeypatch.setattr(workflow, "diagnose", with_another)
+    named = {(e.effect, e.where.get("joint")) for e in run(Task(robot, data)).named}
+    assert len(looks) == 2
+    assert named == {("force_sensor_bias", None), ("nonlinear_stiffness", 2)}

@@ -163,6 +163,10 @@ class Options:
     """Level at which laws without a name in what is left after adding a candidate make it insufficient."""
     alpha_further: float = 0.002
     """The same level for a further effect of the catalogue: beside the real ones many small misfits look for a name."""
+    alpha_little: float = 1e-4
+    """The same level where less is left than ``little``: no shape of the catalogue is exact."""
+    little: float = 0.01
+    """Share of the signal up to which that holds: a tenth of its amplitude."""
     alpha_notable: float = 0.008
     """Both levels where more is left than shapes that are only close would leave."""
     notable: float = 0.03

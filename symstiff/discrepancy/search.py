@@ -170,6 +170,7 @@ def judge(shop: Workshop, proposal: Proposal) -> Judged:
     missed = _missed_share(shop, proposal, scan)
     rival, who = _rival(shop, proposal)
     further = options.alpha_notable if missed > options.notable else options.alpha_further
+    further = further if missed > options.little else options.alpha_little
     other = options.alpha_notable if missed > options.tolerated_shape else options.alpha_sufficient
     # a further effect must be more believable than none: small p-values alone are shapes that are only close
     lack_named = p_named < further and named + ONE_MORE > 0 and missed > _tolerated(shop, proposal, False)
