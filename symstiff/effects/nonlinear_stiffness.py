@@ -85,7 +85,7 @@ def _shapes(robot: Robot, where: Where, scales: Scales) -> tuple[Shape, ...]:
 def _under(mass: float, most: float) -> tuple[Shape, ...]:
     """The shapes under an arm whose masses are not known, and the largest load on the joint under it."""
     most = float(f"{most:.3g}")
-    found = [{"load": most, "power": p} for p in POWERS]
+    found = [{"load": most, "power": p} for p in POWERS[::2]]
     found += [{"load": float(f"{f * most:.3g}"), "knee": 1.0} for f in KNEES[::3]]
     found += [{"load": float(f"{f * most:.3g}"), "saturation": 1.0} for f in SATURATIONS[::2]]
     return tuple({**shape, "mass": mass} for shape in found)
