@@ -169,8 +169,7 @@ def judge(shop: Workshop, proposal: Proposal) -> Judged:
     gained = _gained(shop, scan, scan.best)
     missed = _missed_share(shop, proposal, scan)
     rival, who = _rival(shop, proposal)
-    further = options.alpha_notable if missed > options.notable else options.alpha_further
-    further = further if missed > options.little else options.alpha_little
+    further = _level_of_further(options, missed)
     other = options.alpha_notable if missed > options.tolerated_shape else options.alpha_sufficient
     # a further effect must be more believable than none: small p-values alone are shapes that are only close
     lack_named = p_named < further and named + ONE_MORE > 0 and missed > _tolerated(shop, proposal, False)
@@ -180,6 +179,13 @@ def judge(shop: Workshop, proposal: Proposal) -> Judged:
         members, entries, proposal.score, scan, left, gained, p_named, p_unnamed, missed, rival, who,
         not (lack_named or lack_unnamed or _lacking(shop, scan, gained)), p_members,
     )  # fmt: skip
+
+
+def _level_of_further(options: Options, missed: float) -> float:
+    """Level at which a further effect of the catalogue makes a set insufficient, by the share that is missed."""
+    if missed > options.notable:
+        return options.alpha_notable
+    return options.alpha_further if missed > options.little else options.alpha_little
 
 
 def _by_strength(shop: Workshop, proposal: Proposal) -> Proposal:

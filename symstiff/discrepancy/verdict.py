@@ -90,7 +90,8 @@ def decide(
             if size < options.max_effects:
                 progress(f"other sets of {size + 1}")
                 others = _others(shop, judged[0], ranked[1:8], plausible)
-                tried, weighed = tried + [j for j, _ in others], weighed + [p for _, p in others]
+                tried += others
+                weighed += [Proposal(j.members, j.entries, j.score) for j in others]
             break
         bases = ranked[:8]
     return _conclude(tried, weighed, tests, options)
@@ -123,17 +124,15 @@ def _ranked(
     return sorted(out, key=lambda p: -p.score)
 
 
-def _others(
-    shop: Workshop, leader: Judged, bases: list[Proposal], plausible: Plausible
-) -> list[tuple[Judged, Proposal]]:
+def _others(shop: Workshop, leader: Judged, bases: list[Proposal], plausible: Plausible) -> list[Judged]:
     """Sets of one effect more that hold without the leading set: each accounts for the data in its own way.
 
     What would only join the leading set is what its sufficiency is about.
     """
     but = _set(leader, shop.start.bank.twin)
-    close = [p for p in _ranked(shop, bases, plausible, but)[:4] if p.score > leader.score - CLOSE]
-    judged = ((judge(shop, p), p) for p in close)
-    return [(j, p) for j, p in judged if _admissible(j, shop.options)]
+    ranked = _ranked(shop, bases, plausible, but)[:4]
+    judged = [judge(shop, p) for p in ranked if p.score > leader.score - CLOSE]
+    return [j for j in judged if _admissible(j, shop.options)]
 
 
 def _admissible(judged: Judged, options: Options, lead: float = LEAD) -> bool:
