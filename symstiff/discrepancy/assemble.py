@@ -19,6 +19,7 @@ from symstiff.calibration.measurements import Measurements
 from symstiff.discrepancy.candidates import candidates as candidates_of
 from symstiff.discrepancy.candidates import grouped, structural
 from symstiff.discrepancy.devices import device_laws
+from symstiff.discrepancy.noise import Noise
 from symstiff.discrepancy.problem import Array, Candidate, Problem
 from symstiff.effects.base import Effect, EffectInstance, catalogue
 from symstiff.errors import UserError
@@ -27,8 +28,6 @@ from symstiff.symbolic.terms import VirtualJoint
 
 _UNLOADED = 1e-9
 """Load on a virtual joint, against the largest, that is rounding."""
-Believed = Sequence[tuple[EffectInstance, Mapping[str, float]]]
-"""Effects with the values of their parameters."""
 
 
 @dataclass(frozen=True)
@@ -49,12 +48,13 @@ class Assembly:
 
 def assemble(
     model: StiffnessModel, table: Measurements, effects: Sequence[Effect] | None = None,
-    believed: Believed = (),
+    noise: Noise | None = None, believed: StiffnessModel | None = None,
 ) -> Assembly:  # fmt: skip
     """Put the problem and the candidates of the catalogue (or of ``effects``) together.
 
-    ``believed`` are effects that are not in the model, with values: candidates' laws see the loads that they add.
-    Raises UserError where table and robot do not fit, or nothing was measured.
+    ``noise`` is how the rows scatter, where more is known of it than what the table states.
+    ``believed`` is the model with effects that it lacks, and with values: candidates' laws see the loads that those
+    add, and loads act on its compliances. Raises UserError where table and robot do not fit, or nothing was measured.
     """
     from symstiff.calibration.checks import check_robot
 
@@ -63,8 +63,11 @@ def assemble(
         raise UserError("nothing measured: give deflections (dx[mm] …) or positions (x[mm] …)")
     found = catalogue().values() if effects is None else effects
     with threadpool_limits(1):  # small matrices: threads cost more than they give
-        current = settled(model, table)
-        situation = _loaded(current.situation, believed)
+        weigh = None if noise is None else noise.weigh
+        current = settled(model, table, weigh)
+        situation = current.situation
+        if believed is not None:
+            situation = _believing(situation, settled(believed, table, weigh).situation)
         problem = _problem(situation, current)
         candidates = grouped(problem, tuple(candidates_of(model, situation, problem, found)))
         candidates = structural(model, situation, candidates)
@@ -78,15 +81,13 @@ def added_loads(view: View, instance: EffectInstance, values: Mapping[str, float
     return sum((values.get(name, 0.0) * load for name, load in loads.items()), 0.0)
 
 
-def _loaded(situation: Situation, believed: Believed) -> Situation:
-    """The situation with the loads of believed effects, where the table has loads, on top of the model's own."""
-    view = situation.view
-    added = sum((added_loads(view, instance, values) for instance, values in believed), 0.0)
-    if not isinstance(added, np.ndarray):
-        return situation
+def _believing(situation: Situation, fuller: Situation) -> Situation:
+    """The situation with the compliances of a fuller model and, where the table has loads, those of its effects."""
+    view, laws = situation.view, situation.laws
     largest = np.max(np.abs(view.tau), axis=0)
-    seen = np.where(largest > _UNLOADED * np.max(largest), added, 0.0)
-    return replace(situation, view=replace(view, more=view.more + seen))
+    seen = np.where(largest > _UNLOADED * np.max(largest), fuller.view.more, view.more)
+    numbers = {name: fuller.laws.numbers.get(name, value) for name, value in laws.numbers.items()}
+    return Situation(replace(view, more=seen), replace(laws, numbers=numbers))
 
 
 def _problem(situation: Situation, current: Current) -> Problem:

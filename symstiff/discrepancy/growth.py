@@ -62,14 +62,15 @@ def fit(model: StiffnessModel, table: Measurements, noise: Noise | None = None) 
     settles. ``noise``: one that is known, as of a better model of the same table. Raises UserError for data that
     do not fit the robot.
     """
-    known, left = model, np.zeros(0)
+    known, left, weights = model, np.zeros(0), noise
     for _ in range(1 if model.is_linear and table.kind != "absolute" else _ROUNDS):
-        assembly = assemble(known, table, effects=())
+        assembly = assemble(known, table, effects=(), noise=weights)
         problem, names = assembly.problem, assembly.names
         kept = independent(problem, [model.steps[n] for n in names])
         own = [names[k] for k in kept if k < len(names)]
         kept_only = replace(problem, A=problem.A[:, kept])
         scan = prepare(kept_only, ()).scan if noise is None else _weighed(kept_only, noise)
+        weights = one_sharing(scan)
         value, std, fitted = coefficients(scan, problem.A[:, kept], problem.y, ())
         values = dict.fromkeys(model.parameters, 0.0) | _nominal(model)
         values |= dict(zip(own, value[: len(own)].tolist(), strict=True))

@@ -67,6 +67,10 @@ class Noise:
             out[rows.ravel()] += np.matmul(U, along).reshape(n * m, -1)
         return out
 
+    def weigh(self, rows: Array) -> Array:
+        """Rows (M, k) in units of the noise, up to the common scale, at the first of the sharings."""
+        return self.apply(self.root(self.sharings[0], -0.5), rows / self.spread[:, None])
+
     def log_determinant(self, sharing: Sharing) -> float:
         """log |I + ratio K|, and twice the price of what was learned."""
         price = 2.0 * PRICE * (len(self.each) - 1) if sharing.way == EACH else 0.0

@@ -23,6 +23,7 @@ from symstiff.discrepancy.diagnose import diagnose
 from symstiff.discrepancy.doubts import doubted, known_throughout
 from symstiff.discrepancy.growth import Fitted, fit, grow
 from symstiff.discrepancy.point import find_point
+from symstiff.discrepancy.prepare import at_first
 from symstiff.discrepancy.problem import Array, Options, Shape
 from symstiff.discrepancy.remarks import remarked
 from symstiff.discrepancy.result import CandidateResult, Diagnosis, Estimate, Name, Rms
@@ -167,15 +168,19 @@ def _diagnosed(
     better shapes, does without some of the effects, or where the first did not account for the data.
     """
     tell("columns")
-    assembly = assemble(model, table)
+    noise = at_first(assemble(model, table, effects=()).problem)
+    assembly = assemble(model, table, noise=noise)
     found = diagnose(assembly.problem, assembly.candidates, options, tell, doubt=doubt)
     settled = found.verdict == AMBIGUOUS or (found.verdict == NAMED and len(found.leading) == 1)
-    believed = [] if settled else believed_loads(model, table, assembly, found.leading)
-    if not believed:
+    loading = [] if settled else loading_effects(assembly, found.leading)
+    if not loading:
         return assembly, found
     tell("columns under the loads found")
-    under = assemble(model, table, believed=believed)
-    given = [Name(effect.effect, effect.where) for effect, _ in believed]
+    believed = fit(
+        grow(model, [EffectInstance(n.effect, dict(n.where), dict(s)) for n, s, _ in found.leading]), table
+    )
+    under = assemble(model, table, noise=believed.noise, believed=believed.model)
+    given = loading
     again = diagnose(under.problem, under.candidates, options, tell, given)
     enough = again.verdict == NAMED and not Counter(_names(again)) - Counter(_names(found))
     stands = enough if found.verdict == NAMED else again.verdict in (NAMED, AMBIGUOUS)
@@ -186,20 +191,17 @@ def _names(found: Diagnosis) -> list[str]:
     return sorted(named_at(name.effect, name.where) for name, _, _ in found.leading)
 
 
-def believed_loads(
-    model: StiffnessModel, table: Measurements, assembly: Assembly,
-    leading: Sequence[tuple[Name, Shape, Mapping[str, Estimate]]],
-) -> list[tuple[EffectInstance, Mapping[str, float]]]:  # fmt: skip
-    """Those of the leading effects that add loads worth a second look, as all of them fit the data jointly."""
+def loading_effects(
+    assembly: Assembly, leading: Sequence[tuple[Name, Shape, Mapping[str, Estimate]]]
+) -> list[Name]:
+    """Those of the leading effects that add loads worth a second look."""
     view = assembly.situation.view
-    effects = [EffectInstance(name.effect, dict(name.where), dict(shape)) for name, shape, _ in leading]
-    loading = []
-    for effect, (_, _, estimates) in zip(effects, leading, strict=True):
-        added = added_loads(view, effect, {n: e.value for n, e in estimates.items()})
-        if np.max(np.abs(added)) > _WORTH * np.max(np.abs(view.tau)):
-            loading.append(effect)
-    values = fit(grow(model, effects), table).model.values if loading else {}
-    return [(effect, values) for effect in loading]
+    least = _WORTH * np.max(np.abs(view.tau))
+    return [
+        name for name, shape, estimates in leading
+        if np.max(np.abs(added_loads(view, EffectInstance(name.effect, dict(name.where), dict(shape)),
+                                     {n: e.value for n, e in estimates.items()}))) > least
+    ]  # fmt: skip
 
 
 def _options(task: Task, most: int) -> Options:

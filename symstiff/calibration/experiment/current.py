@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -32,6 +32,8 @@ from symstiff.symbolic.chain import ElasticChain
 from symstiff.symbolic.programs import observation_program
 from symstiff.symbolic.terms import Term
 
+Weigh = Callable[[Floats], Floats]
+"""Rows (M, k) in units of the noise, what they share taken into account."""
 _POSES = 60
 """Random poses at which columns are compared."""
 _STILL = 1e-9
@@ -56,18 +58,22 @@ class Current:
     fitted: dict[str, float]
 
 
-def settled(model: StiffnessModel, table: Measurements) -> Current:
-    """The current model on the data; with absolute positions the device's placement settles along with it."""
+def settled(model: StiffnessModel, table: Measurements, weigh: Weigh | None = None) -> Current:
+    """The current model on the data; with absolute positions the device's placement settles along with it.
+
+    Loads that effects add act on compliances that are fitted here: ``weigh`` where more is known of the noise than
+    each row's sigma. A pose that was missed, or an effect that all load cases of a pose share, bends them otherwise.
+    """
     view, known = look(model.robot, table), dict(model.values)
     if table.kind != "absolute":
         view, y = placed(view, Laws(view, model.terms, known))
-        return _current(model, model.terms, (), view, y, known)
+        return _current(model, model.terms, (), view, y, known, weigh)
     view = under_weights(view)
     hidden = _hidden(model) if has_weights(model.robot) else ()
     terms = (*model.terms, *terms_of(hidden))
     for _ in range(3):
         view, y = placed(view, Laws(view, terms, known))
-        current = _current(model, terms, tuple(p.name for p in hidden), view, y, known)
+        current = _current(model, terms, tuple(p.name for p in hidden), view, y, known, weigh)
         known = current.fitted
     return _standing(model, hidden, current) if current.hidden else current
 
@@ -134,6 +140,7 @@ def _current(
     view: View,
     y: Floats,
     known: dict[str, float],
+    weigh: Weigh | None,
 ) -> Current:
     """Columns of the model at ``known`` values, and values that fit the data."""
     nominal = {n: v for r in model.realisations for n, v in r.nominal.items()}
@@ -155,10 +162,11 @@ def _current(
                     target -= nominal[name] * column
         A = without_rounding(A, _sizes(model, free))
         extra = placement_columns(view)
-        solution, left = _fitted(np.hstack([A, extra]), target, view, [known.get(n, 0.0) for n in free])
+        begin = [known.get(n, 0.0) for n in free]
+        solution, weighed = _fitted(np.hstack([A, extra]), target, view, begin, weigh)
         fit = dict(zip(free, solution, strict=True))
         own = [k for k, n in enumerate(free) if n in {p.name for p in model.effect_parameters}]
-        laws = whole(model, view, np.hstack([A[:, own], extra]), {**fit, **nominal}, target, left)
+        laws = whole(model, view, np.hstack([A[:, own], extra]), {**fit, **nominal}, target, weighed)
     situation = Situation(_under(view, laws), laws)
     keep = np.any(A != 0, axis=0)
     kept = [n for n, k in zip(free, keep, strict=True) if k]
@@ -198,25 +206,29 @@ def _own_columns(
             yield parameter.name, block[:, k]
 
 
-def _fitted(A: Floats, y: Floats, view: View, start: Sequence[float]) -> tuple[list[float], Floats]:
-    """Least squares about the start values, and the noise (M,): as stated, else what is left.
+def _fitted(
+    A: Floats, y: Floats, view: View, start: Sequence[float], weigh: Weigh | None
+) -> tuple[list[float], Weigh]:
+    """Least squares about the start values, and how it weighed the rows: sigma as stated, else what is left.
 
     Directions that the data do not hold stay at the start.
     """
-    spread = spread_of(view)
+    spread = spread_of(view)[:, None]
+    plain: Weigh = weigh or (lambda rows: rows / spread)
     count = len(start)
     begin = np.concatenate([start, np.zeros(A.shape[1] - count)])
-    X, r = A / spread[:, None], (y - A @ begin) / spread
+    X, r = plain(A), plain((y - A @ begin)[:, None])[:, 0]
     length = np.linalg.norm(X, axis=0)
     length[length == 0] = 1.0
     U, s, Vt = np.linalg.svd(X / length, full_matrices=False)
     keep = s > 1e-5 * s[0] if len(s) else s > 0
     share = U[:, keep].T @ r
     step = Vt[keep].T @ (share / s[keep]) / length
-    if sigma_of(view) is None:
+    scale = 1.0
+    if weigh is not None or sigma_of(view) is None:
         left = r - U[:, keep] @ share
-        spread = spread * max(float(np.sqrt(np.mean(left**2))), 1e-6)
-    return [float(x) for x in (begin + step)[:count]], spread
+        scale = max(float(np.sqrt(np.mean(left**2))), 1e-6)
+    return [float(x) for x in (begin + step)[:count]], lambda rows: plain(rows) / scale
 
 
 def spread_of(view: View) -> Floats:

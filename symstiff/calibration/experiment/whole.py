@@ -8,7 +8,7 @@ that are fitted to the data; its spread is its size.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 
 import numpy as np
 
@@ -22,24 +22,26 @@ _OTHER_TURNS = 0.2
 
 
 def whole(
-    model: StiffnessModel, view: View, further: Floats, values: dict[str, float], y: Floats, spread: Floats
-) -> Laws:
+    model: StiffnessModel, view: View, further: Floats, values: dict[str, float], y: Floats,
+    weigh: Callable[[Floats], Floats],
+) -> Laws:  # fmt: skip
     """Laws of the full set that fit the data; the model's effects keep their fitted ``values``.
 
-    ``further`` (M, k) are columns that are fitted along without a prior: effects, the device's placement.
+    ``further`` (M, k) are columns that are fitted along without a prior: effects, the device's placement. ``weigh``
+    gives rows (M, k) in units of the noise.
     """
     apart = view.table.kind == "absolute" and has_weights(model.robot)
     parameters = everything(model, apart)
     names = [p.name for p in parameters]
     terms = terms_of(parameters)
-    A = linear_columns(view, terms, names) / spread[:, None]
-    target = y / spread
+    A = weigh(linear_columns(view, terms, names))
+    target = weigh(y[:, None])[:, 0]
     size = _sizes(model, parameters)
     guess = A @ np.where([p.is_coupling for p in parameters], 0.0, size)
     scale = max(float(guess @ target) / max(float(guess @ guess), 1e-300), 0.0) or 1e-7
     size = size * scale
     mean = np.where([p.is_coupling for p in parameters], 0.0, size)
-    rows = np.hstack([A * size, further / spread[:, None]])
+    rows = np.hstack([A * size, weigh(further)])
     length = np.linalg.norm(rows[:, len(names) :], axis=0)
     rows[:, len(names) :] /= np.where(length > 0, length, 1.0)
     prior = np.eye(rows.shape[1])[: len(names)]
