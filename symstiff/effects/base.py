@@ -69,13 +69,26 @@ class Scales:
         return float(f"{found:.3g}") if found > 0 else otherwise
 
 
+@dataclass(frozen=True, eq=False)
+class Body:
+    """A link whose weight the robot file tells, in N states: the first ``before`` virtual joints carry it.
+
+    ``lever`` (N, 3) leads from the tool centre point to its centre of mass, ``wrench`` (N, 6) acts there; base axes.
+    """
+
+    before: int
+    lever: np.ndarray
+    wrench: np.ndarray
+
+
 class Situation(Protocol):
     """What an effect that is no law may look at: N states (pose, load case, point), M rows of data.
 
     ``labels`` name the poses; ``row_pose`` and ``row_axis`` (M,) number each row's pose and component
     (0–5); ``J`` (N, 6, V) is the virtual-joint Jacobian at the tool centre point, base axes; ``theta`` (N,
-    V) the current model's deflections; ``wrench`` (N, 6); ``offset`` (N, 3) leads from the tool centre
-    point to the measured point.
+    V) the current model's deflections, ``sag`` (N, V) those under the links' known weight that are there
+    without the load and that the data do not show; ``wrench`` (N, 6); ``bodies`` what weighs; ``offset``
+    (N, 3) leads from the tool centre point to the measured point.
     """
 
     @property
@@ -88,6 +101,10 @@ class Situation(Protocol):
     def J(self) -> np.ndarray: ...  # noqa: D102
     @property
     def theta(self) -> np.ndarray: ...  # noqa: D102
+    @property
+    def sag(self) -> np.ndarray: ...  # noqa: D102
+    @property
+    def bodies(self) -> tuple[Body, ...]: ...  # noqa: D102
     @property
     def wrench(self) -> np.ndarray: ...  # noqa: D102
     @property

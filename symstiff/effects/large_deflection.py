@@ -2,7 +2,8 @@
 
 Second derivative of a serial chain with virtual joints u before v: an earlier turn rotates a later column,
 and a later shift moves the lever of an earlier one. The term has two parts: the curved path of the tool,
-½·Σ dJ_v·θ_v, and the change of the loads, J·C·(dJᵀ·W). Its one coefficient is 1.
+½·Σ dJ_v·θ_v, and the change of the loads, J·C·(dJᵀ·W). Its one coefficient is 1. Where the robot file tells what
+the links weigh, the arm sags already without a load: a deflection shows the term at the sum less the sag's own.
 """
 
 from __future__ import annotations
@@ -32,12 +33,26 @@ def _moved(J: np.ndarray, theta: np.ndarray) -> np.ndarray:
 
 
 def _columns(situation: Situation, where: Where, shape: Shape) -> np.ndarray:
-    J, theta = situation.J, situation.theta
-    further = situation.respond(np.einsum("nrv,nr->nv", _moved(J, theta), situation.wrench))
-    point = J.copy()
-    point[:, :3] += np.cross(J[:, 3:], situation.offset[:, :, None], axis=1)
-    curved = np.einsum("nrv,nv->nr", _moved(point, theta), theta) / 2
-    return situation.rows(curved + np.einsum("nrv,nv->nr", point, further))[:, None]
+    J, theta, sag = situation.J, situation.theta, situation.sag
+    change = np.einsum("nrv,nr->nv", _moved(J, theta + sag), situation.wrench)
+    for body in situation.bodies:
+        at_body = _at(J, body.lever)[:, :, : body.before]
+        change[:, : body.before] += np.einsum(
+            "nrv,nr->nv", _moved(at_body, theta[:, : body.before]), body.wrench
+        )
+    point = _at(J, situation.offset)
+    curved = _curved(point, theta + sag) - _curved(point, sag)
+    return situation.rows(curved + np.einsum("nrv,nv->nr", point, situation.respond(change)))[:, None]
+
+
+def _at(J: np.ndarray, lever: np.ndarray) -> np.ndarray:
+    """The columns (N, 6, V) for a point at levers (N, 3) from the tool centre point."""
+    return np.concatenate([J[:, :3] + np.cross(J[:, 3:], lever[:, :, None], axis=1), J[:, 3:]], axis=1)
+
+
+def _curved(J: np.ndarray, theta: np.ndarray) -> np.ndarray:
+    """Twists (N, 6) by which the path of a point departs from a straight one."""
+    return np.asarray(np.einsum("nrv,nv->nr", _moved(J, theta), theta) / 2)
 
 
 EFFECT = Effect(

@@ -15,6 +15,7 @@ import sympy as sp
 from numpy.typing import NDArray
 
 from symstiff.calibration.measurements import Measurements
+from symstiff.effects.base import Body
 from symstiff.robot.schema import Robot
 from symstiff.symbolic.algebras import NumpyAlgebra
 from symstiff.symbolic.numeric import Kinematics, kinematics, virtual_joints
@@ -285,6 +286,23 @@ class Situation:
     def theta(self) -> Floats:
         """(N, V) deflections by the current model."""
         return self.laws(self.view.tau + self.view.more)
+
+    @cached_property
+    def sag(self) -> Floats:
+        """(N, V) deflections under the links' known weight that deflections do not show; 0 in absolute data."""
+        if self.view.table.kind == "absolute" or not has_weights(self.view.robot):
+            return np.zeros_like(self.view.tau)
+        return self.laws(under_weights(self.view).tau - self.view.tau)
+
+    @cached_property
+    def bodies(self) -> tuple[Body, ...]:
+        """The links whose mass the robot file tells."""
+        found, links = self.view.found, self.view.robot.links
+        down = np.tile([0.0, 0.0, -GRAVITY, 0.0, 0.0, 0.0], (len(self.view.table), 1))
+        return tuple(
+            Body(7 * i + 6, found.R[:, i] @ np.array(link.com) - found.rho[:, i], link.mass * down)
+            for i, link in enumerate(links) if i and link.mass
+        )  # fmt: skip
 
     def respond(self, loads: Floats) -> Floats:
         """(N, V) further deflections under further loads (N, V)."""
