@@ -125,13 +125,18 @@ def test_a_misstated_sigma_is_noticed_and_changes_no_p_value(factor: float) -> N
     assert wrong.verdict == right.verdict
 
 
-def test_a_residual_far_above_the_stated_sigma_is_not_called_explained() -> None:
+@pytest.mark.parametrize(("factor", "verdict"), [(1.77, "nothing_missing"), (2.4, "unexplained")])
+def test_a_residual_far_above_the_stated_sigma_is_not_called_explained(factor: float, verdict: str) -> None:
+    """A sigma of one reading that is a fifth too small is misstated, and what is left is still noise."""
     a = arm(20)
     found = diagnose(
-        replace(measured(a.problem, 0.0, 6), sigma=np.full(a.problem.rows, SIGMA / 1.9)), a.candidates, QUICK
+        replace(measured(a.problem, 0.0, 6), sigma=np.full(a.problem.rows, SIGMA / factor)),
+        a.candidates,
+        QUICK,
     )
-    assert (found.verdict, found.effects) == ("unexplained", ())
-    assert "1.9 times the stated sigma" in found.reason
+    assert (found.verdict, found.effects) == (verdict, ())
+    assert found.noise.misstated
+    assert ("2.4 times the stated sigma" in found.reason) == (verdict == "unexplained")
 
 
 @pytest.mark.parametrize(("factor", "verdict"), [(3.0, "nothing_missing"), (8.0, "unexplained")])
