@@ -65,16 +65,19 @@ def assumed_arms(
 ) -> tuple[tuple[float, float], ...]:
     """Masses [kg] to be tried for an arm whose file tells none, each with the largest load on the joint under it.
 
-    None where they do not load the joint, and none that is heavier than a robot can be.
+    None where they do not load the joint; the heaviest that a robot can be in place of those that are heavier.
     """
     known = any(link.mass for link in robot.links)
     most = 0.0 if known or scales.kind == "absolute" else _most_arm_load(robot, joint)
     if not most:
         return ()
     top = scales.of(actuated_joint(joint))
-    tried = (moment * top / most for moment in moments)
-    kept = (float(f"{mass:.2g}") for mass in tried if mass < heaviest(robot))
-    return tuple((mass, top + mass * most) for mass in kept)
+    limit = heaviest(robot)
+    tried = [moment * top / most for moment in moments]
+    kept = [mass for mass in tried if mass < limit]
+    if kept and len(kept) < len(tried):
+        kept.append(limit)
+    return tuple((mass, top + mass * most) for mass in dict.fromkeys(float(f"{m:.2g}") for m in kept))
 
 
 def heaviest(robot: Robot) -> float:
@@ -94,16 +97,20 @@ def weight_load(robot: Robot, joint: int) -> sp.Expr:
 def arm_load(robot: Robot, joint: int) -> sp.Expr:
     """The same of one kilogram that is spread evenly along the arm, from frame 0 to the tool.
 
-    Half of a stretch between two frames hangs at either of them, which loads the joints as an even rod does.
+    Half of a stretch between two frames hangs at either of them, which loads the joints as an even rod does. What
+    slides is as long as its stroke, and hangs whole at the frame that it moves.
     """
     chain = ElasticChain(robot)
     tip = chain.tool_offset()
     ends = [(row.a.sympy(), row.d.sympy()) for row in chain.rows] + [tip]
     stretches = [float(sp.sqrt(sum(x**2 for x in end))) for end in ends]
-    half = [exact(f"{x / (2.0 * max(sum(stretches), _SHORTEST)):.4f}") for x in stretches]
+    strokes = [float(np.ptp(joint.range)) if joint.prismatic else 0.0 for joint in robot.joint]
+    whole = max(sum(stretches) + sum(strokes), _SHORTEST)
+    half = [exact(f"{x / (2.0 * whole):.4f}") for x in stretches]
+    slid = [exact(f"{x / whole:.4f}") for x in strokes]
     n = chain.dof
-    bodies = {i: (half[i - 1] + half[i], (sp.S.Zero,) * 3) for i in range(1, n)}
-    last = half[n - 1] + 2 * half[n]
+    bodies = {i: (half[i - 1] + half[i] + slid[i - 1], (sp.S.Zero,) * 3) for i in range(1, n)}
+    last = half[n - 1] + 2 * half[n] + slid[n - 1]
     bodies[n] = (last, tuple(x * half[n] / last for x in tip) if last else (sp.S.Zero,) * 3)
     return _load_of_bodies(chain, joint, bodies)
 
