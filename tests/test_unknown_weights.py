@@ -99,6 +99,33 @@ def test_a_step_as_wide_as_the_loads_is_backlash_where_the_weight_is_many_times_
     assert [(e.effect, e.where) for e in found.named] == [("backlash", {"joint": joint})]
 
 
+@pytest.mark.parametrize("mass", [3.0, 6.0])
+def test_the_hysteresis_of_a_quill_is_named_though_nobody_tells_what_it_weighs(mass: float) -> None:
+    """A SCARA's sliding joint carries its quill, which has no length in the DH table."""
+    bare, rng = load("scara"), np.random.default_rng(2)
+    quill = bare.joint[2].model_copy(update={"link": bare.joint[2].link.model_copy(update={"mass": mass})})
+    heavy = bare.model_copy(update={"joint": (*bare.joint[:2], quill, *bare.joint[3:])})
+    low, high = np.array([j.range for j in bare.joint]).T
+    states = np.repeat(rng.uniform(low, high, (30, 4)), 5, axis=0)
+    direction = rng.normal(size=(30, 3)) * [0.4, 0.4, 1.0]
+    w = np.array([np.r_[40.0 * f * s, 0, 0, 0] for f in direction for s in UP_AND_DOWN])
+    branch = np.tile([1, 1, 1, -1, -1], 30)
+    gear = Effect("hysteresis", {"joint": 3}, "sqrt", {"width": 6e-5, "knee": 3.0, "tau_ref": 40.0})
+    values = clean_response(
+        Truth(heavy, nominal_truth(heavy), (gear,)), states, w, {"kind": "deflection", "branch": branch}
+    )
+    values[:, :3] += SIGMA * rng.normal(size=(len(w), 3))
+    values[:, 3:] = np.nan
+    table = measurements(
+        states, w, values=values, sigma=np.where(np.isnan(values), np.nan, SIGMA), pose=np.repeat(np.arange(30), 5),
+        kind="deflection", joint_units=["m" if j.prismatic else "rad" for j in bare.joint], branch=branch,
+    )  # fmt: skip
+    found = run(Task(bare, table))
+    assert found.verdict == "named"
+    assert [(e.effect, e.where) for e in found.named] == [("hysteresis", {"joint": 3})]
+    assert found.rms.after == pytest.approx(SIGMA, rel=0.1)
+
+
 @pytest.mark.parametrize("name", ["kuka_kr270", "franka_panda", "puma560", "scara"])
 def test_an_arms_load_is_that_of_an_even_rod(name: str) -> None:
     """Against the height of the rod's centre in the simulator's geometry, by differences."""
