@@ -77,7 +77,7 @@ def test_a_gear_under_a_biased_sensor_is_named_with_its_size(finding: Finding) -
         assert values[f"force_sensor_bias_force_sensor_f{axis}"] == pytest.approx(true, abs=1.5)
     assert finding.rms.after < 0.2 * finding.rms.before
     assert finding.rms.held_out_after is not None
-    assert finding.rms.held_out_after < 0.35 * finding.rms.before
+    assert finding.rms.held_out_after < 0.4 * finding.rms.before
 
 
 def test_without_the_second_look_the_gap_stays_open(
