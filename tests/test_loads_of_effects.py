@@ -7,10 +7,8 @@ import pytest
 
 from symstiff.calibration.measurements import Measurements, measurements
 from symstiff.calibration.simulation import Effect, Noise, Truth, nominal_truth, simulate
-from symstiff.discrepancy.assemble import assemble
-from symstiff.discrepancy.prepare import at_first
 from symstiff.discrepancy.scan import column_space
-from symstiff.discrepancy.workflow import Task, run
+from symstiff.discrepancy.workflow import Task, first_assembly, run
 from symstiff.model import StiffnessModel
 from symstiff.reduction.reduce import reduce
 from symstiff.robot import load
@@ -60,8 +58,7 @@ def test_a_payload_has_its_own_columns_though_the_robot_misses_its_poses(others:
     """Also where another effect stands in the data that no model holds yet."""
     table = experiment(PAYLOAD, *others, noise=MISSED)
     signal = experiment(PAYLOAD, noise=EXACT).values - experiment(noise=EXACT).values
-    noise = at_first(assemble(start(), table, effects=()).problem)
-    found = assemble(start(), table, noise=noise)
+    found = first_assembly(start(), table)
     block = next(c for c in found.candidates if c.effect == "payload_error").columns({})
     view = found.situation.view
     assert left(signal[view.state, view.component], found.problem.A, block) < 0.01

@@ -8,7 +8,7 @@ on from there. So joints → links → what is missing from both comes out of th
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -159,6 +159,11 @@ def run(task: Task, tell: Tell = lambda stage: None) -> Finding:
     return _finding(task, table, model, wider, assembly, first, last, climbed, remarks, tell)
 
 
+def first_assembly(model: StiffnessModel, table: Measurements) -> Assembly:
+    """The assembly of a table by the noise as the model alone shows it."""
+    return assemble(model, table, noise=at_first(assemble(model, table, effects=()).problem))
+
+
 def _diagnosed(
     model: StiffnessModel, table: Measurements, options: Options, tell: Tell, doubt: str = ""
 ) -> tuple[Assembly, Diagnosis]:
@@ -168,19 +173,16 @@ def _diagnosed(
     better shapes, does without some of the effects, or where the first did not account for the data.
     """
     tell("columns")
-    noise = at_first(assemble(model, table, effects=()).problem)
-    assembly = assemble(model, table, noise=noise)
+    assembly = first_assembly(model, table)
     found = diagnose(assembly.problem, assembly.candidates, options, tell, doubt=doubt)
     settled = found.verdict == AMBIGUOUS or (found.verdict == NAMED and len(found.leading) == 1)
-    loading = [] if settled else loading_effects(assembly, found.leading)
-    if not loading:
+    effects = [(EffectInstance(n.effect, dict(n.where), dict(s)), e) for n, s, e in found.leading]
+    given = [] if settled else [Name(e.effect, e.where) for e, sizes in effects if _loads(assembly, e, sizes)]
+    if not given:
         return assembly, found
     tell("columns under the loads found")
-    believed = fit(
-        grow(model, [EffectInstance(n.effect, dict(n.where), dict(s)) for n, s, _ in found.leading]), table
-    )
+    believed = fit(grow(model, [effect for effect, _ in effects]), table)
     under = assemble(model, table, noise=believed.noise, believed=believed.model)
-    given = loading
     again = diagnose(under.problem, under.candidates, options, tell, given)
     enough = again.verdict == NAMED and not Counter(_names(again)) - Counter(_names(found))
     stands = enough if found.verdict == NAMED else again.verdict in (NAMED, AMBIGUOUS)
@@ -191,17 +193,11 @@ def _names(found: Diagnosis) -> list[str]:
     return sorted(named_at(name.effect, name.where) for name, _, _ in found.leading)
 
 
-def loading_effects(
-    assembly: Assembly, leading: Sequence[tuple[Name, Shape, Mapping[str, Estimate]]]
-) -> list[Name]:
-    """Those of the leading effects that add loads worth a second look."""
+def _loads(assembly: Assembly, effect: EffectInstance, estimates: Mapping[str, Estimate]) -> bool:
+    """Whether an effect of that size adds loads worth a second look."""
     view = assembly.situation.view
-    least = _WORTH * np.max(np.abs(view.tau))
-    return [
-        name for name, shape, estimates in leading
-        if np.max(np.abs(added_loads(view, EffectInstance(name.effect, dict(name.where), dict(shape)),
-                                     {n: e.value for n, e in estimates.items()}))) > least
-    ]  # fmt: skip
+    added = added_loads(view, effect, {name: e.value for name, e in estimates.items()})
+    return bool(np.max(np.abs(added)) > _WORTH * np.max(np.abs(view.tau)))
 
 
 def _options(task: Task, most: int) -> Options:

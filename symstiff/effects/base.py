@@ -80,6 +80,15 @@ class Body:
     lever: np.ndarray
     wrench: np.ndarray
 
+    def columns(self, J: np.ndarray) -> np.ndarray:
+        """(N, 6, before) of the Jacobian J (N, 6, V) at the tool centre point, for the centre of mass."""
+        return at_lever(J[:, :, : self.before], self.lever)
+
+
+def at_lever(J: np.ndarray, lever: np.ndarray) -> np.ndarray:
+    """The columns J (N, 6, V) at the tool centre point, for a point at levers (N, 3) from it."""
+    return np.concatenate([J[:, :3] + np.cross(J[:, 3:], lever[:, :, None], axis=1), J[:, 3:]], axis=1)
+
 
 class Situation(Protocol):
     """What an effect that is no law may look at: N states (pose, load case, point), M rows of data.

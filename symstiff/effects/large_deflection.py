@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from symstiff.effects.base import Effect, Realisation, Shape, Situation, Where
+from symstiff.effects.base import Effect, Realisation, Shape, Situation, Where, at_lever
 from symstiff.effects.common import BOTH, parameter
 from symstiff.robot.schema import Robot
 
@@ -36,18 +36,11 @@ def _columns(situation: Situation, where: Where, shape: Shape) -> np.ndarray:
     J, theta, sag = situation.J, situation.theta, situation.sag
     change = np.einsum("nrv,nr->nv", _moved(J, theta + sag), situation.wrench)
     for body in situation.bodies:
-        at_body = _at(J, body.lever)[:, :, : body.before]
-        change[:, : body.before] += np.einsum(
-            "nrv,nr->nv", _moved(at_body, theta[:, : body.before]), body.wrench
-        )
-    point = _at(J, situation.offset)
+        moved = _moved(body.columns(J), theta[:, : body.before])
+        change[:, : body.before] += np.einsum("nrv,nr->nv", moved, body.wrench)
+    point = at_lever(J, situation.offset)
     curved = _curved(point, theta + sag) - _curved(point, sag)
     return situation.rows(curved + np.einsum("nrv,nv->nr", point, situation.respond(change)))[:, None]
-
-
-def _at(J: np.ndarray, lever: np.ndarray) -> np.ndarray:
-    """The columns (N, 6, V) for a point at levers (N, 3) from the tool centre point."""
-    return np.concatenate([J[:, :3] + np.cross(J[:, 3:], lever[:, :, None], axis=1), J[:, 3:]], axis=1)
 
 
 def _curved(J: np.ndarray, theta: np.ndarray) -> np.ndarray:

@@ -9,9 +9,8 @@ from __future__ import annotations
 import argparse
 from collections.abc import Iterator
 
-from symstiff.discrepancy.assemble import assemble
-from symstiff.discrepancy.prepare import at_first
 from symstiff.discrepancy.scan import column_space
+from symstiff.discrepancy.workflow import first_assembly
 from tests.blind.apart import outside
 from tests.blind.generate import Case, Options, case
 from tests.blind.score import same
@@ -21,8 +20,7 @@ _ZERO = 1e-5
 
 def left(hidden: Case) -> Iterator[tuple[str, float, float, str]]:
     """For each hidden effect: its story, its λ, what its best shape leaves of that, and that shape."""
-    plain = assemble(hidden.model, hidden.table, effects=())
-    assembly = assemble(hidden.model, hidden.table, noise=at_first(plain.problem))
+    assembly = first_assembly(hidden.model, hidden.table)
     groups = {c.key: c.group for c in assembly.candidates if c.group}
     space = outside(hidden, assembly)
     for story, truth, part in zip(hidden.label.story, hidden.label.truth, hidden.parts, strict=True):

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -14,6 +14,7 @@ from symstiff.calibration.experiment.situation import (
     Laws,
     Situation,
     View,
+    Weigh,
     has_weights,
     loads_of,
     look,
@@ -32,8 +33,6 @@ from symstiff.symbolic.chain import ElasticChain
 from symstiff.symbolic.programs import observation_program
 from symstiff.symbolic.terms import Term
 
-Weigh = Callable[[Floats], Floats]
-"""Rows (M, k) in units of the noise, what they share taken into account."""
 _POSES = 60
 """Random poses at which columns are compared."""
 _STILL = 1e-9

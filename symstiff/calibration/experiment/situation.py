@@ -6,7 +6,7 @@ component.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -15,7 +15,7 @@ import sympy as sp
 from numpy.typing import NDArray
 
 from symstiff.calibration.measurements import Measurements
-from symstiff.effects.base import Body
+from symstiff.effects.base import Body, at_lever
 from symstiff.robot.schema import Robot
 from symstiff.symbolic.algebras import NumpyAlgebra
 from symstiff.symbolic.numeric import Kinematics, kinematics, virtual_joints
@@ -36,6 +36,8 @@ from symstiff.symbolic.terms import (
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.intp]
+Weigh = Callable[[Floats], Floats]
+"""Rows (M, k) in units of the noise, what they share taken into account."""
 GRAVITY = 9.80665
 _ALGEBRA = NumpyAlgebra()
 _STEP = 1e-4
@@ -76,14 +78,22 @@ class View:
     @cached_property
     def at_point(self) -> Floats:
         """(N, 6, V) twists of the measured points for unit deflections, in the device's axes."""
-        J = self.found.J_theta
-        lin = J[:, :3] + np.cross(J[:, 3:], self.offset[:, :, None], axis=1)
-        return np.concatenate([self.turn @ lin, self.turn @ J[:, 3:]], axis=1)
+        J = at_lever(self.found.J_theta, self.offset)
+        return np.concatenate([self.turn @ J[:, :3], self.turn @ J[:, 3:]], axis=1)
 
     @cached_property
     def J(self) -> Floats:
         """(M, V) rows of the virtual-joint Jacobian."""
         return np.asarray(self.at_point[self.state, self.component])
+
+    @cached_property
+    def bodies(self) -> tuple[Body, ...]:
+        """The links whose mass the robot file tells; each hangs behind its own springs."""
+        down = np.tile([0.0, 0.0, -GRAVITY, 0.0, 0.0, 0.0], (len(self.table), 1))
+        return tuple(
+            Body(7 * i + 6, self.found.R[:, i] @ np.array(link.com) - self.found.rho[:, i], link.mass * down)
+            for i, link in enumerate(self.robot.links) if i and link.mass
+        )  # fmt: skip
 
     def read(self, twists: Floats) -> Floats:
         """Rows (M,) of twists (N, 6) of the measured points, device axes."""
@@ -165,14 +175,9 @@ def look(robot: Robot, table: Measurements, turn: Floats | None = None) -> View:
 def under_weights(view: View) -> View:
     """The view with the weight of the robot's links added to the loads, as in absolute data."""
     total = np.array(view.tau)
-    for i, link in enumerate(view.robot.links):
-        if link.mass and i:
-            upward = view.found.R[:, i, 2]
-            down = -GRAVITY * np.asarray(link.mass * upward)
-            moment = -GRAVITY * link.mass * np.cross(np.array(link.com), upward)
-            for k in range(3):
-                total += view.load_of(VirtualJoint("body", i, k + 1), down[:, k])
-                total += view.load_of(VirtualJoint("body", i, k + 4), moment[:, k])
+    for body in view.bodies:
+        carried = body.columns(view.found.J_theta)
+        total[:, : body.before] += np.einsum("nrv,nr->nv", carried, body.wrench)
     return replace(view, tau=total)
 
 
@@ -294,15 +299,10 @@ class Situation:
             return np.zeros_like(self.view.tau)
         return self.laws(under_weights(self.view).tau - self.view.tau)
 
-    @cached_property
+    @property
     def bodies(self) -> tuple[Body, ...]:
         """The links whose mass the robot file tells."""
-        found, links = self.view.found, self.view.robot.links
-        down = np.tile([0.0, 0.0, -GRAVITY, 0.0, 0.0, 0.0], (len(self.view.table), 1))
-        return tuple(
-            Body(7 * i + 6, found.R[:, i] @ np.array(link.com) - found.rho[:, i], link.mass * down)
-            for i, link in enumerate(links) if i and link.mass
-        )  # fmt: skip
+        return self.view.bodies
 
     def respond(self, loads: Floats) -> Floats:
         """(N, V) further deflections under further loads (N, V)."""

@@ -8,11 +8,11 @@ that are fitted to the data; its spread is its size.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 
 import numpy as np
 
-from symstiff.calibration.experiment.situation import Floats, Laws, View, has_weights, linear_columns
+from symstiff.calibration.experiment.situation import Floats, Laws, View, Weigh, has_weights, linear_columns
 from symstiff.model import StiffnessModel
 from symstiff.reduction.physical import Parameter, original, physical_stages, terms_of
 from symstiff.symbolic.program import Builder
@@ -23,7 +23,7 @@ _OTHER_TURNS = 0.2
 
 def whole(
     model: StiffnessModel, view: View, further: Floats, values: dict[str, float], y: Floats,
-    weigh: Callable[[Floats], Floats],
+    weigh: Weigh,
 ) -> Laws:  # fmt: skip
     """Laws of the full set that fit the data; the model's effects keep their fitted ``values``.
 
