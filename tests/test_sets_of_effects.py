@@ -91,6 +91,22 @@ def test_what_is_less_than_a_hundredth_of_the_signal_is_no_effect_unless_it_is_b
     assert [e.effect for e in found.effects if e.set_number == 0] == ["strong", "loop"][:told]
 
 
+def test_two_effects_that_are_at_one_place_without_being_laws_of_one_joint_are_two() -> None:
+    """A frame that drifts may be turned as well: neither is what the other one's shape leaves."""
+    bare = arm(40).problem
+    tip = bare.y.reshape(-1, 2)
+    moved = np.where(bare.axis == 0, 1.0, -0.5) * bare.pose
+    turned = np.column_stack([-tip[:, 1], tip[:, 0]]).reshape(-1)
+    frame = [
+        replace(lawful(name, column), where={"measurement": "frame"})
+        for name, column in (("drift", moved), ("turn", turned))
+    ]
+    signal = scaled(bare, moved, 2000.0) + scaled(bare, turned, 120.0)
+    found = diagnose(measured(bare, signal, 4), (*frame, *catalogue(bare)), QUICK)
+    assert found.verdict == "named"
+    assert [e.effect for e in found.effects if e.set_number == 0] == ["drift", "turn"]
+
+
 def test_a_second_look_under_the_loads_found_may_do_without_an_effect(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:

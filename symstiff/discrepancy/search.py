@@ -213,17 +213,15 @@ def _lacking(shop: Workshop, scan: Scan, gained: float) -> bool:
 def _tolerated(shop: Workshop, proposal: Proposal, generic: bool) -> float:
     """Share of the signal that may be missed: more where the best further law sits at a member's place.
 
-    There only the member's shape is off. A further effect of the catalogue at another place is never tolerated.
+    There, at one virtual joint, only the member's law is off. A further effect of the catalogue anywhere else is never
+    tolerated: a frame that drifts and is turned, or a link that is longer and heavier than told, is two effects.
     """
     bank = shop.start.bank
     score = shop.score(proposal.members, proposal.entries, generic)
     if not np.any(np.isfinite(score)):
         return 1.0
     best = int(np.argmax(score))
-    where, place = bank.candidates[best].where, bank.place[best]
-    here = [
-        m for m in proposal.members if bank.candidates[m].where == where or (place and bank.place[m] == place)
-    ]
+    here = [m for m in proposal.members if bank.place[m] and bank.place[m] == bank.place[best]]
     if here:
         # two laws at one place bend to almost anything: what they still miss there is another law
         return shop.options.tolerated_shape if len(here) == 1 else shop.options.tolerated_share
