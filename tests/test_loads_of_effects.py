@@ -72,3 +72,27 @@ def test_a_payload_far_above_the_noise_is_no_weight_of_a_link(others: tuple[Effe
     mass = next(e for e in finding.named if e.effect == "payload_error").parameters["payload_error_payload_m"]
     assert abs(mass.value - 100.0) < 3.0 * mass.std
     assert mass.std < 3.0
+
+
+@pytest.mark.parametrize("axis", [0, 1])
+@pytest.mark.parametrize(("name", "force"), [("kuka_kr270", 2000.0), ("franka_panda", 30.0)])
+def test_a_sensors_bias_has_its_own_columns_where_the_experiment_had_no_load(
+    name: str, force: float, axis: int
+) -> None:
+    """Vertical forces do not tell how soft the wrist is against the lateral force that the sensor keeps to itself."""
+    robot, rng = load(name), np.random.default_rng(3)
+    limits = np.array([j.range for j in robot.joint])
+    q = np.repeat(rng.uniform(limits[:, 0], limits[:, 1], (30, robot.dof)), 3, axis=0)
+    down = np.tile([0.0, 0.0, -force, 0.0, 0.0, 0.0], (90, 1)) * np.tile([1 / 3, 2 / 3, 1.0], 30)[:, None]
+    design = measurements(q, down, pose=np.repeat(np.arange(30), 3), joint_units=["rad"] * robot.dof)
+    bias = [0.1 * force if k == axis else 0.0 for k in range(6)]
+    hidden = Effect("force_sensor_bias", None, "constant", {"bias": bias})
+    with_it, without, table = (
+        simulate(Truth(robot, nominal_truth(robot), effects, noise), design, 1)
+        for effects, noise in (((hidden,), EXACT), ((), EXACT), ((), Noise(sigma_mm=(0.01,) * 3)))
+    )
+    found = first_assembly(StiffnessModel.of(reduce(robot, "gravity", "position")), table)
+    block = next(c for c in found.candidates if c.effect == "force_sensor_bias").columns({})
+    view = found.situation.view
+    signal = (with_it.values - without.values)[view.state, view.component]
+    assert left(signal, found.problem.A, block) < 0.005

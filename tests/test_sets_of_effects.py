@@ -107,6 +107,17 @@ def test_two_effects_that_are_at_one_place_without_being_laws_of_one_joint_are_t
     assert [e.effect for e in found.effects if e.set_number == 0] == ["drift", "turn"]
 
 
+def test_a_given_effect_that_is_not_needed_leaves_the_set() -> None:
+    """A first look may have taken it for what the first look's columns left."""
+    bare = arm(40).problem
+    gear, idle = (scaled(bare, law, 1.0) for law in (of_sign(bare, 0), of_branch(bare, 2)))
+    candidates = (lawful("gear", gear), lawful("idle", idle), *catalogue(bare))
+    given = [Name(c.effect, c.where) for c in candidates[:2]]
+    found = diagnose(measured(bare, 15.0 * gear, 4), candidates, QUICK, given=given)
+    assert found.verdict == "named"
+    assert [e.effect for e in found.effects] == ["gear"]
+
+
 def test_a_second_look_under_the_loads_found_may_do_without_an_effect(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:

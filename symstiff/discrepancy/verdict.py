@@ -63,7 +63,8 @@ def decide(
 ) -> Outcome:  # fmt: skip
     """Detect, then try sets of one, two and three effects until the leading set is sufficient.
 
-    Candidates that are ``given`` are members of every set; ``lack`` tells the strata that a set leaves.
+    Candidates that are ``given`` are members of every set that does not turn out to have no need of them; ``lack``
+    tells the strata that a set leaves.
     """
     shop = Workshop(start, allowed, options, lack)
     distribution = shop.null((), ())
@@ -85,6 +86,10 @@ def decide(
             break
         weighed += ranked
         judged = [judge(shop, p) for p in ranked[:4] if p.score > ranked[0].score - 5.0]
+        less = _without_idle(shop, judged[0])
+        if less is not None:
+            judged = [less, *judged]
+            weighed.append(Proposal(less.members, less.entries, less.score))
         tried += judged
         if _admissible(judged[0], options) and judged[0].score >= max(p.score for p in weighed) - 1e-9:
             if size < options.max_effects:
@@ -106,6 +111,14 @@ def _together(shop: Workshop, members: Sequence[int]) -> Proposal:
         score += float(found.score[member]) + (ONE_MORE if place else 0.0)
         entries = (*entries, int(found.best_entry[member]))
     return Proposal(tuple(members), entries, score)
+
+
+def _without_idle(shop: Workshop, judged: Judged) -> Judged | None:
+    """The set without the members that it does not need, if it has such; the others choose their shapes again."""
+    needed = [m for m, p in zip(judged.members, judged.p_members, strict=True) if p < shop.options.alpha]
+    if not needed or len(needed) == len(judged.members):
+        return None
+    return judge(shop, polish(shop, _together(shop, needed)))
 
 
 def _ranked(
