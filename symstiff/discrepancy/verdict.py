@@ -86,7 +86,7 @@ def decide(
             break
         weighed += ranked
         judged = [judge(shop, p) for p in ranked[:4] if p.score > ranked[0].score - 5.0]
-        less = _without_idle(shop, judged[0])
+        less = _without_idle(shop, judged[0], plausible)
         if less is not None:
             judged = [less, *judged]
             weighed.append(Proposal(less.members, less.entries, less.score))
@@ -113,12 +113,13 @@ def _together(shop: Workshop, members: Sequence[int]) -> Proposal:
     return Proposal(tuple(members), entries, score)
 
 
-def _without_idle(shop: Workshop, judged: Judged) -> Judged | None:
+def _without_idle(shop: Workshop, judged: Judged, plausible: Plausible) -> Judged | None:
     """The set without the members that it does not need, if it has such; the others choose their shapes again."""
     needed = [m for m, p in zip(judged.members, judged.p_members, strict=True) if p < shop.options.alpha]
     if not needed or len(needed) == len(judged.members):
         return None
-    return judge(shop, polish(shop, _together(shop, needed)))
+    less = polish(shop, _together(shop, needed))
+    return judge(shop, less) if plausible(less) else None
 
 
 def _ranked(
