@@ -166,7 +166,7 @@ def test_a_candidates_columns_hold_what_the_simulator_shows_of_the_effect(
     block = candidate.columns(form)
     left = outside(signal, np.hstack([found.problem.A, block]))
     assert np.linalg.norm(signal) > 1e-8
-    assert np.linalg.norm(left) < 0.05 * np.linalg.norm(signal)
+    assert np.linalg.norm(left) < 0.07 * np.linalg.norm(signal)  # half a per cent of the power
 
 
 def test_the_second_order_term_has_the_size_that_the_simulator_shows() -> None:

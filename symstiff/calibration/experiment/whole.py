@@ -39,7 +39,7 @@ def whole(
     terms = terms_of(parameters)
     A = weigh(linear_columns(view, terms, names))
     target = weigh(y[:, None])[:, 0]
-    size = _sizes(model, parameters, _slender(view))
+    size = _sizes(model, parameters, _slender(view), apart)
     guess = A @ np.where([p.is_coupling for p in parameters], 0.0, size)
     scale = max(float(guess @ target) / max(float(guess @ guess), 1e-300), 0.0) or 1e-7
     size = size * scale
@@ -92,14 +92,15 @@ def _slender(view: View) -> Floats:
     return np.append(ratio, ratio[-1])
 
 
-def _sizes(model: StiffnessModel, parameters: Sequence[Parameter], slender: Floats) -> Floats:
-    """Relative sizes (P,) of compliances: the joint with the longest lever counts one."""
+def _sizes(model: StiffnessModel, parameters: Sequence[Parameter], slender: Floats, apart: bool) -> Floats:
+    """Relative sizes (P,) of compliances: the joint with the longest lever counts one, and so does the link's turn
+    about its axis where joint and link are one parameter, not ``apart``."""
     length = model.robot.reach / max(model.robot.dof, 1)
 
     def size(p: Parameter) -> float:
         if p.is_joint:
             return length**2 if p.prismatic else float(slender[p.body - 1])
-        joint_like = not p.is_coupling and p.row > 3 and _turns_joint(model, p)
+        joint_like = not apart and not p.is_coupling and p.row > 3 and _turns_joint(model, p)
         return float(slender[p.body]) * (1.0 if joint_like else _OTHER_TURNS) * length**p.length_degree
 
     return np.array([size(p) for p in parameters])
