@@ -225,6 +225,23 @@ def test_a_candidate_inside_the_model_is_called_untestable_with_its_reason() -> 
     assert all(c.testable for c in d.candidates if c.effect in ("bend", "loop"))
 
 
+def test_what_would_fit_anything_proportional_to_the_load_is_not_tested() -> None:
+    """A block of eight parameters where the model leaves nine directions, though two of the eight are usually large."""
+    bare = arm(6).problem
+    rng = np.random.default_rng(2)
+    slope = rng.normal(size=(6, 2, 8))
+    assert bare.load is not None
+    columns = slope[bare.pose, bare.axis] * bare.load[:, None]
+    sizes = tuple(Parameter(f"k{i}", typical=1.0 if i < 2 else 0.02) for i in range(8))
+    block = Candidate("block", {"link": 1}, sizes, lambda shape: columns)
+    unknown = rng.normal(size=(6, 2))[bare.pose, bare.axis] * bare.load
+    found = diagnose(measured(bare, scaled(bare, unknown, 600.0)), (block, *catalogue(bare)), QUICK)
+    row = next(c for c in found.candidates if c.effect == "block")
+    assert found.verdict == "unexplained"
+    assert not row.testable
+    assert "anything proportional to the load" in row.reason
+
+
 def test_a_candidate_whose_data_are_missing_is_listed_with_the_reason_it_gave() -> None:
     a = arm(8)
     closed = replace(a.candidates[0], unavailable="needs temperature")

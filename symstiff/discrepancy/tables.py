@@ -15,6 +15,7 @@ from symstiff.discrepancy.result import CandidateResult, Estimate, Name, NamedEf
 from symstiff.discrepancy.scan import at_sharing, coefficients, critical, evidence, extend, likeliest
 from symstiff.discrepancy.search import Judged
 from symstiff.discrepancy.strata import strata
+from symstiff.discrepancy.testability import why_untestable
 from symstiff.discrepancy.verdict import Outcome
 
 CONFUSED = 0.9
@@ -146,11 +147,7 @@ def candidate_table(
         smallest = _estimates(bank, entry, sizes, np.zeros_like(sizes))
         left = share_left(scan, entry)
         if not allowed[i]:
-            absorbed = left < 1e-8 or scan.best.rank[entry] == 0
-            reason = (
-                "the model absorbs it wholly" if absorbed else "a believable size is below what would be seen"
-            )
-            out.append(_untested(candidate, reason, left, smallest))
+            out.append(_untested(candidate, why_untestable(problem, ready, entry), left, smallest))
             continue
         effects = _fitted(problem, ready, (entry,))[3]
         verdict = judged.get(i)

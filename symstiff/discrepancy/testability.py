@@ -8,6 +8,12 @@ from symstiff.discrepancy.design import effective_rank, share_left, smallest_det
 from symstiff.discrepancy.prepare import Prepared
 from symstiff.discrepancy.problem import Array, Problem
 
+_SEVERAL = 4
+"""Directions from which on a candidate may fit what it is not."""
+_MOST = 0.4
+_ALL = 0.8
+"""Shares of what is left of a stratum beyond which a candidate fills it: by its usual directions, by all of them."""
+
 
 def testable(problem: Problem, ready: Prepared) -> Array:
     """Mask (candidates,) of those of which something is left outside the model and visible at a believable size."""
@@ -29,6 +35,15 @@ def testable(problem: Problem, ready: Prepared) -> Array:
     return mask
 
 
+def why_untestable(problem: Problem, ready: Prepared, entry: int) -> str:
+    """Why these data do not test a candidate of which this is an entry."""
+    if share_left(ready.scan, entry) < 1e-8 or ready.scan.best.rank[entry] == 0:
+        return "the model absorbs it wholly"
+    if fills_its_stratum(problem, ready, entry):
+        return "beside the model it would fit anything proportional to the load: more poses would tell"
+    return "a believable size is below what would be seen"
+
+
 def _believable(ready: Prepared, entry: int, sigma2: float) -> bool:
     """Would some parameter be seen at a size of up to three times its physical range?"""
     parameters = ready.bank.parameters(entry)
@@ -41,17 +56,15 @@ def _believable(ready: Prepared, entry: int, sigma2: float) -> bool:
 def fills_its_stratum(problem: Problem, ready: Prepared, entry: int) -> bool:
     """Would a candidate that is proportional to the load take so much of what is left there that it fits anything?
 
-    The stratum "proportional to load, by pose" has one degree of freedom for each pose and channel, less the model.
+    The stratum "proportional to load, by pose" has one degree of freedom for each pose and channel, less the model. A
+    candidate fills it by the directions in which its parameters usually have a share, or, with hardly any left, by all.
     """
-    rank = float(ready.scan.best.rank[entry])
-    if ready.bank.sized[entry]:
-        rank = effective_rank(ready.scan, entry)
-    if rank < 4:
-        return False
+    full = float(ready.scan.best.rank[entry])
+    usual = effective_rank(ready.scan, entry) if ready.bank.sized[entry] else full
     cells, label = np.unique(np.column_stack([problem.pose, problem.channel]), axis=0, return_inverse=True)
     label = label.reshape(-1)
     left = len(cells) - (problem.rows - ready.scan.freedom)
-    if rank <= 0.4 * left:
+    if full < _SEVERAL or (full <= _ALL * left and (usual < _SEVERAL or usual <= _MOST * left)):
         return False
     load = np.ones(problem.rows) if problem.load is None else problem.load
     columns = ready.bank.columns[:, ready.bank.slice(entry)]
