@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 
 import numpy as np
 
@@ -11,7 +12,7 @@ from symstiff.discrepancy.beside import evidence_beside
 from symstiff.discrepancy.laws import of_load
 from symstiff.discrepancy.problem import Array, Options
 from symstiff.discrepancy.scan import Evidence, Layer, Null, Scan, explained, extend, log_likelihood, null
-from symstiff.discrepancy.strata import Stratum
+from symstiff.discrepancy.strata import PROPORTIONAL, Stratum, fills
 
 ONE_MORE = float(np.log(0.2))
 """Log prior weight of one more effect against none more."""
@@ -69,6 +70,11 @@ class Workshop:
     scans: dict[tuple[int, ...], Scan] = field(default_factory=dict)
     found: dict[tuple[int, ...], Evidence] = field(default_factory=dict)
     nulls: dict[tuple[tuple[int, ...], tuple[int, ...]], Null] = field(default_factory=dict)
+
+    @cached_property
+    def proportional(self) -> int:
+        """Directions proportional to the load that the start leaves."""
+        return _proportional(self.lack(self.start))
 
     def scan(self, entries: tuple[int, ...]) -> Scan:
         """The scan with some entries in the model; the latest are kept, as each holds all columns."""
@@ -200,9 +206,19 @@ def _by_strength(shop: Workshop, proposal: Proposal) -> Proposal:
     )
 
 
+def _proportional(parts: Sequence[Stratum]) -> int:
+    return next((p.degrees_of_freedom for p in parts if p.name == PROPORTIONAL), 0)
+
+
 def _lacking(shop: Workshop, scan: Scan, gained: float) -> bool:
-    """Whether a stratum still rejects, and what it holds is more of the signal than a shape that is only close."""
-    for part in shop.lack(scan):
+    """Whether a stratum still rejects, and what it holds is more of the signal than a shape that is only close.
+
+    Or whether the set fills a stratum, so that nothing is left there that could reject.
+    """
+    parts = shop.lack(scan)
+    if parts and fills(shop.proportional - _proportional(parts), shop.proportional):
+        return True
+    for part in parts:
         further = max(part.sum_of_squares - part.degrees_of_freedom, 0.0)
         rejects = part.p_value is not None and part.p_value < shop.options.alpha_sufficient
         if rejects and further > shop.options.tolerated_shape * (further + gained):

@@ -11,6 +11,9 @@ from symstiff.discrepancy.noise import pure_error
 from symstiff.discrepancy.problem import Array, Index, Problem
 from symstiff.discrepancy.scan import Scan
 
+PROPORTIONAL = "proportional to load, by pose"
+"""The stratum in which compliances, frames and sensors speak."""
+_SEVERAL, _MOST = 4, 0.7
 _THEIRS = 1e-2
 """Part of a direction outside others below which it is theirs: loads are told to a few digits, and never quite
 proportional."""
@@ -28,6 +31,11 @@ class Stratum:
     """Mean square over the reference's mean square."""
     p_value: float | None
     """Adjusted over the strata (Holm); None where there is nothing to hold the stratum against."""
+
+
+def fills(taken: float, left: float) -> bool:
+    """Would fit anything what takes so many of the directions that the model leaves in a stratum?"""
+    return taken >= _SEVERAL and taken > _MOST * left
 
 
 def strata(problem: Problem, scan: Scan) -> tuple[Stratum, ...]:
@@ -130,7 +138,7 @@ def _designs(problem: Problem) -> list[tuple[str, Array, bool]]:
         out.append(("temperature", channel * warm, False))
     if problem.branch is not None and np.ptp(problem.branch) > 0:
         out.append(("loading against unloading", channel * problem.branch[:, None], True))
-    out.append(("proportional to load, by pose", channel * load[:, None], True))
+    out.append((PROPORTIONAL, channel * load[:, None], True))
     if several:
         out.append(("common to a pose's load cases", channel, True))
         if _levels(problem) > 2:
