@@ -132,7 +132,22 @@ def test_a_stratum_that_rejects_with_much_of_the_signal_makes_a_set_insufficient
     p: float, further: float, lacking: bool
 ) -> None:
     part = Stratum("nonlinear in load", 40, 40.0 + further, 2.0, p)
-    shop: Any = SimpleNamespace(lack=lambda scan: (part,), options=Options())
+    shop: Any = SimpleNamespace(lack=lambda scan: (part,), options=Options(), proportional=0)
+    none: Any = None
+    assert _lacking(shop, none, 150.0) is lacking
+
+
+@pytest.mark.parametrize(
+    ("before", "after", "lacking"), [(8, 2, True), (8, 5, False), (60, 50, False), (9, 0, True)]
+)
+def test_a_set_that_takes_most_directions_proportional_to_the_load_is_insufficient(
+    before: int, after: int, lacking: bool
+) -> None:
+    """Nothing is left there that could contradict it; three directions are too few to fit anything by."""
+    part = Stratum("proportional to load, by pose", after, float(after), 1.0, 1.0)
+    other = Stratum("nonlinear in load", 40, 40.0, 1.0, 1.0)
+    parts = (part, other) if after else (other,)
+    shop: Any = SimpleNamespace(lack=lambda scan: parts, options=Options(), proportional=before)
     none: Any = None
     assert _lacking(shop, none, 150.0) is lacking
 
