@@ -132,7 +132,7 @@ def test_a_stratum_that_rejects_with_much_of_the_signal_makes_a_set_insufficient
     p: float, further: float, lacking: bool
 ) -> None:
     part = Stratum("nonlinear in load", 40, 40.0 + further, 2.0, p)
-    shop: Any = SimpleNamespace(lack=lambda scan: (part,), options=Options(), proportional=0)
+    shop: Any = SimpleNamespace(lack=lambda scan: (part,), options=Options(), parts=())
     none: Any = None
     assert _lacking(shop, none, 150.0) is lacking
 
@@ -147,7 +147,8 @@ def test_a_set_that_takes_most_directions_proportional_to_the_load_is_insufficie
     part = Stratum("proportional to load, by pose", after, float(after), 1.0, 1.0)
     other = Stratum("nonlinear in load", 40, 40.0, 1.0, 1.0)
     parts = (part, other) if after else (other,)
-    shop: Any = SimpleNamespace(lack=lambda scan: parts, options=Options(), proportional=before)
+    start = (replace(part, degrees_of_freedom=before), other)
+    shop: Any = SimpleNamespace(lack=lambda scan: parts, options=Options(), parts=start)
     none: Any = None
     assert _lacking(shop, none, 150.0) is lacking
 

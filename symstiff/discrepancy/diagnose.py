@@ -64,7 +64,7 @@ def diagnose(
     allowed = testable(problem, ready)
     tell("candidates")
     outcome = decide(
-        ready.scan, allowed, options, lambda p: plausible(problem, ready, p), _least(parts), tell,
+        ready.scan, allowed, options, lambda p: plausible(problem, ready, p), parts, tell,
         numbers(ready.bank, given), lambda scan: strata(problem, scan),
     )  # fmt: skip
     outcome = against_sigma(outcome, ready.report)
@@ -118,10 +118,6 @@ def against_sigma(outcome: Outcome, report: NoiseReport) -> Outcome:
         "or something is missing that no test names"
     )
     return replace(outcome, verdict=UNEXPLAINED, reason=reason)
-
-
-def _least(parts: tuple[Stratum, ...]) -> float:
-    return min((s.p_value for s in parts if s.p_value is not None), default=1.0)
 
 
 def _written(

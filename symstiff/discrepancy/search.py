@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
-from functools import cached_property
 
 import numpy as np
 
@@ -67,14 +66,11 @@ class Workshop:
     options: Options
     lack: Callable[[Scan], Sequence[Stratum]] = lambda scan: ()
     """Lack of fit by strata with some entries in the model."""
+    parts: Sequence[Stratum] = ()
+    """The same for the start."""
     scans: dict[tuple[int, ...], Scan] = field(default_factory=dict)
     found: dict[tuple[int, ...], Evidence] = field(default_factory=dict)
     nulls: dict[tuple[tuple[int, ...], tuple[int, ...]], Null] = field(default_factory=dict)
-
-    @cached_property
-    def proportional(self) -> int:
-        """Directions proportional to the load that the start leaves."""
-        return _proportional(self.lack(self.start))
 
     def scan(self, entries: tuple[int, ...]) -> Scan:
         """The scan with some entries in the model; the latest are kept, as each holds all columns."""
@@ -207,6 +203,7 @@ def _by_strength(shop: Workshop, proposal: Proposal) -> Proposal:
 
 
 def _proportional(parts: Sequence[Stratum]) -> int:
+    """Directions proportional to the load that are left."""
     return next((p.degrees_of_freedom for p in parts if p.name == PROPORTIONAL), 0)
 
 
@@ -215,8 +212,8 @@ def _lacking(shop: Workshop, scan: Scan, gained: float) -> bool:
 
     Or whether the set fills a stratum, so that nothing is left there that could reject.
     """
-    parts = shop.lack(scan)
-    if parts and fills(shop.proportional - _proportional(parts), shop.proportional):
+    parts, left = shop.lack(scan), _proportional(shop.parts)
+    if fills(left - _proportional(parts), left):
         return True
     for part in parts:
         further = max(part.sum_of_squares - part.degrees_of_freedom, 0.0)

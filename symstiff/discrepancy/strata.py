@@ -13,7 +13,10 @@ from symstiff.discrepancy.scan import Scan
 
 PROPORTIONAL = "proportional to load, by pose"
 """The stratum in which compliances, frames and sensors speak."""
-_SEVERAL, _MOST = 4, 0.7
+SEVERAL = 4
+"""Directions from which on something may fit what it is not."""
+_MOST = 0.7
+"""Share of what the model leaves in a stratum beyond which a candidate or a set would fit anything there."""
 _THEIRS = 1e-2
 """Part of a direction outside others below which it is theirs: loads are told to a few digits, and never quite
 proportional."""
@@ -35,7 +38,7 @@ class Stratum:
 
 def fills(taken: float, left: float) -> bool:
     """Would fit anything what takes so many of the directions that the model leaves in a stratum?"""
-    return taken >= _SEVERAL and taken > _MOST * left
+    return taken >= SEVERAL and taken > _MOST * left
 
 
 def strata(problem: Problem, scan: Scan) -> tuple[Stratum, ...]:

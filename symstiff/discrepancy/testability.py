@@ -7,10 +7,10 @@ import numpy as np
 from symstiff.discrepancy.design import effective_rank, share_left, smallest_detectable
 from symstiff.discrepancy.prepare import Prepared
 from symstiff.discrepancy.problem import Array, Problem
-from symstiff.discrepancy.strata import fills
+from symstiff.discrepancy.strata import SEVERAL, fills
 
 _USUAL = 0.4
-"""Share of what is left of a stratum beyond which the usual directions of a candidate fill it."""
+"""The same share for the directions in which a candidate's parameters usually have a share."""
 
 
 def testable(problem: Problem, ready: Prepared) -> Array:
@@ -62,7 +62,7 @@ def fills_its_stratum(problem: Problem, ready: Prepared, entry: int) -> bool:
     cells, label = np.unique(np.column_stack([problem.pose, problem.channel]), axis=0, return_inverse=True)
     label = label.reshape(-1)
     left = len(cells) - (problem.rows - ready.scan.freedom)
-    if not fills(full, left) and (usual < 4 or usual <= _USUAL * left):
+    if not fills(full, left) and (usual < SEVERAL or usual <= _USUAL * left):
         return False
     load = np.ones(problem.rows) if problem.load is None else problem.load
     columns = ready.bank.columns[:, ready.bank.slice(entry)]

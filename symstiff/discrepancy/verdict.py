@@ -57,21 +57,22 @@ class Outcome:
 
 
 def decide(
-    start: Scan, allowed: Array, options: Options, plausible: Plausible, strata_p: float,
+    start: Scan, allowed: Array, options: Options, plausible: Plausible, parts: Sequence[Stratum],
     progress: Callable[[str], None], given: Sequence[int] = (),
     lack: Callable[[Scan], Sequence[Stratum]] = lambda scan: (),
 ) -> Outcome:  # fmt: skip
     """Detect, then try sets of one, two and three effects until the leading set is sufficient.
 
-    Candidates that are ``given`` are members of every set that does not turn out to have no need of them; ``lack``
-    tells the strata that a set leaves.
+    Candidates that are ``given`` are members of every set that does not turn out to have no need of them; ``parts``
+    are the strata of the start, and ``lack`` tells those that a set leaves.
     """
-    shop = Workshop(start, allowed, options, lack)
+    shop = Workshop(start, allowed, options, lack, parts)
     distribution = shop.null((), ())
     found = shop.evidence(())
     p_named = distribution.p_named(float(np.max(shop.score((), (), False), initial=-np.inf)))
     p_unnamed = distribution.p_generic(float(np.max(shop.score((), (), True), initial=-np.inf)))
     tests = (distribution, found, p_named, p_unnamed)
+    strata_p = min((s.p_value for s in parts if s.p_value is not None), default=1.0)
     seen = p_named < options.alpha
     if not seen and min(p_unnamed, strata_p) >= options.alpha_strata:
         return Outcome(NOTHING, "no test rejects", *tests, None, (), (), ())
@@ -86,7 +87,7 @@ def decide(
             break
         weighed += ranked
         judged = [judge(shop, p) for p in ranked[:4] if p.score > ranked[0].score - 5.0]
-        less = _without_idle(shop, judged[0], plausible)
+        less = _without_idle(shop, judged[0], tried, plausible)
         if less is not None:
             judged = [less, *judged]
             weighed.append(Proposal(less.members, less.entries, less.score))
@@ -113,13 +114,18 @@ def _together(shop: Workshop, members: Sequence[int]) -> Proposal:
     return Proposal(tuple(members), entries, score)
 
 
-def _without_idle(shop: Workshop, judged: Judged, plausible: Plausible) -> Judged | None:
-    """The set without the members that it does not need, if it has such; the others choose their shapes again."""
+def _without_idle(
+    shop: Workshop, judged: Judged, tried: Sequence[Judged], plausible: Plausible
+) -> Judged | None:
+    """The set without the members that it does not need, the others at shapes chosen anew; None if that is none, or
+    not a new one.
+    """
     needed = [m for m, p in zip(judged.members, judged.p_members, strict=True) if p < shop.options.alpha]
     if not needed or len(needed) == len(judged.members):
         return None
     less = polish(shop, _together(shop, needed))
-    return judge(shop, less) if plausible(less) else None
+    known = any(sorted(j.entries) == sorted(less.entries) for j in tried)
+    return judge(shop, less) if plausible(less) and not known else None
 
 
 def _ranked(

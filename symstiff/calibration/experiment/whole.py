@@ -18,10 +18,12 @@ from symstiff.calibration.experiment.situation import Floats, Laws, View, Weigh,
 from symstiff.model import StiffnessModel
 from symstiff.reduction.physical import Parameter, original, physical_stages, terms_of
 from symstiff.symbolic.program import Builder
-from symstiff.symbolic.terms import Term, VirtualJoint
+from symstiff.symbolic.terms import Term, actuated_joint
 
 _OTHER_TURNS = 0.2
+"""A link's turn that is no joint's, against a joint."""
 _SOFTEST = 5.0
+"""How much softer the shortest lever makes a gear: robots have one to ten."""
 
 
 def whole(
@@ -79,22 +81,24 @@ def everything(model: StiffnessModel, apart: bool = False) -> tuple[Parameter, .
 
 
 def _slender(view: View) -> Floats:
-    """(n + 1,) by which joint i + 1, and the link before it, are softer than those with the longest lever; the last
-    link is like the joint before it."""
+    """(n + 1,) by which joint i + 1, and link i before it, are softer than those with the longest lever.
+
+    The last link is like the joint before it.
+    """
     J = view.found.J_theta
-    at = [view.index[VirtualJoint("joint", i + 1, 0)] for i in range(view.robot.dof)]
+    at = [view.index[actuated_joint(i + 1)] for i in range(view.robot.dof)]
     lever = np.sqrt(np.mean(np.sum(J[:, :3, at] ** 2, axis=1), axis=0))
     slides = np.array([j.prismatic for j in view.robot.joint])
-    longest = np.max(lever[~slides], initial=0.0)
-    ratio = np.where(
-        slides | (longest == 0), 1.0, longest / np.maximum(lever, max(longest, 1e-300) / _SOFTEST)
-    )
+    longest = float(np.max(lever[~slides], initial=0.0)) or 1.0
+    ratio = np.where(slides, 1.0, longest / np.maximum(lever, longest / _SOFTEST))
     return np.append(ratio, ratio[-1])
 
 
 def _sizes(model: StiffnessModel, parameters: Sequence[Parameter], slender: Floats, apart: bool) -> Floats:
-    """Relative sizes (P,) of compliances: the joint with the longest lever counts one, and so does the link's turn
-    about its axis where joint and link are one parameter, not ``apart``."""
+    """Relative sizes (P,) of compliances: the joint with the longest lever counts one.
+
+    So does the turn of the link before it about its axis, where they are one parameter, not ``apart``.
+    """
     length = model.robot.reach / max(model.robot.dof, 1)
 
     def size(p: Parameter) -> float:
