@@ -47,6 +47,8 @@ class Options:
     lambdas: tuple[float, ...] = LAMBDAS
     seed: int = 4
     most_rows: int = 1400
+    story: str = ""
+    """Of single effects this one alone."""
 
 
 @dataclass(frozen=True)
@@ -114,7 +116,7 @@ def case(number: int, options: Options) -> Case:
     if kind in ("two", "bad_pose", "outside"):
         wanted = float(rng.choice([x for x in options.lambdas if x >= 60] or [options.lambdas[-1]]))
     for _ in range(_TRIES):
-        stories = _stories(kind, rng)
+        stories = _stories(kind, rng, options.story)
         try:
             return _case(number, kind, stories, wanted, rng, options)
         except (Unfit, UserError, ZeroDivisionError):  # no equilibrium at that size, or nothing to be seen
@@ -122,7 +124,7 @@ def case(number: int, options: Options) -> Case:
     raise RuntimeError(f"no story of kind {kind} fits case {number}")
 
 
-def _stories(kind: str, rng: np.random.Generator) -> tuple[Story, ...]:
+def _stories(kind: str, rng: np.random.Generator, only: str) -> tuple[Story, ...]:
     if kind == "nothing":
         return ()
     pool = {"outside": OUTSIDE, "bad_pose": (BAD_POSE,)}.get(kind, ONE)
@@ -137,6 +139,8 @@ def _stories(kind: str, rng: np.random.Generator) -> tuple[Story, ...]:
         pool = tuple(
             s for s in ONE if s.name.split()[0] in ("backlash", "compensator", "base", "sensor", "frame")
         )
+    if kind == "one" and only:
+        pool = tuple(s for s in pool if s.name == only)
     return (pool[int(rng.integers(len(pool)))],)
 
 

@@ -8,12 +8,14 @@ from __future__ import annotations
 
 import argparse
 from collections.abc import Iterator
+from dataclasses import replace
 
 from symstiff.discrepancy.scan import column_space
 from symstiff.discrepancy.workflow import first_assembly
 from tests.blind.apart import outside
-from tests.blind.generate import Case, Options, case
+from tests.blind.generate import FORCE, Case, Options, case
 from tests.blind.score import same
+from tests.blind.stories import ONE
 
 _ZERO = 1e-5
 
@@ -41,14 +43,27 @@ def main() -> None:
     parser.add_argument("--n", type=int, default=96, help="number of cases")
     parser.add_argument("--first", type=int, default=0, help="number of the first case")
     parser.add_argument("--seed", type=int, default=4, help="another seed draws other cases")
+    parser.add_argument("--story", choices=[s.name for s in ONE], help="single effects of this story only")
+    parser.add_argument("--robot", choices=tuple(FORCE), help="on this robot only")
     given = parser.parse_args()
+    options = Options(seed=given.seed)
+    if given.story:
+        options = replace(options, story=given.story, classes=("one",), shares=(1.0,))
+    if given.robot:
+        options = replace(options, robots=(given.robot,))
+    shares = []
     for number in range(given.first, given.first + given.n):
-        hidden = case(number, Options(seed=given.seed))
+        hidden = case(number, options)
         if len(hidden.parts) != len(hidden.label.truth):
             continue
         for story, lam, rest, shape in left(hidden):
             told = f"{number:4d} {hidden.label.robot:13s} {story:22s}"
-            print(f"{told} λ {lam:7.1f} left {rest:7.2f} ({100 * rest / max(lam, 1e-12):3.0f} %) {shape}")
+            shares.append(100 * rest / max(lam, 1e-12))
+            print(f"{told} λ {lam:7.1f} left {rest:7.2f} ({shares[-1]:4.1f} %) {shape}")
+    if shares:
+        print(
+            f"{len(shares)} effects: {sum(shares) / len(shares):.2f} % left on average, {max(shares):.1f} % at most"
+        )
 
 
 if __name__ == "__main__":
