@@ -13,7 +13,7 @@ from symstiff.model import StiffnessModel
 from symstiff.reduction.physical import physical_stages
 from symstiff.robot.loading import from_table, toml_table
 from symstiff.robot.mistakes import explain, printable
-from symstiff.robot.schema import Format, Number
+from symstiff.robot.schema import Format, Number, not_a_stiffness
 
 
 def _deviation(value: float) -> float:
@@ -76,6 +76,10 @@ def from_model_table(table: dict[str, Any], origin: str) -> StiffnessModel:
             raise UserError(f"{origin}: parameters: {robot.name} has no compliance {printable(name, 40)!r}")
         if name in file.parameters[:k]:
             raise UserError(f"{origin}: parameters: {name!r} stands there twice: remove one")
+        try:
+            not_a_stiffness(file.values.get(name, 0.0))
+        except UserError as error:
+            raise UserError(f"{origin}: values: {name}: {error}") from None
     effects = tuple(EffectInstance(e.effect, e.where, e.shape) for e in file.effect)
     compliances = tuple(known[n] for n in file.parameters)
     model = StiffnessModel(

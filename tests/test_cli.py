@@ -121,6 +121,27 @@ def test_inspect_warns_where_a_joint_is_not_in_its_links_template(run: Run, tmp_
     assert "warning" not in run("inspect", robot).out
 
 
+def test_inspect_warns_of_angles_that_look_rounded_and_of_compliances_without_a_term(
+    run: Run, tmp_path: Path
+) -> None:
+    robot = tmp_path / "rounded.toml"
+    exact = (
+        'format = 1\nname = "r"\n[[joint]]\na = 1\nalpha = "-pi/2"\nd = 0\n'
+        "[joint.link.compliance]\n22 = 1e-8\n44 = 1e-8\n[[joint]]\na = 1\nalpha = 0\nd = 0\n"
+    )
+    robot.write_text(exact)
+    assert "warning" not in run("inspect", robot).out
+    robot.write_text(exact.replace('"-pi/2"', "-1.5707963267948966"))
+    assert "warning" not in run("inspect", robot).out
+    robot.write_text(exact.replace('"-pi/2"', "-1.5708").replace("44 = 1e-8", "44 = 1e-8\n24 = 1e-9"))
+    text = " ".join(run("inspect", robot).out.split())
+    assert 'warning: alpha of joint 1: -1.5708 is not quite -pi/2: write "-pi/2" where that is meant' in text
+    assert (
+        "warning: joint[1].link.compliance: 24 left out of the model, since template 'beam' has no such"
+        in text
+    )
+
+
 # --- effects ---------------------------------------------------------------------------------------------
 
 

@@ -42,6 +42,7 @@ BAD_OPTIONS = [
     (("inspect", "nowhere.toml"), ("nowhere.toml", "no such robot")),
     (("inspect", "."), ("is a directory",)),
     (("inspect", "planar2r", "--loads", "weight"), ("unknown loads", "wrench, force, gravity")),
+    (("plan", "planar2r", "--poses", "5", "--force", "1e12", "-o", "p.csv"), ("1e+12 N", "up to 1e+07")),
     (("inspect", "planar2r", "--measure", "angle"), ("unknown measure", "pose, position")),
     (("inspect", "planar2r", "--fixed", "q9=0"), ("cannot fix q9",)),
     (("inspect", "planar2r", "--fixed", "q1"), ("--fixed",)),

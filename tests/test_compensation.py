@@ -7,6 +7,7 @@ import pytest
 
 from symstiff.compensation import compensate, compensate_online
 from symstiff.effects.base import EffectInstance
+from symstiff.errors import UserError
 from tests.generated_c import model, poses
 
 NEAR = np.array([0.1, -1.0, 1.2, 0.3, 1e-6, -0.2])  # axes 4 and 6 almost on one line
@@ -54,6 +55,13 @@ def test_what_is_solved_has_no_larger_error_than_before(robot: str) -> None:
     if m.robot.dof >= 6:
         assert np.abs(found.after[found.solved]).max() < 1e-9
     assert np.abs(found.after[:, :3]).sum() < np.abs(found.before[:, :3]).sum()
+
+
+def test_a_deflection_beyond_all_numbers_is_refused() -> None:
+    m = model("kuka_kr270")
+    absurd = m.with_values({next(iter(m.parameters)): 1e308})
+    with np.errstate(all="ignore"), pytest.raises(UserError, match="beyond all numbers"):
+        compensate(absurd, np.array([REGULAR]), np.array([LOAD]) * 1e6)
 
 
 def test_what_the_measuring_device_does_moves_no_joint() -> None:

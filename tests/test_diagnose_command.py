@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import math
 import tomllib
+import warnings
 from itertools import pairwise
 from pathlib import Path
 
@@ -147,6 +148,18 @@ def test_one_pose_without_sigma_or_repeats_is_untestable_and_no_error(tmp_path: 
     assert (found["verdict"], found["testable"], found["effects"]) == ("unexplained", False, [])
     assert not any(c["testable"] for c in found["candidates"])
     assert "measure more poses" in found["reason"]
+
+
+def test_one_row_says_nothing_of_its_sigma(tmp_path: Path) -> None:
+    data = saved(measured(poses=1, levels=(1.0,)), tmp_path / "data.csv")
+    first = data.read_text().splitlines()[:2]
+    data.write_text("\n".join(first) + "\n")
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        assert command("diagnose", ROBOT, data, "-o", tmp_path / "out") == 0
+    found = json.loads((tmp_path / "out" / "verdict.json").read_text())
+    assert (found["testable"], found["noise"]["misstated"], found["noise"]["ratio"]) == (False, False, None)
+    assert not any("stated sigma" in remark for remark in found["remarks"])
 
 
 @pytest.mark.parametrize(

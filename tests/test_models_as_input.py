@@ -63,6 +63,15 @@ def test_a_misspelt_key_of_a_shape_is_refused(run: Run, tmp_path: Path) -> None:
     assert_users_mistake(mistake, "model.toml", "backlash", "widht")
 
 
+def test_a_stiffness_among_a_models_compliances_is_refused(run: Run, tmp_path: Path) -> None:
+    model = scara()
+    name = next(iter(model.parameters))
+    model.with_values({name: 76245.0}).save(tmp_path / "model.toml")
+    mistake = run("generate", "scara", "--model", tmp_path / "model.toml", "-o", tmp_path / "out")
+    assert_users_mistake(mistake, "model.toml", f"values: {name}: 76245 looks like a stiffness", "1/76245")
+    assert not (tmp_path / "out").exists()
+
+
 @pytest.mark.parametrize("effect", sorted(catalogue()))
 @pytest.mark.parametrize("kind", ["deflection", "absolute"])
 def test_every_shape_of_the_catalogue_is_read_whole(effect: str, kind: str) -> None:

@@ -18,7 +18,9 @@ from symstiff.codegen.quoting import c_comment, markdown, pkgconfig, st_comment
 from symstiff.codegen.targets import TARGETS
 from symstiff.effects.base import EffectInstance, Scales, find
 from symstiff.errors import UserError
-from symstiff.model import load_model
+from symstiff.model import StiffnessModel, load_model
+from symstiff.reduction import reduce
+from symstiff.robot import load
 from tests.generated_c import STRICT, compiler, described, emitted, model, run, written
 
 ROBOT = "scara"
@@ -196,3 +198,13 @@ def test_the_header_says_which_loads_a_reduced_model_holds_for(loads):
     text = " ".join(header.replace("\n *", "").split())
     reduced = f'hold for loads of the class "{loads}" only' in text and "K may be indefinite" in text
     assert reduced == (loads != "wrench")
+    assert "holds only as far as these parameters tell it" not in text
+
+
+def test_the_header_says_that_measured_positions_do_not_tell_rotations():
+    functions = Functions(StiffnessModel.of(reduce(load("planar2r"), "force", "position")))
+    header = emit_c(functions, Options(targets=("c",)))["planar2r.h"].decode()
+    text = " ".join(header.replace("\n *", "").split())
+    assert (
+        "The rotation (drx, dry, drz), which compensate and stiffness take too, holds only as far as" in text
+    )

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 from dataclasses import replace
+from html import unescape
 from html.parser import HTMLParser
 from pathlib import Path
 from typing import Any
@@ -20,6 +21,7 @@ from symstiff.report.code import _abridged, core, difference, formulas
 from symstiff.report.folder import write_deciding_poses
 from symstiff.report.html import render
 from symstiff.report.law_plots import left_with
+from symstiff.report.verdict import verdict_table
 from symstiff.report.words import law_text, number, p_equals, places, quantity, sentence
 from symstiff.robot import load
 from symstiff.symbolic.terms import actuated_joint, tau
@@ -102,6 +104,16 @@ def test_the_verdict_is_a_sentence_with_size_unit_and_confidence(page: str) -> N
     assert text is not None
     for part in ("nonlinear stiffness at joint 2", "±", "rad/(N·m)", "confidence", "mm"):
         assert part in text.group(1)
+
+
+def test_the_lack_of_fit_is_the_verdict_files(page: str, named: Finding) -> None:
+    told = verdict_table(named)
+    assert told["strata"]
+    section = page[page.index("Lack of fit by kind") :]
+    section = section[: section.index("</table>")]
+    for before, after in zip(told["strata"], told["strata_left"], strict=True):
+        row = next(r for r in section.split("<tr>") if unescape(r).startswith(f"<td>{before['name']}</td>"))
+        assert row.index(f">{before['ratio']:.3g} (") < row.rindex(f">{after['ratio']:.3g} (")
 
 
 def test_the_step_table_has_max_and_rms_of_every_axis_and_of_positions(page: str, named: Finding) -> None:

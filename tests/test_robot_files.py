@@ -118,6 +118,13 @@ MISTAKES = [
     ("limits = [-3.1, 3.1]", "limits = [-185, 185]", "joint[1]: limits [-185, 185] look like degrees"),
     ("limits = [-3.1, 3.1]", "compliance = -1e-6", "joint[1].compliance: a compliance is not negative"),
     ("limits = [-3.1, 3.1]", "compliance = 4e5", "joint[1].compliance: 400000 looks like a stiffness"),
+    (
+        "joint = 1\n",
+        "joint = 1\ns0 = -0.2\n",
+        "gravity_compensator.s0: a spring's free length is not negative",
+    ),
+    ("11 = 1e-8", "22 = 1e-8\n66 = 1e-8\n26 = 2e-8", "entry 26: of an elastic body its square is at most"),
+    ("11 = 1e-8", "26 = 2e-8", "here 0 and 0: correct 2e-08, or give these two"),
     ("mass = 2.0", "mass = -2.0", "joint[1].link.mass: a mass is between 0 and"),
     ("com = [0.5, 0, 0]", "com = [500, 0, 0]", "joint[1].link.com[1]: 500 m is longer"),
     ("com = [0.5, 0, 0]", "com = [0.5, 0]", "joint[1].link.com[3]: missing"),

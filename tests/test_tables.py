@@ -80,6 +80,10 @@ def test_absolute_data_have_a_kind_of_their_own_and_need_no_load(tmp_path):
     assert table.measures == "position"
 
 
+def test_a_line_of_blanks_is_empty(tmp_path):
+    assert len(read_measurements(save(tmp_path, GOOD + "  \n\t\n"))) == 4
+
+
 def test_a_byte_order_mark_empty_lines_and_windows_line_ends_do_not_disturb(tmp_path):
     text = b"\xef\xbb\xbf" + GOOD.replace("\n", "\r\n").replace("b,-45", "\r\nb,-45").encode()
     table = read_measurements(save(tmp_path, text))
@@ -110,6 +114,7 @@ def test_tables_cannot_be_changed_behind_a_callers_back(tmp_path):
         ("1.5,0.02,4", "1.5,-0.02,4", 5, "positive"),
         ("1.5,0.02,4", "1.5,1e-300,4", 5, "no device reads as finely"),
         ("down", "sideways", 5, "up or down"),
+        ("1.4,0.01,2,294.15,1,up,2", "1.4,0.01,2,-1,1,up,2", 3, "-1 K is below absolute zero"),
         ("1.4,0.01,2,294.15,1,up,2", "1.4,0.01,2,294.15,1,up,1", 3, "duplicate"),
         ("a,90,0.5,10,-2.5,3,p2", "a,90,0.6,10,-2.5,3,p2", 4, "label"),
         ("-0.0031", "-3.1", 3, "unit"),

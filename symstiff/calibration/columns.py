@@ -9,7 +9,7 @@ from math import inf
 from typing import Literal
 
 from symstiff.calibration.measurements import COMPONENTS, CONTEXT, Kind
-from symstiff.calibration.units import FACTORS, dimensions, parse_header
+from symstiff.calibration.units import FACTORS, LARGEST_LOAD, dimensions, parse_header
 from symstiff.errors import UserError
 
 _LOADS = {"fx": "force", "fy": "force", "fz": "force", "mx": "moment", "my": "moment", "mz": "moment"}
@@ -129,7 +129,7 @@ def _plausible(name: str, quantity: str, unit: str) -> tuple[float, str]:
         smaller = "mm" if unit == "m" else "um"
         return limit, f"{unit} is too large for {name}: looks like another unit, e.g. {name}[{smaller}]"
     if quantity in ("force", "moment"):
-        return 1e7, f"{unit} is no load a robot carries: correct the value or the unit"
+        return LARGEST_LOAD, f"{unit} is no load a robot carries: correct the value or the unit"
     return inf, ""
 
 

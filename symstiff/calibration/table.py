@@ -122,7 +122,7 @@ def _cells(text: str, origin: str) -> tuple[list[int], list[list[str]]]:
     lines, rows = [], []
     try:
         for row in reader:
-            if row and (row[0] or any(cell.strip() for cell in row)):
+            if any(cell.strip() for cell in row):
                 lines.append(reader.line_num)
                 rows.append(row)
     except csv.Error as error:
@@ -264,4 +264,13 @@ class _Reader:
                 values[row] = signs[cells[row].lower()]
             return values
         values[known] = self._numbers(name, known)
-        return values - KELVIN if column.unit == "K" else values
+        if column.unit == "K":
+            values -= KELVIN
+        if name == "temperature" and (values < -KELVIN).any():
+            cold = int(np.argmax(values < -KELVIN))
+            raise self._fail(
+                cold,
+                name,
+                f"{cells[cold]} {column.unit} is below absolute zero: correct the value or the unit",
+            )
+        return values

@@ -15,6 +15,7 @@ FACTORS: dict[str, dict[str, float]] = {
     "time": {"s": 1.0, "ms": 1e-3, "min": 60.0, "h": 3600.0},
     "temperature": {"degC": 1.0, "K": 1.0},
 }
+LARGEST_LOAD = 1e7  # N, N*m; more is no load a robot carries
 KELVIN = 273.15  # zero of degC; temperatures are kept in degC
 
 _SPELLINGS = {

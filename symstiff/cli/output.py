@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import math
 import os
 import sys
 from collections.abc import Iterable, Iterator, Mapping
@@ -77,13 +78,25 @@ def write_json(target: str | None, result: Any) -> None:
     if target is None:
         return
     ascii_only = target == "-" and not (sys.stdout.encoding or "").lower().startswith("utf")
-    text = json.dumps(result, indent=2, ensure_ascii=ascii_only, default=float) + "\n"
+    text = json.dumps(_finite(result), indent=2, ensure_ascii=ascii_only, default=float) + "\n"
     if target == "-":
         sys.stdout.write(text)
         return
     from symstiff.files import write_file
 
     write_file(target, text)
+
+
+def _finite(value: Any) -> Any:
+    """JSON knows no NaN and no infinity: they become null."""
+    match value:
+        case dict():
+            return {k: _finite(v) for k, v in value.items()}
+        case list() | tuple():
+            return [_finite(v) for v in value]
+        case float() if not math.isfinite(value):
+            return None
+    return value
 
 
 @contextmanager

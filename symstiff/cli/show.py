@@ -96,6 +96,7 @@ def print_stages(out: Console, reduction: Reduction) -> None:
 
     from symstiff.calibration.soundness import aggregation_remarks
     from symstiff.reduction.reading import steps
+    from symstiff.reduction.remarks import robot_remarks
 
     robot, e = reduction.robot, reduction.experiment
     table = Table(
@@ -107,7 +108,7 @@ def print_stages(out: Console, reduction: Reduction) -> None:
     for step, n, what in steps(reduction):
         table.add_row(step, str(n), what)
     out.print(table)
-    for remark in aggregation_remarks(reduction.inexact_aggregations):
+    for remark in (*robot_remarks(robot), *aggregation_remarks(reduction.inexact_aggregations)):
         note(out, remark, "warning")
 
 

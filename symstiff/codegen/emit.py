@@ -112,6 +112,7 @@ def _identity(functions: Functions, options: Options) -> dict[str, Any]:
         "upper": robot.name.upper(),
         "title": robot.title or robot.name,
         "loads": model.loads,
+        "measure": model.measure,
         "loads_meaning": LOADS_MEANING[model.loads],
         "defaults_meaning": _defaults_meaning(model.deviations),
         "compensation_meaning": _compensation_meaning(robot.dof, unit_length(model)),

@@ -9,6 +9,7 @@ import numpy as np
 
 from symstiff.codegen.reference import LARGEST_CORRECTION, unit_length
 from symstiff.codegen.runtime import Evaluator, for_poses
+from symstiff.errors import UserError
 from symstiff.model import StiffnessModel
 from symstiff.symbolic.numeric import forward, joint_jacobian
 
@@ -56,7 +57,7 @@ def compensate(
     Where the robot cannot reach all six coordinates the weighted error that is left is the smallest. Not solved are
     rows in a singular pose, rows that did not converge or whose error would grow, and rows that would move a joint by
     more than 0.25 rad or m, where a correction of compliance errors has no meaning. Effects of the measurement alone
-    are no laws of the robot and move nothing.
+    are no laws of the robot and move nothing. Raises UserError where a deflection overflows.
     """
     model = model.of_robot()
     q = np.atleast_2d(np.asarray(q, dtype=float))
@@ -71,6 +72,8 @@ def compensate(
         return _error(evaluator, target[rows], command[rows], w[rows], there)
 
     before = error(moving)
+    if not np.isfinite(before).all():
+        raise UserError("the model predicts deflections beyond all numbers: correct its values, or the loads")
     for _ in range(_ROUNDS):
         step, regular = _step(model, command[moving], error(moving))
         command[moving] -= step

@@ -219,7 +219,7 @@ def report(
     stated = None if problem.sigma is None else float(np.sqrt(np.mean(problem.sigma[rows] ** 2)))
     relative = interval = None
     misstated = False
-    if problem.sigma is not None and freedom >= 1:
+    if problem.sigma is not None and (dof >= 1 or source == "repeats"):
         relative = float(np.sqrt(found * np.mean((noise.spread / problem.sigma) ** 2)))
         low = np.sqrt(freedom / stats.chi2.ppf(0.98, freedom))
         high = np.sqrt(freedom / stats.chi2.ppf(0.02, freedom))
@@ -255,9 +255,9 @@ def _homogeneity(problem: Problem, residual: Array, dof: float) -> float:
         share = dof / problem.rows
         n = np.array([share * np.sum(problem.axis == a) for a in axes])
         s2 = np.array([np.mean(residual[problem.axis == a] ** 2) for a in axes])
-        pooled = float(n @ s2 / n.sum())
         if np.any(s2 <= 0) or np.any(n < 2):
             continue
+        pooled = float(n @ s2 / n.sum())
         statistic = n.sum() * np.log(pooled) - n @ np.log(s2)
         p = min(p, float(stats.chi2.sf(statistic, len(axes) - 1)))
     return p

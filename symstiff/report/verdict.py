@@ -41,8 +41,8 @@ def verdict_table(finding: Finding) -> dict[str, Any]:
         "p_missing": plain(finding.first.p_missing),
         "p_unnamed": plain(last.p_unnamed),
         "noise": _noise(finding),
-        "strata": [_stratum(s) for s in finding.first.strata],
-        "strata_left": [_stratum(s) for s in (finding.steps[-1].strata if finding.steps else ())],
+        "strata": [_stratum(s) for s in finding.steps[0].strata],
+        "strata_left": [_stratum(s) for s in finding.steps[-1].strata],
         "steps": [
             {
                 "title": s.title,

@@ -81,6 +81,13 @@ def _finite(value: Any) -> float:
     return float(parse_exact(value))
 
 
+def _free_length(value: Any) -> float:
+    number = _metres(value)
+    if number < 0:
+        raise UserError(f"a spring's free length is not negative, found {number:g}")
+    return number
+
+
 def _metres(value: Any) -> float:
     return float(_length(value))
 
@@ -100,10 +107,16 @@ def _compliance(value: Any) -> float:
 
 
 def _entry(value: Any) -> float:
-    number = _finite(value)
-    if abs(number) > _SOFTEST:
-        raise UserError(f'{number:g} looks like a stiffness: give its inverse, e.g. "1/{abs(number):g}"')
-    return number
+    return not_a_stiffness(_finite(value))
+
+
+def not_a_stiffness(compliance: float) -> float:
+    """The compliance; UserError where it is too large for one."""
+    if abs(compliance) > _SOFTEST:
+        raise UserError(
+            f'{compliance:g} looks like a stiffness: give its inverse, e.g. "1/{abs(compliance):g}"'
+        )
+    return compliance
 
 
 def _beam_axis(value: Any) -> Any:
@@ -135,6 +148,7 @@ Length = Annotated[Exact, BeforeValidator(_length)]
 Angle = Annotated[Exact, BeforeValidator(_angle)]
 Number = Annotated[float, BeforeValidator(_finite)]
 Metres = Annotated[float, BeforeValidator(_metres)]
+FreeLength = Annotated[float, BeforeValidator(_free_length)]
 Mass = Annotated[float, BeforeValidator(_mass)]
 Compliance = Annotated[float, BeforeValidator(_compliance)]
 Entry = Annotated[float, BeforeValidator(_entry)]
@@ -177,6 +191,13 @@ class Link(_Frozen):
                 raise UserError(f'entry {shown(key)}: name it by row and column, "11" to "66", row ≤ column')
             if key[0] == key[1] and entry < 0:
                 raise UserError(f"entry {key}: a compliance on the diagonal is not negative, found {entry:g}")
+        for key, entry in value.items():
+            first, second = value.get(key[0] * 2, 0.0), value.get(key[1] * 2, 0.0)
+            if key[0] != key[1] and entry**2 > first * second * (1 + 1e-9):
+                raise UserError(
+                    f"entry {key}: of an elastic body its square is at most entry {key[0] * 2} times entry "
+                    f"{key[1] * 2}, here {first:g} and {second:g}: correct {entry:g}, or give these two"
+                )
         return value
 
 
@@ -238,7 +259,7 @@ class GravityCompensator(_Frozen):
     L: Metres | None = None
     ax: Metres | None = None
     ay: Metres | None = None
-    s0: Metres | None = None
+    s0: FreeLength | None = None
     rate: Number | None = None
 
 

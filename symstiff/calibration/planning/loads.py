@@ -7,6 +7,7 @@ from typing import Any, Literal
 
 import numpy as np
 
+from symstiff.calibration.units import LARGEST_LOAD
 from symstiff.errors import UserError
 
 Kind = Literal["gravity", "force", "wrench"]
@@ -25,8 +26,10 @@ class Load:
     def __post_init__(self) -> None:
         if self.kind not in ("gravity", "force", "wrench"):
             raise UserError(f"loads {self.kind!r}: use gravity, force or wrench")
-        if not 0 < self.force < np.inf:
-            raise UserError(f"a load of {self.force:g} N: give a positive magnitude in newtons")
+        if not 0 < self.force <= LARGEST_LOAD:
+            raise UserError(
+                f"a load of {self.force:g} N: give a magnitude in newtons, up to {LARGEST_LOAD:g}"
+            )
         if self.moment is not None and not 0 < self.moment < np.inf:
             raise UserError(f"a moment of {self.moment:g} N·m: give a positive magnitude")
         for case in self.cases:

@@ -1,0 +1,50 @@
+"""What a robot file says that is probably not what was meant."""
+
+from __future__ import annotations
+
+import math
+from fractions import Fraction
+
+from symstiff.reduction.template import pattern
+from symstiff.robot.exact import Exact
+from symstiff.robot.schema import Robot
+
+_NEAR = 2e-4  # rad; an angle rounded to four digits, or printed with three and a little more
+_SAME = 1e-9  # rad
+
+
+def robot_remarks(robot: Robot) -> list[str]:
+    """Remarks about angles that look like rounded ones, and about known compliances without a place in the model."""
+    return [*_of_angles(robot), *_of_compliances(robot)]
+
+
+def _of_angles(robot: Robot) -> list[str]:
+    """A twist of 1.5708 is no quarter turn: more parameters become identifiable, by a millionth of a radian."""
+    found: dict[str, list[str]] = {}
+    for k, joint in enumerate(robot.joint, start=1):
+        for name, angle in (("alpha", joint.alpha), ("theta", joint.theta)):
+            meant = _quarters(angle)
+            if meant is not None:
+                told = f'{float(angle):.9g} is not quite {meant}: write "{meant}" where that is meant'
+                found.setdefault(told, []).append(f"{name} of joint {k}")
+    return [f"{', '.join(places)}: {told}" for told, places in found.items()]
+
+
+def _quarters(angle: Exact) -> Exact | None:
+    """The multiple of a quarter turn that an angle is next to without being it."""
+    meant = Exact(pi=Fraction(round(float(angle) / (math.pi / 2)), 2))
+    return meant if meant and _SAME < abs(float(angle) - float(meant)) < _NEAR else None
+
+
+def _of_compliances(robot: Robot) -> list[str]:
+    out = []
+    for i, link in enumerate(robot.links):
+        has = pattern(robot, link.template)
+        lost = [k for k, value in link.compliance.items() if value and not has[int(k[0]) - 1][int(k[1]) - 1]]
+        if lost:
+            place = "base.link" if i == 0 else f"joint[{i}].link"
+            out.append(
+                f"{place}.compliance: {', '.join(lost)} left out of the model, since template {link.template!r} has no "
+                'such term: write template = "full" where it matters'
+            )
+    return out
