@@ -53,6 +53,7 @@ BAD_OPTIONS = [
     (("inspect", "planar2r", "--fixed", "q1=90"), ("degrees",)),
     (("inspect", "planar2r", "--prefer", "k9_11"), ("k9_11",)),
     (("inspect", "planar2r", "--avoid", "k9_11"), ("k9_11",)),
+    (("inspect", "planar2r", "--avoid", "k1_11", "--prefer", "k1_11"), ("k1_11", "prefer it or avoid it")),
     (("generate", "planar2r", "--precision", "half"), ("unknown precision", "double or float")),
     (("generate", "planar2r", "--targets", "c,fortran"), ("unknown target", "fortran")),
     (("generate", "planar2r", "--targets", ""), ("target",)),

@@ -52,7 +52,7 @@ class CAlgebra:
 
     def constant(self, constant: Constant) -> Text:
         """A literal of the exact value."""
-        return Text(self.literal(float(sp.N(constant.exact, 30))))
+        return self.number(float(sp.N(constant.exact, 30)))
 
     def sum(self, terms: Sequence[tuple[int, Text]]) -> Text:
         """Sums and differences; the first term carries the only sign change."""

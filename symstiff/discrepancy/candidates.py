@@ -51,6 +51,8 @@ def candidates(
             first = members[0].parameters
             if not first:
                 yield _unavailable(effect, where, "the model has all of its parameters")
+            elif not any(columns(m.shape).any() for m in members):
+                yield _unavailable(effect, where, "nothing in these data moves it", first)
             elif _inside(columns, basis, situation.view):
                 yield _unavailable(effect, where, "its columns are combinations of the model's", first)
             elif _below_noise(columns, basis, situation.view):

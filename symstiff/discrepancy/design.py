@@ -16,7 +16,10 @@ from symstiff.discrepancy.scan import Scan
 def detectable_noncentrality(
     score: float, log_prior: float, rank: float, freedom: int, power: float = 0.8
 ) -> float:
-    """Noncentrality at which an effect of this rank exceeds ``score`` with the given power."""
+    """Noncentrality at which an effect of this rank exceeds ``score`` with the given power; inf where none does.
+
+    With few degrees of freedom no signal, however large, is held for one that stands out.
+    """
 
     def gap(square: float) -> float:
         value = log_bayes(np.array(square), np.array(freedom + square - rank), np.array(rank), freedom)
@@ -25,6 +28,8 @@ def detectable_noncentrality(
     high = 50.0
     while gap(high) < 0 and high < 1e6:
         high *= 2.0
+    if gap(high) < 0:
+        return np.inf
     square = optimize.brentq(gap, 1e-9, high) if gap(1e-9) < 0 else 1e-9
     low, top = 0.0, 4.0 * square + 50.0
     return float(optimize.brentq(lambda lam: stats.ncx2.sf(square, rank, max(lam, 1e-9)) - power, low, top))

@@ -13,6 +13,8 @@ from symstiff.reduction.structural import ExactEngine
 from symstiff.symbolic.chain import ElasticChain
 from symstiff.symbolic.programs import observation_program
 
+_ROUNDING = 1e-12
+
 
 def complete_map(reduction: Reduction) -> np.ndarray:
     """P of π″ = P·π (rank × parameters after M2): both sets predict the same deflections.
@@ -44,7 +46,10 @@ def known_values(reduction: Reduction) -> dict[str, float]:
     stated = np.array([_stated(reduction, p) for p in reduction.stages[2].parameters])
     if not stated.any():
         return dict.fromkeys(reduction.parameters, 0.0)
-    return dict(zip(reduction.parameters, (complete_map(reduction) @ stated).tolist(), strict=True))
+    P = complete_map(reduction)
+    found = P @ stated
+    found[np.abs(found) < _ROUNDING * (np.abs(P) @ np.abs(stated))] = 0.0
+    return dict(zip(reduction.parameters, found.tolist(), strict=True))
 
 
 def _stated(reduction: Reduction, p: Parameter) -> float:

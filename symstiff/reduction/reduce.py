@@ -189,6 +189,8 @@ def preference(
             raise UserError(
                 f"no parameter {wish!r} after M3 of {chain.robot.name}: known are {', '.join(names)}"
             )
+    if both := sorted(set(prefer) & set(avoid)):
+        raise UserError(f"parameter {both[0]} is to be kept first and last: prefer it or avoid it")
     sense = {p.name: _sense(chain, p) for p in full}
 
     def key(name: str) -> tuple[int, int, int]:

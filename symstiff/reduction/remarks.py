@@ -10,7 +10,6 @@ from symstiff.robot.exact import Exact
 from symstiff.robot.schema import Robot
 
 _NEAR = 2e-4  # rad; an angle rounded to four digits, or printed with three and a little more
-_SAME = 1e-9  # rad
 
 
 def robot_remarks(robot: Robot) -> list[str]:
@@ -33,7 +32,7 @@ def _of_angles(robot: Robot) -> list[str]:
 def _quarters(angle: Exact) -> Exact | None:
     """The multiple of a quarter turn that an angle is next to without being it."""
     meant = Exact(pi=Fraction(round(float(angle) / (math.pi / 2)), 2))
-    return meant if meant and _SAME < abs(float(angle) - float(meant)) < _NEAR else None
+    return meant if meant and 0.0 < abs(float(angle) - float(meant)) < _NEAR else None
 
 
 def _of_compliances(robot: Robot) -> list[str]:

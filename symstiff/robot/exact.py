@@ -204,5 +204,7 @@ def _unary(tokens: list[str]) -> Exact:
 def _bounded(number: str) -> str:
     _, _, exponent = number.lower().partition("e")
     if exponent and abs(int(exponent)) > _MAX_EXPONENT:
-        raise UserError(f"expected a finite number, found {shown(Decimal(number))}")
+        raise UserError(
+            f"expected a finite number of at most {_MAX_EXPONENT} digits, found {shown(Decimal(number))}"
+        )
     return number

@@ -220,7 +220,7 @@ class Builder:
 
     def constant(self, exact: sp.Expr, rational: sp.Rational) -> sp.Expr:
         """Name a constant that has a rational stand-in; a sign goes outside."""
-        if exact.could_extract_minus_sign():
+        if float(exact) < 0:
             return -self.constant(-exact, -rational)
         for known in self.constants:
             if (known.exact, known.rational) == (exact, rational):
