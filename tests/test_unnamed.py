@@ -195,3 +195,28 @@ def test_a_foot_that_lifts_is_accused_with_its_tilt() -> None:
     view = found.assembly.situation.view
     column = _law(found.assembly.problem, "foot of the base", "tilt beyond 50 % of the largest moment")[:, 0]
     assert column == pytest.approx(_tilted(table, 0.5, 1.0)[view.state, view.component], abs=1e-12)
+
+
+def test_a_flange_that_slips_the_way_of_the_force_is_accused_with_its_slip() -> None:
+    table = measured()
+    size = np.linalg.norm(table.w[:, :3], axis=1)
+    values = table.values.copy()
+    values[:, :3] += 1e-4 * (size > 0.6 * size.max())[:, None] * table.w[:, :3] / size[:, None]
+    found = _diagnosed(replace(table, values=values))
+    assert found.verdict == "unexplained"
+    law = found.last.device_law
+    assert law is not None
+    assert law.place == "flange"
+    assert law.terms[0][1] == pytest.approx(1e-4, abs=1.5e-5)
+    assert "flange, where a slip beyond 50 % of the largest force" in words.sentence(found)
+
+
+def test_a_marker_that_gives_way_along_the_force_is_accused() -> None:
+    table = measured(poses=16)
+    values = table.values.copy()
+    values[:, :3] += 2e-6 * (table.point == 2)[:, None] * table.w[:, :3] * [1.0, 0.6, 0.0]
+    found = _diagnosed(replace(table, values=values))
+    assert found.verdict == "unexplained"
+    law = found.last.device_law
+    assert law is not None
+    assert (law.place, law.terms[0][0][:27]) == ("marker p3", "shift the way of the force:")

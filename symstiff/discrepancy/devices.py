@@ -1,4 +1,4 @@
-"""What has no name and no virtual joint: force sensor, device, markers, loads read late, a foot that lifts."""
+"""What has no name and no virtual joint: force sensor, device, markers, loads read late, what lifts or slips."""
 
 from __future__ import annotations
 
@@ -12,6 +12,7 @@ from symstiff.discrepancy.problem import Array, DeviceLaw, Parameter
 from symstiff.symbolic.terms import AXES, Term, VirtualJoint, deflection, link_joint, w
 
 SENSOR, DEVICE, ORDER, FOOT = "force sensor", "measuring device", "order of the loads", "foot of the base"
+FLANGE = "flange"
 _WRENCH = ("fx", "fy", "fz", "mx", "my", "mz")
 _PERCENT, _MILLIONTH = 1e-2, 1e-6
 _VARIES = 0.3
@@ -22,7 +23,7 @@ _TURNS = (1, 2)
 """Waves per turn of an encoder of the measuring device that runs out of true."""
 
 _LIFTS = (0.3, 0.5, 0.7)
-"""Shares of the largest tilting moment from which a foot lifts."""
+"""Shares of the largest tilting moment from which a foot lifts, and of the largest force from which a flange slips."""
 
 
 def device_laws(situation: Situation) -> tuple[DeviceLaw, ...]:
@@ -35,6 +36,7 @@ def device_laws(situation: Situation) -> tuple[DeviceLaw, ...]:
         *_markers(view),
         *_late(situation),
         *_foot(view),
+        *_slips(view),
     ]
     if view.table.kind == "absolute":
         found += _readings(view)
@@ -116,9 +118,13 @@ def _markers(view: View) -> Iterator[DeviceLaw]:
     moved = view.component < 3
     tool = view.turn @ view.found.R[:, -1]
     turned[moved] = tool[view.state[moved], view.component[moved]]
+    force = view.table.w[view.state, :3] / max(
+        float(np.max(np.abs(view.table.w[:, :3]), initial=0.0)), 1e-300
+    )
     laws = {
         "shift with the load": share * fixed,
         "shift with the load in the tool's axes": share * turned,
+        "shift the way of the force": force * fixed,
     }
     if view.table.kind == "absolute":
         laws = {"shift in the tool's axes": turned, **laws}
@@ -169,6 +175,16 @@ def _foot(view: View) -> Iterator[DeviceLaw]:
         title = f"tilt beyond {100 * lift:.0f} % of the largest moment"
         shift = np.einsum("mv,mv->m", view.J[:, across], tilt[view.state])
         yield DeviceLaw(FOOT, title, (Parameter(title, "rad"),), shift[:, None])
+
+
+def _slips(view: View) -> Iterator[DeviceLaw]:
+    """A flange that slips the way of the force where this is beyond a threshold."""
+    force = view.table.w[:, :3]
+    size = np.linalg.norm(force, axis=1, keepdims=True)
+    for share in _LIFTS:
+        slipped = (size > share * np.max(size, initial=0.0)) * force / np.maximum(size, 1e-300)
+        title = f"slip beyond {100 * share:.0f} % of the largest force"
+        yield DeviceLaw(FLANGE, title, (Parameter(title, "m"),), _read(view, slipped)[:, None])
 
 
 def _readings(view: View) -> Iterator[DeviceLaw]:

@@ -18,6 +18,8 @@ BESIDE = 6.0
 """Residual of a row, in standard deviations, that is spoken of where few rows have such."""
 SURE, NOTABLE = 1e-3, 0.3
 """Probability without it, and size against the noise, of a shared error that is spoken of in absolute data."""
+FEW = 20.0
+"""Degrees of freedom below which silence says little, and what is left sits in few rows."""
 _FEW_ROWS = 0.02
 _MOSTLY = 0.5
 """Share of the residual's variance that few poses bring from which they are spoken of."""
@@ -104,7 +106,7 @@ def _of_proof(last: Diagnosis) -> list[str]:
 
 def _of_rows(view: View, last: Diagnosis) -> list[str]:
     """Few readings far beside all others: slips of the pen, or readings that changed places."""
-    if not last.growth:
+    if not last.growth or last.noise.degrees_of_freedom < FEW:  # few rows hold what the model leaves
         return []
     residual, beside = np.abs(last.growth[-1].residual), np.zeros(len(view.table))
     for kind in (view.component < 3, view.component >= 3):

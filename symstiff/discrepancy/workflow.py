@@ -18,6 +18,7 @@ from symstiff.calibration.checks import check_robot
 from symstiff.calibration.identify import ExperimentClass, experiment_of, start_model
 from symstiff.calibration.loading import as_loading
 from symstiff.calibration.measurements import Measurements
+from symstiff.calibration.soundness import aggregation_remarks
 from symstiff.discrepancy.assemble import Assembly, added_loads, assemble
 from symstiff.discrepancy.diagnose import diagnose
 from symstiff.discrepancy.doubts import doubted, known_throughout
@@ -139,7 +140,8 @@ def run(task: Task, tell: Tell = lambda stage: None) -> Finding:
     experiment = ExperimentClass(
         task.loads or experiment.loads, task.measure or experiment.measure, experiment.fixed
     )
-    model, _ = start_model(task.robot, task.start, experiment)
+    model, reduction = start_model(task.robot, task.start, experiment)
+    remarks += aggregation_remarks(reduction.inexact_aggregations) if reduction is not None else []
     model, remark = find_point(model, table)
     remarks += [remark] if remark else []
     doubt = doubted(model, table)

@@ -9,6 +9,7 @@ from typing import Any
 
 from symstiff.discrepancy.laws import READING
 from symstiff.discrepancy.localise import FittedDevice, FittedLaw
+from symstiff.discrepancy.remarks import FEW
 from symstiff.discrepancy.result import Estimate, Name
 from symstiff.discrepancy.speech import named, place, spoken
 from symstiff.discrepancy.verdict import AS_WELL, INSUFFICIENT, NOT_ALONE
@@ -86,6 +87,8 @@ def _nothing_missing(finding: Finding) -> str:
         return "Nothing found missing; the noise is larger than stated"
     if noise.mostly_shared:
         return "Nothing found missing; what a pose's rows share is more than noise"
+    if noise.degrees_of_freedom < FEW:
+        return "Nothing found missing, in few data"
     return "Nothing is missing"
 
 
@@ -265,9 +268,11 @@ def _instead(members: list[Found], finding: Finding) -> str:
 
 def _nothing(finding: Finding) -> str:
     r = finding.rms
+    tested = sum(c.testable for c in finding.candidates)
     return (
         f"The model accounts for the data: {size(r.before, finding)} rms per coordinate is left, the noise is "
-        f"{size(r.noise, finding)} ({p_equals(finding.first.p_missing)} that anything of the catalogue is missing)."
+        f"{size(r.noise, finding)} ({p_equals(finding.first.p_missing)} that anything of the catalogue is missing; "
+        f"{tested} of {len(finding.candidates)} effects at their places could be tested)."
     )
 
 
