@@ -138,6 +138,11 @@ def core(model: StiffnessModel) -> list[str]:
 
     jinja, context = environment(), base_context(Functions(model), Options(targets=("c",)))
     header, source = (jinja.get_template(f"c/{name}.j2").render(context) for name in ("header.h", "source.c"))
+    return excerpt(header, source)
+
+
+def excerpt(header: str, source: str) -> list[str]:
+    """The same lines of emitted C."""
     return [*_block(header, "typedef struct"), "", *_block(source, "static void deflection_core(")]
 
 

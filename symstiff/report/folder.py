@@ -19,7 +19,7 @@ from symstiff.discrepancy.workflow import Finding
 from symstiff.errors import UserError
 from symstiff.files import new_folder
 from symstiff.model import StiffnessModel
-from symstiff.report.code import Line, core, difference
+from symstiff.report.code import Line, core, difference, excerpt
 from symstiff.report.html import render
 from symstiff.report.verdict import verdict_table
 
@@ -42,7 +42,7 @@ def write_folder(finding: Finding, folder: Path, tell: Callable[[str], None] = l
         verdict = verdict_table(finding)
         tell("code")
         code = _code(finding, temporary.resolve() / "code")
-        changes = _changes(finding) if code["folder"] else []
+        changes = _changes(finding, temporary / "code") if code["folder"] else []
         decide = write_deciding_poses(finding, temporary, verdict, tell)
         verdict["code"] = code
         finding.grown.model.save(temporary / "model.toml")
@@ -92,11 +92,13 @@ def _no_code(text: str, *, fault: bool) -> dict[str, Any]:
     return {"folder": False, "compiled": False, "text": text, "error": None, "fault": fault}
 
 
-def _changes(finding: Finding) -> list[Line]:
+def _changes(finding: Finding, code: Path) -> list[Line]:
+    """What the effects changed in the C that was written."""
     before, after = finding.start.model.of_robot(), finding.grown.model.of_robot()
     if before.structure_hash == after.structure_hash:
         return []
-    return difference(core(before), core(after))
+    header, source = ((code / f"{after.robot.name}.{end}").read_text("utf-8") for end in ("h", "c"))
+    return difference(core(before), excerpt(header, source))
 
 
 def write_deciding_poses(
