@@ -8,8 +8,9 @@ the model's counts as independent of them.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -22,6 +23,10 @@ from symstiff.reduction.structural import MEASURES, ExactEngine, Experiment
 from symstiff.symbolic.program import evaluate
 from symstiff.symbolic.programs import deflection_program
 from symstiff.symbolic.terms import AXES, Term, link_joint
+
+_SEED = 1
+_MOST = 40
+"""Parameters of one effect for which there are points enough."""
 
 
 @dataclass(frozen=True)
@@ -45,9 +50,10 @@ class Distinction:
 
 def survey(model: StiffnessModel, kind: str = "deflection") -> Iterator[tuple[Effect, Where, Distinction]]:
     """Every effect of the catalogue at every place of the model's robot that does not depend on the data."""
+    known = _Known.of(model, None, kind)
     for identifier, effect in catalogue().items():
         for where in effect.places(model.robot):
-            yield effect, where, distinction(model, identifier, where, kind=kind)
+            yield effect, where, _distinction(known, identifier, where, kind, None)
 
 
 def distinction(
@@ -64,7 +70,11 @@ def distinction(
     come from the data themselves (outliers, second-order terms) count as distinguishable where they can be
     seen at all. Raises UserError for a place the robot does not have.
     """
-    entry = find(effect)
+    return _distinction(_Known.of(model, experiment, kind), effect, where, kind, shape)
+
+
+def _distinction(known: _Known, effect: str, where: Where, kind: str, shape: Shape | None) -> Distinction:
+    entry, model = find(effect), known.model
     if shape is None:
         everything = Scales(kind, context={"time": 3600.0, "temperature": 10.0}, lowest={"temperature": 20.0})
         shape = next(iter(entry.shapes(model.robot, where, everything)), {})
@@ -77,57 +87,89 @@ def distinction(
         return Distinction((), 0, (), "the model has all of its parameters")
     if entry.columns is not None:
         return Distinction(own, len(own), ())
-    return _compared(model, instance, own, experiment or Experiment(model.loads, model.measure), kind)
-
-
-def _compared(
-    model: StiffnessModel, instance: EffectInstance, own: tuple[str, ...], experiment: Experiment, kind: str
-) -> Distinction:
-    grown = model.with_effect(instance)
-    placement = _placement() if kind == "absolute" else ()
-    terms = tuple(dict.fromkeys((*model.terms, *grown.terms, *placement)))
-    known = tuple(dict.fromkeys((*model.parameters, *(t.parameter for t in placement))))
-    columns = _columns(model, terms, (*known, *own), experiment, PRIMES[0])
-    first = len(known)
-    rank = len(echelon(columns[:, :first], PRIMES[0])[1])
-    total = len(echelon(columns, PRIMES[0])[1])
+    columns = known.beside(instance, own)
+    total = len(echelon(np.hstack([known.columns, columns]), PRIMES[0])[1])
     inside = tuple(
         n
         for k, n in enumerate(own)
-        if len(echelon(columns[:, [*range(first), first + k]], PRIMES[0])[1]) == rank
+        if len(echelon(np.hstack([known.columns, columns[:, [k]]]), PRIMES[0])[1]) == known.rank
     )
-    reason = "" if total > rank else "its columns are combinations of the model's"
-    if not columns[:, first:].any():
+    reason = "" if total > known.rank else "its columns are combinations of the model's"
+    if not columns.any():
         reason = "no such load moves it"
-    return Distinction(own, total - rank, inside, reason)
+    return Distinction(own, total - known.rank, inside, reason)
+
+
+@dataclass(frozen=True, eq=False)
+class _Known:
+    """A model at random points of a class of experiments modulo a prime, and the columns that it has there."""
+
+    model: StiffnessModel
+    experiment: Experiment
+    terms: tuple[Term, ...]
+    algebra: PrimeAlgebra
+    count: int
+    points: Mapping[str, Any]
+
+    @classmethod
+    def of(cls, model: StiffnessModel, experiment: Experiment | None, kind: str) -> _Known:
+        """In absolute data the placement of the measuring device is among what is known."""
+        experiment = experiment or Experiment(model.loads, model.measure)
+        terms = tuple(dict.fromkeys((*model.terms, *(_placement() if kind == "absolute" else ()))))
+        algebra, rng = PrimeAlgebra(PRIMES[0]), np.random.default_rng([_SEED, PRIMES[0]])
+        engine = ExactEngine(model.chain, deflection_program(model.chain, (), ()), (), experiment)
+        names = {*model.parameters, *(t.parameter for t in terms)}
+        count = 5 * (len(names) + _MOST) // (4 * len(MEASURES[experiment.measure])) + 12
+        return cls(model, experiment, terms, algebra, count, engine.points(algebra, rng, count))
+
+    @cached_property
+    def names(self) -> tuple[str, ...]:
+        """Parameters of the model and of the placement."""
+        return tuple(dict.fromkeys((*self.model.parameters, *(t.parameter for t in self.terms))))
+
+    @cached_property
+    def columns(self) -> np.ndarray:
+        """(rows, names) modulo the prime."""
+        return self._raised(self.terms, self.names, self.names)
+
+    @cached_property
+    def rank(self) -> int:
+        """Number of independent columns."""
+        return len(echelon(self.columns, self.algebra.p)[1])
+
+    def beside(self, instance: EffectInstance, own: tuple[str, ...]) -> np.ndarray:
+        """(rows, own) columns of an effect's parameters beside what is known."""
+        terms = tuple(dict.fromkeys((*self.terms, *self.model.with_effect(instance).terms)))
+        return self._raised(terms, (*self.names, *own), own)
+
+    def _raised(self, terms: tuple[Term, ...], names: tuple[str, ...], raised: Sequence[str]) -> np.ndarray:
+        """Differences of the deflection for each of the parameters ``raised`` by one."""
+        program = deflection_program(self.model.chain, terms, names)
+        measured = MEASURES[self.experiment.measure]
+        inputs = dict(self.points)
+        for vector in program.inputs:
+            if vector.name == "context":
+                inputs["context"] = [self._moment(str(symbol)) for symbol in vector.symbols]
+        # an effect's own parameters start at zero; the compliances, on which loads' and frames' columns lean, do not
+        prime = self.algebra.p
+        base = {
+            n: 1 + int.from_bytes(n.encode(), "big") % (prime - 1) for n in self.model.stiffness_parameters
+        }
+
+        def rows(values: Mapping[str, int]) -> np.ndarray:
+            flat = evaluate(program, {**inputs, "p": [values.get(n, 0) for n in names]}, self.algebra)["dt"]
+            return np.concatenate([np.broadcast_to(flat[r], (self.count,)) for r in measured])
+
+        start = rows(base)
+        return np.asarray(
+            np.stack([rows({**base, n: base.get(n, 0) + 1}) - start for n in raised], axis=1) % prime
+        )
+
+    def _moment(self, name: str) -> Any:
+        """Time, temperature or branch at the points, the same in every program."""
+        return self.algebra.random(np.random.default_rng([_SEED, *name.encode()]), self.count)
 
 
 def _placement() -> tuple[Term, ...]:
     """The six numbers of the measuring device's placement, as small motions of the whole robot."""
     return tuple(Term(f"placement_{a}", link_joint(0, a), sp.S.One) for a in AXES)
-
-
-def _columns(
-    model: StiffnessModel, terms: tuple[Term, ...], names: tuple[str, ...], experiment: Experiment, prime: int
-) -> np.ndarray:
-    """Differences of the deflection for every parameter raised by one, modulo a prime."""
-    program = deflection_program(model.chain, terms, names)
-    engine = ExactEngine(model.chain, program, names, experiment)
-    measured = MEASURES[experiment.measure]
-    count = (5 * len(names)) // (4 * len(measured)) + 12
-    algebra, rng = PrimeAlgebra(prime), np.random.default_rng([engine.seed, prime])
-    inputs: dict[str, Any] = engine.points(algebra, rng, count)
-    for vector in program.inputs:
-        if vector.name == "context":
-            inputs["context"] = [algebra.random(rng, count) for _ in vector.symbols]
-    # an effect's own parameters start at zero; the compliances, on which loads' and frames' columns lean, do not
-    base = {n: 1 + int.from_bytes(n.encode(), "big") % (prime - 1) for n in model.stiffness_parameters}
-
-    def rows(values: Mapping[str, int]) -> np.ndarray:
-        given = {**inputs, "p": [values.get(n, 0) for n in names]}
-        flat = evaluate(program, given, algebra)["dt"]
-        return np.concatenate([np.broadcast_to(flat[r], (count,)) for r in measured])
-
-    start = rows(base)
-    raised = [rows({**base, n: base.get(n, 0) + 1}) - start for n in names]
-    return np.asarray(np.stack(raised, axis=1) % prime)
