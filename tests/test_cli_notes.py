@@ -113,7 +113,7 @@ def test_radians_under_degrees_are_asked_about(run: Run) -> None:
     assert "if these are radians, write q1[rad]" in notes(run, *IDENTIFY)
 
 
-def test_a_link_that_cannot_hold_its_joint_is_remarked_by_identify(run: Run) -> None:
+def test_a_link_that_cannot_hold_its_joint_is_remarked_by_identify_and_diagnose(run: Run) -> None:
     from symstiff.reduction import reduce
 
     Path("arm.toml").write_text(OBLIQUE)
@@ -121,8 +121,10 @@ def test_a_link_that_cannot_hold_its_joint_is_remarked_by_identify(run: Run) -> 
     model = model.with_values(dict.fromkeys(model.parameters, 1e-6))
     rng = np.random.default_rng(1)
     table = measurements(rng.uniform(-1, 1, (40, 2)), rng.uniform(-500, 500, (40, 6)), kind="deflection")
-    write_table(replace(table, values=predict(model, table)), "data.csv")
+    write_table(replace(table, values=predict(model, table) + rng.normal(0, 1e-5, (40, 6))), "data.csv")
     assert "M3 gives c2 to link 1" in notes(run, "identify", "arm.toml", "data.csv")
+    done = run("diagnose", "arm.toml", "data.csv", "-o", "report")
+    assert "M3 gives c2 to link 1" in " ".join(done.out.split())
 
 
 def test_a_trajectory_keeps_its_columns_units_and_order(run: Run) -> None:

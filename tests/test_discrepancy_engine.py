@@ -358,6 +358,11 @@ def test_more_columns_or_a_higher_bar_need_a_larger_effect(score: float, rank: i
     assert base > 0
 
 
+def test_of_few_degrees_of_freedom_no_signal_stands_out() -> None:
+    assert detectable_noncentrality(2.0, -7.0, 6.0, 7) == np.inf
+    assert detectable_noncentrality(2.0, -7.0, 1.0, 60) < 60.0
+
+
 def test_what_a_set_misses_is_judged_under_the_shared_error_that_is_left_with_it() -> None:
     """Beside one effect a second passes for joints that stand elsewhere; with it in the model they do not."""
     problem = arm().problem

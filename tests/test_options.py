@@ -20,7 +20,7 @@ from symstiff.effects.base import EffectInstance, Scales, find
 from symstiff.errors import UserError
 from symstiff.model import StiffnessModel, load_model
 from symstiff.reduction import reduce
-from symstiff.robot import load
+from symstiff.robot import from_table, load
 from tests.generated_c import STRICT, compiler, described, emitted, model, run, written
 
 ROBOT = "scara"
@@ -208,3 +208,15 @@ def test_the_header_says_that_measured_positions_do_not_tell_rotations():
     assert (
         "The rotation (drx, dry, drz), which compensate and stiffness take too, holds only as far as" in text
     )
+
+
+def test_angles_without_a_name_and_with_a_negative_cosine_are_compiled(tmp_path):
+    rows = [(0.4, 2.5, 0.3, 0), (0.5, -3.0, 0.1, 2.2), (0.3, 1.0, 0.2, -2.0)]
+    joints = [dict(zip(("a", "alpha", "d", "theta"), row, strict=True)) for row in rows]
+    odd = from_table({"format": 1, "name": "odd", "joint": joints})
+    made = generate(StiffnessModel.of(reduce(odd)), tmp_path / "odd", Options(targets=tuple(TARGETS)))
+    assert not re.search(r"--\d", (tmp_path / "odd" / "odd.c").read_text())
+    if made.verification.compiler is None:
+        pytest.skip("no C compiler: the rest of the test needs one")
+    assert made.verification.compiled
+    assert made.verification.max_relative_error < 1e-12

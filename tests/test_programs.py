@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from typing import Any
 
 import numpy as np
@@ -10,7 +11,7 @@ import sympy as sp
 from definition import elastic_frame, samples
 from kr270_programs import kr270_programs
 
-from symstiff.robot import from_table, library, load
+from symstiff.robot import from_table, library, load, parse_exact
 from symstiff.symbolic.algebras import count
 from symstiff.symbolic.chain import ElasticChain
 from symstiff.symbolic.numeric import kinematics
@@ -113,6 +114,13 @@ def test_right_angles_give_exact_zeros_and_ones(alpha: Any, pair: tuple[int, int
     program = virtual_jacobian_program(ElasticChain(robot))
     assert program.constants == ()
     assert not any(s.expression.atoms(sp.Float) for s in program.statements)
+
+
+@pytest.mark.parametrize("alpha", [1.5707963267948966, -1.570796326795, 1.5707963268, 4.71238898038469])
+def test_a_right_angle_with_all_its_digits_is_one(alpha: float) -> None:
+    robot = from_table({"format": 1, "name": "one", "joint": [{"a": 0.5, "alpha": alpha, "d": 0.1}]})
+    assert robot.joint[0].alpha == parse_exact(f"{round(alpha / (math.pi / 2))}*pi/2")
+    assert float(parse_exact("1.5708")) == 1.5708
 
 
 @pytest.mark.parametrize("alpha", ["pi/6", "pi/3", "-2*pi/3", "pi/4", "3*pi/4", "pi/5", "0.4", "-3"])
