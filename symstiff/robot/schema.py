@@ -200,11 +200,11 @@ class Link(_Frozen):
             if key[0] == key[1] and entry < 0:
                 raise UserError(f"entry {key}: a compliance on the diagonal is not negative, found {entry:g}")
         for key, entry in value.items():
-            first, second = value.get(key[0] * 2, 0.0), value.get(key[1] * 2, 0.0)
-            if key[0] != key[1] and entry**2 > first * second * (1 + 1e-9):
+            first, second = (value.get(c * 2, math.inf) for c in key)
+            if key[0] != key[1] and first * second < math.inf and entry**2 > first * second * (1 + 1e-9):
                 raise UserError(
                     f"entry {key}: of an elastic body its square is at most entry {key[0] * 2} times entry "
-                    f"{key[1] * 2}, here {first:g} and {second:g}: correct {entry:g}, or give these two"
+                    f"{key[1] * 2}, {first:g} times {second:g}: correct {entry:g}, or one of these"
                 )
         return value
 
