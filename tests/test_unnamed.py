@@ -208,7 +208,24 @@ def test_a_flange_that_slips_the_way_of_the_force_is_accused_with_its_slip() -> 
     assert law is not None
     assert law.place == "flange"
     assert law.terms[0][1] == pytest.approx(1e-4, abs=1.5e-5)
-    assert "flange, where a slip beyond 50 % of the largest force" in words.sentence(found)
+    assert "strongest at the flange, where a slip beyond 50 % of the largest force" in words.sentence(found)
+
+
+def test_a_slip_is_read_in_the_axes_of_the_device() -> None:
+    """Against the force in the axes of a device that stands turned about the vertical by a known angle."""
+    table, truth = experiment("ur10", "absolute"), truth_of("ur10")
+    yaw = truth.device.rpy[2]
+    turn = np.array([[np.cos(yaw), np.sin(yaw), 0.0], [-np.sin(yaw), np.cos(yaw), 0.0], [0.0, 0.0, 1.0]])
+    found = assemble(complete("ur10"), exact(truth, table), effects=())
+    view = found.situation.view
+    force = table.w[:, :3] @ turn.T
+    size = np.linalg.norm(force, axis=1, keepdims=True)
+    slipped = (size > 0.3 * size.max()) * force / size
+    column = _law(found.problem, "flange", "slip beyond 30 % of the largest force")[:, 0]
+    assert column == pytest.approx(slipped[view.state, view.component], abs=2e-3)
+    block = _law(found.problem, "marker p2", "shift the way of the force").sum(axis=1)
+    shifted = (table.point == 1)[:, None] * force / np.abs(table.w[:, :3]).max()
+    assert block == pytest.approx(shifted[view.state, view.component], abs=2e-3)
 
 
 def test_a_marker_that_gives_way_along_the_force_is_accused() -> None:

@@ -20,7 +20,6 @@ from symstiff.calibration.residuals import ResidualTable, residual_table, split
 from symstiff.calibration.robust import RobustEstimate, robust_estimate
 from symstiff.calibration.rows import Equations, equations, predict, shared_blocks, weights
 from symstiff.calibration.soundness import (
-    aggregation_remarks,
     check_determined,
     check_loads,
     check_poses,
@@ -35,6 +34,7 @@ from symstiff.errors import UserError
 from symstiff.model import StiffnessModel, joints_only
 from symstiff.reduction import Reduction, reduce
 from symstiff.reduction.complete import complete_map
+from symstiff.reduction.remarks import reduction_remarks
 from symstiff.reduction.svd import numeric_partition
 from symstiff.robot.schema import Robot
 
@@ -153,7 +153,7 @@ def identify(
         names = ", ".join(f"q{i}" for i in experiment.fixed)
         remarks.append(f"{names} never move(s): the model is reduced for that")
     remarks += outside_class(table.w, model.loads)
-    remarks += aggregation_remarks(reduction.inexact_aggregations) if reduction is not None else []
+    remarks += reduction_remarks(reduction) if reduction is not None else []
     if per_level is not None:
         model = by_level(model, table, per_level)
     _refuse_rows(model)

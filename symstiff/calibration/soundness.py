@@ -150,19 +150,6 @@ def unlike_file(model: StiffnessModel, robot: Robot) -> list[str]:
     ]
 
 
-def aggregation_remarks(names: Sequence[str]) -> list[str]:
-    """Remarks about joint compliances that a link takes over whose template cannot hold them."""
-    remarks = []
-    for name in names:
-        link = int(name[1:]) - 1
-        place = "[base.link]" if link == 0 else f"the link of joint {link}"
-        remarks.append(
-            f"M3 gives {name} to link {link}, whose template has no terms for a rotation about that joint's axis: "
-            f'the model is not complete; write template = "full" in {place}'
-        )
-    return remarks
-
-
 def missing_information(decision: RankDecision, names: Sequence[str], rows: int) -> str | None:
     """What the data leave open and what would help; None where every parameter is determined."""
     if decision.full:

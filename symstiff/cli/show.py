@@ -94,9 +94,8 @@ def print_stages(out: Console, reduction: Reduction) -> None:
     """The seed's Table 1 for this robot and class."""
     from rich.table import Table
 
-    from symstiff.calibration.soundness import aggregation_remarks
     from symstiff.reduction.reading import steps
-    from symstiff.reduction.remarks import robot_remarks
+    from symstiff.reduction.remarks import reduction_remarks
 
     robot, e = reduction.robot, reduction.experiment
     table = Table(
@@ -108,7 +107,7 @@ def print_stages(out: Console, reduction: Reduction) -> None:
     for step, n, what in steps(reduction):
         table.add_row(step, str(n), what)
     out.print(table)
-    for remark in (*robot_remarks(robot), *aggregation_remarks(reduction.inexact_aggregations)):
+    for remark in reduction_remarks(reduction):
         note(out, remark, "warning")
 
 

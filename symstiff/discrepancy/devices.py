@@ -118,9 +118,7 @@ def _markers(view: View) -> Iterator[DeviceLaw]:
     moved = view.component < 3
     tool = view.turn @ view.found.R[:, -1]
     turned[moved] = tool[view.state[moved], view.component[moved]]
-    force = view.table.w[view.state, :3] / max(
-        float(np.max(np.abs(view.table.w[:, :3]), initial=0.0)), 1e-300
-    )
+    force = (_force(view) / max(float(np.max(np.abs(view.table.w[:, :3]), initial=0.0)), 1e-300))[view.state]
     laws = {
         "shift with the load": share * fixed,
         "shift with the load in the tool's axes": share * turned,
@@ -179,7 +177,7 @@ def _foot(view: View) -> Iterator[DeviceLaw]:
 
 def _slips(view: View) -> Iterator[DeviceLaw]:
     """A flange that slips the way of the force where this is beyond a threshold."""
-    force = view.table.w[:, :3]
+    force = _force(view)
     size = np.linalg.norm(force, axis=1, keepdims=True)
     for share in _LIFTS:
         slipped = (size > share * np.max(size, initial=0.0)) * force / np.maximum(size, 1e-300)
@@ -218,6 +216,11 @@ def _readings(view: View) -> Iterator[DeviceLaw]:
         for n in _TURNS:
             waves = (f(n * angle)[:, None] * way for f in (np.sin, np.cos))
             yield law(DEVICE, f"{name} error, {n} per turn", "rad", *waves)
+
+
+def _force(view: View) -> Array:
+    """(N, 3) forces in the device's axes, in which shifts are read."""
+    return np.asarray(view.table.w[:, :3] @ view.turn.T)
 
 
 def _read(view: View, moves: Array) -> Array:

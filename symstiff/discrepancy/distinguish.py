@@ -107,6 +107,7 @@ class _Known:
     model: StiffnessModel
     experiment: Experiment
     terms: tuple[Term, ...]
+    names: tuple[str, ...]
     algebra: PrimeAlgebra
     count: int
     points: Mapping[str, Any]
@@ -118,14 +119,9 @@ class _Known:
         terms = tuple(dict.fromkeys((*model.terms, *(_placement() if kind == "absolute" else ()))))
         algebra, rng = PrimeAlgebra(PRIMES[0]), np.random.default_rng([_SEED, PRIMES[0]])
         engine = ExactEngine(model.chain, deflection_program(model.chain, (), ()), (), experiment)
-        names = {*model.parameters, *(t.parameter for t in terms)}
+        names = tuple(dict.fromkeys((*model.parameters, *(t.parameter for t in terms))))
         count = 5 * (len(names) + _MOST) // (4 * len(MEASURES[experiment.measure])) + 12
-        return cls(model, experiment, terms, algebra, count, engine.points(algebra, rng, count))
-
-    @cached_property
-    def names(self) -> tuple[str, ...]:
-        """Parameters of the model and of the placement."""
-        return tuple(dict.fromkeys((*self.model.parameters, *(t.parameter for t in self.terms))))
+        return cls(model, experiment, terms, names, algebra, count, engine.points(algebra, rng, count))
 
     @cached_property
     def columns(self) -> np.ndarray:

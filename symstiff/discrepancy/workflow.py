@@ -18,7 +18,6 @@ from symstiff.calibration.checks import check_robot
 from symstiff.calibration.identify import ExperimentClass, experiment_of, start_model
 from symstiff.calibration.loading import as_loading
 from symstiff.calibration.measurements import Measurements
-from symstiff.calibration.soundness import aggregation_remarks
 from symstiff.discrepancy.assemble import Assembly, added_loads, assemble
 from symstiff.discrepancy.diagnose import diagnose
 from symstiff.discrepancy.doubts import doubted, known_throughout
@@ -35,6 +34,7 @@ from symstiff.effects.base import EffectInstance
 from symstiff.errors import UserError
 from symstiff.model import StiffnessModel
 from symstiff.reduction.physical import physical_stages
+from symstiff.reduction.remarks import reduction_remarks
 from symstiff.robot.schema import Robot
 
 Tell = Callable[[str], None]
@@ -141,7 +141,7 @@ def run(task: Task, tell: Tell = lambda stage: None) -> Finding:
         task.loads or experiment.loads, task.measure or experiment.measure, experiment.fixed
     )
     model, reduction = start_model(task.robot, task.start, experiment)
-    remarks += aggregation_remarks(reduction.inexact_aggregations) if reduction is not None else []
+    remarks += reduction_remarks(reduction) if reduction is not None else []
     model, remark = find_point(model, table)
     remarks += [remark] if remark else []
     doubt = doubted(model, table)

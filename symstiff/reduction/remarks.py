@@ -1,10 +1,12 @@
-"""What a robot file says that is probably not what was meant."""
+"""What a robot file says that is probably not what was meant, and what its reduction could not hold."""
 
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from fractions import Fraction
 
+from symstiff.reduction.reduce import Reduction
 from symstiff.reduction.template import pattern
 from symstiff.robot.exact import Exact
 from symstiff.robot.schema import Robot
@@ -12,9 +14,10 @@ from symstiff.robot.schema import Robot
 _NEAR = 2e-4  # rad; an angle rounded to four digits, or printed with three and a little more
 
 
-def robot_remarks(robot: Robot) -> list[str]:
-    """Remarks about angles that look like rounded ones, and about known compliances without a place in the model."""
-    return [*_of_angles(robot), *_of_compliances(robot)]
+def reduction_remarks(reduction: Reduction) -> list[str]:
+    """Remarks about angles that look like rounded ones, and about what has no place in the reduced model."""
+    robot = reduction.robot
+    return [*_of_angles(robot), *_of_compliances(robot), *_of_aggregations(reduction.inexact_aggregations)]
 
 
 def _of_angles(robot: Robot) -> list[str]:
@@ -46,4 +49,17 @@ def _of_compliances(robot: Robot) -> list[str]:
                 f"{place}.compliance: {', '.join(lost)} left out of the model, since template {link.template!r} has no "
                 'such term: write template = "full" where it matters'
             )
+    return out
+
+
+def _of_aggregations(names: Sequence[str]) -> list[str]:
+    """Joint compliances that M3 gives to a link whose template cannot hold them."""
+    out = []
+    for name in names:
+        link = int(name[1:]) - 1
+        place = "[base.link]" if link == 0 else f"the link of joint {link}"
+        out.append(
+            f"M3 gives {name} to link {link}, whose template has no terms for a rotation about that joint's axis: "
+            f'the model is not complete; write template = "full" in {place}'
+        )
     return out
