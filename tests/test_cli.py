@@ -154,6 +154,10 @@ def test_what_a_reduction_cannot_hold_is_told_wherever_data_are_fitted(run: Run,
         told = " ".join(json.loads(run(*given, "--json", "-").out)["remarks"])
         assert 'theta of joint 1: 1.5708 is not quite pi/2: write "pi/2" where that is meant' in told
         assert "M3 gives c2 to link 1, whose template has no terms" in told
+    robot.write_text(OBLIQUE.replace('"pi/2"', "1.5708"))
+    assert_users_mistake(
+        run("identify", robot, data, "-o", model), 'write "pi/2" where that is meant', "not told apart: k0_33"
+    )
 
 
 # --- effects ---------------------------------------------------------------------------------------------

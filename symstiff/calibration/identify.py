@@ -153,7 +153,8 @@ def identify(
         names = ", ".join(f"q{i}" for i in experiment.fixed)
         remarks.append(f"{names} never move(s): the model is reduced for that")
     remarks += outside_class(table.w, model.loads)
-    remarks += reduction_remarks(reduction) if reduction is not None else []
+    doubts = reduction_remarks(reduction) if reduction is not None else []
+    remarks += doubts
     if per_level is not None:
         model = by_level(model, table, per_level)
     _refuse_rows(model)
@@ -162,7 +163,7 @@ def identify(
     train, validation = _split(table, held_out, seed)
     fitted, e, strong = fit_model(model, train, robust=robust)
     remarks += axis_remarks(model, train, e)
-    check_determined(fitted.rank, fitted.names, len(e.y))
+    check_determined(fitted.rank, fitted.names, len(e.y), doubts)
     values, constrained = _values(fitted, reduction, physical)
     model = model.with_values(values, _finite(dict(zip(fitted.names, fitted.std.tolist(), strict=True))))
     training = residual_table(_measured(train), predict(model, train))

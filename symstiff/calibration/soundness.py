@@ -170,12 +170,19 @@ def missing_information(decision: RankDecision, names: Sequence[str], rows: int)
     return "; ".join(parts)
 
 
-def check_determined(decision: RankDecision, names: Sequence[str], rows: int) -> None:
-    """Raise UserError with `missing_information` where some parameter is not determined."""
+def check_determined(
+    decision: RankDecision, names: Sequence[str], rows: int, doubts: Sequence[str] = ()
+) -> None:
+    """Raise UserError with `missing_information` where some parameter is not determined.
+
+    ``doubts`` about the model come first: a rounded angle makes parameters that no measurement tells apart.
+    """
     message = missing_information(decision, names, rows)
     if message is not None:
+        before = "".join(f"{doubt}; " for doubt in doubts)
         raise UserError(
-            f"the measurements do not determine the model: {message}, or symstiff diagnose, which leaves them at zero"
+            f"{before}the measurements do not determine the model: {message}, or symstiff diagnose, which leaves them "
+            "at zero"
         )
 
 
