@@ -17,7 +17,7 @@ from symstiff.calibration.simulation.chain import posture as posture_of
 from symstiff.discrepancy import workflow
 from symstiff.discrepancy.result import Diagnosis
 from symstiff.discrepancy.workflow import Task, run
-from symstiff.effects.arm import MOMENTS, arm_load, assumed_arms, heaviest
+from symstiff.effects.arm import MOMENTS, TAPERS, arm_load, assumed_arms, heaviest
 from symstiff.effects.base import Scales, find
 from symstiff.robot import Robot, load
 from symstiff.symbolic.terms import actuated_joint, q
@@ -126,9 +126,10 @@ def test_the_hysteresis_of_a_quill_is_named_though_nobody_tells_what_it_weighs(m
     assert found.rms.after == pytest.approx(SIGMA, rel=0.1)
 
 
+@pytest.mark.parametrize("taper", TAPERS.values())
 @pytest.mark.parametrize("name", ["kuka_kr270", "franka_panda", "puma560", "scara"])
-def test_an_arms_load_is_that_of_an_even_rod(name: str) -> None:
-    """Against the height of the rod's centre in the simulator's geometry, by differences."""
+def test_an_arms_load_is_that_of_a_rod_that_is_even_or_thins_out(name: str, taper: float) -> None:
+    """Against the height of the rod's centre in the simulator's geometry, by many short pieces and differences."""
     robot = load(name)
     chain = chain_of(robot)
     at = np.random.default_rng(0).uniform(-1, 1, robot.dof)
@@ -136,16 +137,21 @@ def test_an_arms_load_is_that_of_an_even_rod(name: str) -> None:
     def height(angles: np.ndarray) -> float:
         found = posture_of(chain, angles[None], np.zeros((1, chain.size)))
         points = np.vstack([found.after[1][0], found.at(chain.tool)])
-        centre = [(a[2] + b[2]) / 2 for a, b in itertools.pairwise(points)]
         lengths = [*np.hypot(chain.a, chain.d), np.linalg.norm(chain.tool)]
-        strokes = [np.ptp(j.range) if j.prismatic else 0.0 for j in robot.joint]
-        moment = np.dot(lengths, centre) + np.dot(strokes, points[1 : 1 + robot.dof, 2])
-        return float(moment / (np.sum(lengths) + np.sum(strokes)))
+        strokes = [*(np.ptp(j.range) if j.prismatic else 0.0 for j in robot.joint), 0.0]
+        whole, begin, mass, moment = sum(lengths) + sum(strokes), 0.0, 0.0, 0.0
+        for (a, b), length, stroke in zip(itertools.pairwise(points[:, 2]), lengths, strokes, strict=True):
+            for stretch, low, high in ((length, a, b), (stroke, b, b)):
+                part = (np.arange(2000) + 0.5) / 2000
+                weight = (1.0 - taper * (begin + part * stretch) / whole) * stretch / 2000
+                mass, moment = mass + weight.sum(), moment + weight @ (low + part * (high - low))
+                begin += stretch
+        return float(moment / mass)
 
     for joint in range(1, robot.dof + 1):
         step = STEP * np.eye(robot.dof)[joint - 1]
         expected = -9.80665 * (height(at + step) - height(at - step)) / (2 * STEP)
-        law = sp.lambdify([q(i + 1) for i in range(robot.dof)], arm_load(robot, joint))
+        law = sp.lambdify([q(i + 1) for i in range(robot.dof)], arm_load(robot, joint, taper))
         assert float(law(*at)) == pytest.approx(expected, abs=2e-3)
 
 
@@ -153,15 +159,17 @@ def test_masses_are_tried_where_they_matter_and_are_not_known() -> None:
     bare = without_masses(load("ur10"))
     scales = Scales("deflection", {actuated_joint(j): 100.0 for j in range(1, 7)})
     most = [largest for _, largest in assumed_arms(bare, 2, scales)]
-    assert most == pytest.approx([100.0 * (1.0 + m) for m in MOMENTS], rel=0.05)
+    assert most == pytest.approx([100.0 * (1.0 + m) for _ in TAPERS for m in MOMENTS], rel=0.05)
     assert assumed_arms(bare, 1, scales) == ()  # an upright axis
     assert assumed_arms(load("ur10"), 2, scales) == ()
     assert assumed_arms(bare, 2, Scales("absolute", scales.load)) == ()
-    assert all(m <= heaviest(bare) for j in range(1, 7) for m, _ in assumed_arms(bare, j, scales))
+    tried = [arm for j in range(1, 7) for arm, _ in assumed_arms(bare, j, scales)]
+    assert all(m <= heaviest(bare) for arm in tried for m in arm.values())
     assert assumed_arms(bare, 6, Scales("deflection", {actuated_joint(6): 1e5})) == ()
     for effect in ("backlash", "hysteresis", "nonlinear_stiffness"):
-        assert any("mass" in s for s in find(effect).shapes(bare, {"joint": 2}, scales))
-        assert not any("mass" in s for s in find(effect).shapes(load("ur10"), {"joint": 2}, scales))
+        for name in TAPERS:
+            assert any(name in s for s in find(effect).shapes(bare, {"joint": 2}, scales))
+            assert not any(name in s for s in find(effect).shapes(load("ur10"), {"joint": 2}, scales))
 
 
 def test_what_is_assumed_is_said_once_and_of_what_the_verdict_counts(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -40,6 +40,8 @@ class Bank:
     """(K,) lengths of the columns for parameters of usual size, the longest of an entry one."""
     sized: NDArrayBool
     """(S,) whether an entry has several parameters whose usual sizes are known."""
+    share: Array
+    """(S,) prior share of each entry among its candidate's."""
     place: tuple[str, ...] = ()
     """Virtual joint that each candidate acts at alone; empty where it acts at several, or somewhere else."""
 
@@ -125,8 +127,15 @@ def build(
         np.array(shape, dtype=np.intp),
         np.concatenate([r for r, _ in relative]) if relative else length,
         np.array([known for _, known in relative], dtype=bool),
+        _shares(kept, owner, shape),
         tuple(_place(problem, blocks[owner.index(i)]) if c.at is None else c.at for i, c in enumerate(kept)),
     )
+
+
+def _shares(kept: Sequence[Candidate], owner: Sequence[int], shape: Sequence[int]) -> Array:
+    """Prior shares (S,) of entries that are one ``shape`` each of their ``owner``."""
+    weight = [kept[c].weights[k] if kept[c].weights else 1.0 for c, k in zip(owner, shape, strict=True)]
+    return np.asarray(weight / np.bincount(owner, weight)[owner]) if weight else np.zeros(0)
 
 
 def _usual(parameters: Sequence[Parameter], block: Array) -> tuple[Array, bool]:

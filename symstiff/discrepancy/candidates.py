@@ -65,8 +65,15 @@ def candidates(
                     first,
                     columns,
                     tuple(shapes),
+                    _weights(effect, shapes),
                     parameters_of=None if alike else columns.parameters,
                 )
+
+
+def _weights(effect: Effect, shapes: Sequence[Shape]) -> tuple[float, ...]:
+    """Prior weights of shapes: ways to assume what is not known share the weight of one."""
+    shared = 1.0 / max(len(effect.assumed), 1)
+    return tuple(shared if effect.assumed.keys() & shape.keys() else 1.0 for shape in shapes)
 
 
 @dataclass(frozen=True, eq=False)

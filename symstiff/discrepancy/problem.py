@@ -132,6 +132,8 @@ class Candidate:
     """shape values -> (M, k), one column a parameter."""
     shapes: tuple[Shape, ...] = ({},)
     """Profile grid of the parameters that are not linear."""
+    weights: tuple[float, ...] = ()
+    """Prior weights of the shapes; all are alike where this is empty."""
     group: str = ""
     """Structural group: candidates of one group cannot be told apart by any data of this kind."""
     parameters_of: Callable[[Shape], tuple[Parameter, ...]] | None = None

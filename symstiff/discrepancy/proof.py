@@ -75,7 +75,8 @@ def _named_only(bank: Bank) -> Bank:
         bank, columns=bank.columns[:, :columns], scale=bank.scale[:columns], start=bank.start[:entries],
         width=bank.width[:entries], owner=bank.owner[:entries], shape=bank.shape[:entries],
         candidates=bank.candidates[: int(np.sum(~bank.generic))], generic=bank.generic[~bank.generic],
-        usual=bank.usual[:columns], sized=bank.sized[:entries], log_prior=bank.log_prior[~bank.generic],
+        usual=bank.usual[:columns], sized=bank.sized[:entries], share=bank.share[:entries],
+        log_prior=bank.log_prior[~bank.generic],
         place=bank.place[: int(np.sum(~bank.generic))],
     )  # fmt: skip
 

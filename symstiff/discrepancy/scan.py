@@ -242,7 +242,7 @@ def _of_layer(bank: Bank, layer: Layer, shares: Array, freedom: int) -> Array:
 
 
 def candidate_evidence(bank: Bank, entries: Array) -> Array:
-    """Average over a candidate's shapes: (S, B) -> (candidates, B)."""
+    """Average over a candidate's shapes by their prior shares: (S, B) -> (candidates, B)."""
     if not len(bank.start):
         return np.zeros((0, entries.shape[1]))
     first = bank.first_entry
@@ -252,10 +252,11 @@ def candidate_evidence(bank: Bank, entries: Array) -> Array:
     top = np.maximum.reduceat(entries, first, axis=0)
     several = np.flatnonzero(count > 1)
     for c in several:
-        block = entries[first[c] : first[c] + count[c]]
+        own = slice(first[c], first[c] + count[c])
+        block = entries[own]
         base = np.where(np.isfinite(top[c]), top[c], 0.0)
         with np.errstate(divide="ignore"):
-            top[c] = base + np.log(np.mean(np.exp(block - base), axis=0))
+            top[c] = base + np.log(bank.share[own] @ np.exp(block - base))
     return np.asarray(top)
 
 

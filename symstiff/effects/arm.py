@@ -1,12 +1,13 @@
 """The weight of the arm as load on its joints: of the masses in the robot file, or of what an arm may weigh.
 
 A gear sees the sum of all loads. Deflections show what the experiment's load adds to the weight's, so a law that is
-not linear needs the weight. Where the file tells no masses, a few are tried, each spread evenly along the arm.
+not linear needs the weight. Where the file tells no masses, a few are tried, each spread along the arm, evenly or
+thinning out towards the tool.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from functools import lru_cache
 
 import numpy as np
@@ -26,12 +27,18 @@ NEARER = (0.3, 0.52, 0.9, 1.56, 2.7, 4.7)
 """The same for laws that jump."""
 DENSEST = 50.0
 """No body of a robot is heavier than this [kg/m³] times the cube of its reach: a UR10 has 8 in all, a KR 270 35."""
-TOLD = {"mass": "under an arm of {} kg"}
+TAPERS = {"mass": 0.0, "tapered_mass": 1.0}
+"""What a shape's arm of so many kilograms loses of its mass per length from frame 0 to the tool."""
+TOLD = {"mass": "under an arm of {} kg", "tapered_mass": "under a tapering arm of {} kg"}
+_ASSUMED = (
+    "the robot file tells no masses, so the law was taken under an arm of {{}} kg, {}; masses in the file would tell "
+    "what the joint carries"
+)
 ASSUMED = {
-    "mass": "the robot file tells no masses, so the law was taken under an arm of {} kg, spread evenly along it; "
-    "masses in the file would tell what the joint carries"
+    "mass": _ASSUMED.format("spread evenly along it"),
+    "tapered_mass": _ASSUMED.format("which thins out evenly from the base to the tool"),
 }
-"""What a shape's ``mass`` means, and takes for granted."""
+"""What these mean, and take for granted."""
 _SHORTEST = 1e-6
 """Length of an arm without lengths [m]."""
 _POSES = 500
@@ -48,10 +55,11 @@ def of_total_load(law: Callable[[sp.Expr], sp.Expr], robot: Robot, joint: int, s
 def own_load(robot: Robot, joint: int, shape: Shape) -> sp.Expr:
     """Load of the arm's weight on a joint, as a shape takes it [N or N·m].
 
-    Of the file's masses; none with ``weights = 0``; with ``mass`` that of an arm of so many kilograms.
+    Of the file's masses; none with ``weights = 0``; with one of ``TAPERS`` that of an arm of so many kilograms.
     """
-    if "mass" in shape:
-        return exact(shape["mass"]) * arm_load(robot, joint)
+    for name, taper in TAPERS.items():
+        if name in shape:
+            return exact(shape[name]) * arm_load(robot, joint, taper)
     return weight_load(robot, joint) if shape.get("weights", 1.0) else sp.S.Zero
 
 
@@ -62,22 +70,29 @@ def weighed(kind: str) -> dict[str, float]:
 
 def assumed_arms(
     robot: Robot, joint: int, scales: Scales, moments: tuple[float, ...] = MOMENTS
-) -> tuple[tuple[float, float], ...]:
-    """Masses [kg] to be tried for an arm whose file tells none, each with the largest load on the joint under it.
+) -> tuple[tuple[Shape, float], ...]:
+    """Arms to be tried where the file tells no mass, as parts of a shape, and the largest load on the joint under each.
 
     None where they do not load the joint; the heaviest that a robot can be in place of those that are heavier.
     """
-    known = any(link.mass for link in robot.links)
-    most = 0.0 if known or scales.kind == "absolute" else _most_arm_load(robot, joint)
-    if not most:
+    if scales.kind == "absolute" or any(link.mass for link in robot.links):
         return ()
-    top = scales.of(actuated_joint(joint))
-    limit = heaviest(robot)
-    tried = [moment * top / most for moment in moments]
+    top, limit = scales.of(actuated_joint(joint)), heaviest(robot)
+    return tuple(
+        ({name: mass}, top + mass * most)
+        for name, taper in TAPERS.items()
+        if (most := _most_arm_load(robot, joint, taper))
+        for mass in _masses(top / most, limit, moments)
+    )
+
+
+def _masses(unit: float, limit: float, moments: tuple[float, ...]) -> tuple[float, ...]:
+    """Masses [kg] for moments over those of the loads, of which ``unit`` makes one."""
+    tried = [moment * unit for moment in moments]
     kept = [mass for mass in tried if mass < limit]
     if kept and len(kept) < len(tried):
         kept.append(limit)
-    return tuple((mass, top + mass * most) for mass in dict.fromkeys(float(f"{m:.2g}") for m in kept))
+    return tuple(dict.fromkeys(min(float(f"{m:.2g}"), limit) for m in kept))
 
 
 def heaviest(robot: Robot) -> float:
@@ -94,34 +109,49 @@ def weight_load(robot: Robot, joint: int) -> sp.Expr:
 
 
 @lru_cache(maxsize=256)
-def arm_load(robot: Robot, joint: int) -> sp.Expr:
-    """The same of one kilogram that is spread evenly along the arm, from frame 0 to the tool.
+def arm_load(robot: Robot, joint: int, taper: float = 0.0) -> sp.Expr:
+    """The same of one kilogram along the arm, from frame 0 to the tool: even, or down to nothing with a taper of 1.
 
-    Half of a stretch between two frames hangs at either of them, which loads the joints as an even rod does. What
-    slides is as long as its stroke, and hangs whole at the frame that it moves.
+    What slides is as long as its stroke, and hangs whole at the frame that it moves.
     """
     chain = ElasticChain(robot)
     tip = chain.tool_offset()
     ends = [(row.a.sympy(), row.d.sympy()) for row in chain.rows] + [tip]
     stretches = [float(sp.sqrt(sum(x**2 for x in end))) for end in ends]
     strokes = [float(np.ptp(joint.range)) if joint.prismatic else 0.0 for joint in robot.joint]
-    whole = max(sum(stretches) + sum(strokes), _SHORTEST)
-    half = [exact(f"{x / (2.0 * whole):.4f}") for x in stretches]
-    slid = [exact(f"{x / whole:.4f}") for x in strokes]
+    hung = [exact(f"{x:.4f}") for x in _hung(stretches, strokes, taper)]
     n = chain.dof
-    bodies = {i: (half[i - 1] + half[i] + slid[i - 1], (sp.S.Zero,) * 3) for i in range(1, n)}
-    last = half[n - 1] + 2 * half[n] + slid[n - 1]
-    bodies[n] = (last, tuple(x * half[n] / last for x in tip) if last else (sp.S.Zero,) * 3)
+    bodies = {i: (hung[i], (sp.S.Zero,) * 3) for i in range(1, n)}
+    last = hung[n] + hung[n + 1]
+    bodies[n] = (last, tuple(x * hung[n + 1] / last for x in tip) if last else (sp.S.Zero,) * 3)
     return _load_of_bodies(chain, joint, bodies)
 
 
+def _hung(stretches: Sequence[float], strokes: Sequence[float], taper: float) -> list[float]:
+    """Shares of an arm's mass at frame 0, …, n and the tool that load the joints as the arm does.
+
+    A stretch between two frames hangs at both of them, by where its centre of mass is.
+    """
+    whole = max(sum(stretches) + sum(strokes), _SHORTEST)
+    shares, begin = [0.0] * (len(stretches) + 1), 0.0
+    for k, (stretch, stroke) in enumerate(zip(stretches, [*strokes, 0.0], strict=True)):
+        length, slid = stretch / whole, stroke / whole
+        mass = length * (1.0 - taper * (begin + length / 2.0))
+        beyond = length * ((1.0 - taper * begin) / 2.0 - taper * length / 3.0)
+        begin += length
+        shares[k] += mass - beyond
+        shares[k + 1] += beyond + slid * (1.0 - taper * (begin + slid / 2.0))
+        begin += slid
+    return [share / max(sum(shares), _SHORTEST) for share in shares]
+
+
 @lru_cache(maxsize=256)
-def _most_arm_load(robot: Robot, joint: int) -> float:
+def _most_arm_load(robot: Robot, joint: int, taper: float) -> float:
     """The largest size of ``arm_load`` in random poses within the joints' limits [N or N·m]; 0 for rounding."""
     names = [q(i + 1) for i in range(robot.dof)]
     low, high = np.array([j.range for j in robot.joint], dtype=float).T
     poses = np.random.default_rng(0).uniform(low, high, (_POSES, robot.dof))
-    load = sp.lambdify(names, arm_load(robot, joint), "numpy")(*poses.T)
+    load = sp.lambdify(names, arm_load(robot, joint, taper), "numpy")(*poses.T)
     found = float(np.max(np.abs(load)))
     return found if found > _NO_LOAD else 0.0
 

@@ -3,7 +3,7 @@
 The sign is smooth near zero. Deflection data show the difference to the unloaded state,
 gap/2·(sign(τ_weight + τ) − sign(τ_weight)). Where the robot file has no masses the unloaded state is unknown:
 then the gap is taken to be crossed by the load alone, or by the load and an arm of one of a few masses (a shape's
-``mass``); where the weight keeps the gap closed nothing is seen. Masses in the robot file decide.
+``mass`` or ``tapered_mass``); where the weight keeps the gap closed nothing is seen. Masses in the robot file decide.
 """
 
 from __future__ import annotations
@@ -33,10 +33,10 @@ def _shapes(robot: Robot, where: Where, scales: Scales) -> tuple[Shape, ...]:
     joint = int(where["joint"])
     top = scales.of(actuated_joint(joint))
     found = tuple({"width": float(f"{f * top:.3g}"), **weighed(scales.kind)} for f in WIDTHS)
-    sharp = ({**found[SHARP], "mass": mass} for mass, _ in assumed_arms(robot, joint, scales, NEARER))
+    sharp = ({**found[SHARP], **arm} for arm, _ in assumed_arms(robot, joint, scales, NEARER))
     wide = (
-        {"width": float(f"{WIDTHS[WIDE] * most:.3g}"), "mass": mass}
-        for mass, most in assumed_arms(robot, joint, scales)
+        {"width": float(f"{WIDTHS[WIDE] * most:.3g}"), **arm}
+        for arm, most in assumed_arms(robot, joint, scales)
     )
     return (*found, *sharp, *wide)
 

@@ -2,12 +2,12 @@
 
 h is a smooth sign of the load, times |τ/τ₀|^power, or times 1 − (τ/τ₀)² where the loop closes at its ends. The load
 is the one that the experiment adds, or with ``weights`` in the shape the total one, the links' weight included, or
-with ``mass`` that of an arm of so many kilograms where the file tells no masses.
+with ``mass`` or ``tapered_mass`` that of an arm of so many kilograms where the file tells no masses.
 """
 
 from __future__ import annotations
 
-from symstiff.effects.arm import ASSUMED, TOLD, assumed_arms, own_load, weight_load
+from symstiff.effects.arm import ASSUMED, TAPERS, TOLD, assumed_arms, own_load, weight_load
 from symstiff.effects.base import Effect, Realisation, Scales, Shape, Where
 from symstiff.effects.common import (
     BOTH,
@@ -31,7 +31,7 @@ SHARP = 0.002
 def _realise(robot: Robot, where: Where, shape: Shape) -> Realisation:
     j = int(where["joint"])
     load, width = load_of(j), exact(shape.get("width", 5.0))
-    if shape.get("weights") or "mass" in shape:
+    if shape.get("weights") or TAPERS.keys() & shape.keys():
         load = load + own_load(robot, j, shape)
     loop = parameter(NAME, where, "width", angle_unit(robot, j), 0.0, 5e-3, 5e-5)
     law = -BRANCH * smooth_sign(load, width) / 2
@@ -54,8 +54,8 @@ def _shapes(robot: Robot, where: Where, scales: Scales) -> tuple[Shape, ...]:
         found += [{**s, "weights": 1.0} for s in found]
     closed = {"width": widths[0]}
     found.append({**closed, "loop": float(f"{1.05 * top:.3g}")})
-    for mass, most in assumed_arms(robot, joint, scales):
-        found += [{**s, "mass": mass} for s in (*narrow, {**closed, "loop": float(f"{1.05 * most:.3g}")})]
+    for arm, most in assumed_arms(robot, joint, scales):
+        found += [{**s, **arm} for s in (*narrow, {**closed, "loop": float(f"{1.05 * most:.3g}")})]
     return tuple(found)
 
 

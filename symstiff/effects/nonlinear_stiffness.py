@@ -3,8 +3,8 @@
 Without a shape the polynomial with c₂ and c₃. Profiled shapes have one parameter c, Δθ_j = c·τ₀·h(τ/τ₀),
 with h = sign(x)|x|^power (smooth near zero), x − clip(x, −1, 1) beyond a knee at τ₀, or tanh x; c is a slope
 in rad/(N·m) whatever the shape. Where masses are known, τ is the total load and what its weight does alone is
-taken away; with ``weights = 0`` in the shape τ is the load that the experiment adds, with ``mass`` that load and
-the weight of an arm of so many kilograms.
+taken away; with ``weights = 0`` in the shape τ is the load that the experiment adds, with ``mass`` or
+``tapered_mass`` that load and the weight of an arm of so many kilograms.
 """
 
 from __future__ import annotations
@@ -82,13 +82,13 @@ def _shapes(robot: Robot, where: Where, scales: Scales) -> tuple[Shape, ...]:
     return known + tuple(s for arm in assumed_arms(robot, joint, scales) for s in _under(*arm))
 
 
-def _under(mass: float, most: float) -> tuple[Shape, ...]:
+def _under(arm: Shape, most: float) -> tuple[Shape, ...]:
     """The shapes under an arm whose masses are not known, and the largest load on the joint under it."""
     most = float(f"{most:.3g}")
     found = [{"load": most, "power": p} for p in POWERS[::2]]
     found += [{"load": float(f"{f * most:.3g}"), "knee": 1.0} for f in KNEES[::3]]
     found += [{"load": float(f"{f * most:.3g}"), "saturation": 1.0} for f in SATURATIONS[::2]]
-    return tuple({**shape, "mass": mass} for shape in found)
+    return tuple({**shape, **arm} for shape in found)
 
 
 EFFECT = Effect(
