@@ -36,10 +36,15 @@ def without_masses(robot: Robot) -> Robot:
 
 
 def experiment(
-    effect: str, joint: int, shape: str, sizes: dict[str, Any], force: float = 110.0
+    effect: str,
+    joint: int,
+    shape: str,
+    sizes: dict[str, Any],
+    force: float = 110.0,
+    robot: Robot | None = None,
 ) -> Measurements:
-    """Deflections of a UR10 with its weights, under forces in random directions, with a hidden effect."""
-    robot, rng = load("ur10"), np.random.default_rng(1)
+    """Deflections of an arm (a UR10) with its weights, under forces in random directions, with a hidden effect."""
+    robot, rng = robot or load("ur10"), np.random.default_rng(1)
     levels = LOADS.get(effect, UP_AND_DOWN)
     n, poses = len(levels), 30
     angles = rng.uniform(-2.8, 2.8, (poses, 6))
@@ -124,6 +129,36 @@ def test_the_hysteresis_of_a_quill_is_named_though_nobody_tells_what_it_weighs(m
     assert found.verdict == "named"
     assert [(e.effect, e.where) for e in found.named] == [("hysteresis", {"joint": 3})]
     assert found.rms.after == pytest.approx(SIGMA, rel=0.1)
+
+
+@pytest.mark.parametrize(
+    ("effect", "joint", "shape", "sizes"),
+    [
+        ("backlash", 2, "tanh", {"gap": 2e-4, "knee": 20.0}),
+        ("backlash", 3, "tanh", {"gap": 2e-4, "knee": 20.0}),
+        ("nonlinear_stiffness", 2, "two_slope", {"c": 1.5e-7, "knee": 3000.0}),
+    ],
+)
+def test_an_arm_that_is_heavy_at_its_base_has_its_gears_named(
+    effect: str, joint: int, shape: str, sizes: dict[str, Any]
+) -> None:
+    """Motors near the base, a light wrist: an even rod hangs too much of it at the elbow."""
+    bare = load("kuka_kr270")
+    told = {
+        1: (250.0, (-0.2, 0.0, 0.0)),
+        2: (200.0, (-0.9, 0.0, 0.0)),
+        3: (130.0, (0.0, 0.0, 0.1)),
+        4: (15.0, (0.0,) * 3),
+    }
+    heavy = [
+        j.model_copy(update={"link": j.link.model_copy(update=dict(zip(("mass", "com"), told[i], strict=True)))})
+        if i in told else j
+        for i, j in enumerate(bare.joint, start=1)
+    ]  # fmt: skip
+    robot = bare.model_copy(update={"joint": tuple(heavy)})
+    found = run(Task(bare, experiment(effect, joint, shape, sizes, 1500.0, robot)))
+    assert found.verdict == "named"
+    assert [(e.effect, e.where) for e in found.named] == [(effect, {"joint": joint})]
 
 
 @pytest.mark.parametrize("taper", TAPERS.values())
