@@ -3,14 +3,15 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import Any
+from types import SimpleNamespace
+from typing import Any, cast
 
 import numpy as np
 import pytest
 
 from symstiff.calibration.measurements import measurements
 from symstiff.calibration.simulation import Effect, Noise, Truth, nominal_truth, simulate
-from symstiff.discrepancy import workflow
+from symstiff.discrepancy import search, workflow
 from symstiff.discrepancy.diagnose import diagnose
 from symstiff.discrepancy.prepare import prepare
 from symstiff.discrepancy.problem import Array, Candidate, Parameter, Problem
@@ -152,3 +153,19 @@ def test_a_second_look_under_the_loads_found_may_do_without_an_effect(
     named = {(e.effect, e.where.get("joint")) for e in run(Task(robot, data)).named}
     assert len(looks) == 2
     assert named == {("force_sensor_bias", None), ("nonlinear_stiffness", 2)}
+
+
+@pytest.mark.parametrize(("kept", "score", "contest"), [((1,), 6.5, -0.5), ((), 18.5, 0.5)])
+def test_a_law_has_to_be_led_for_each_member_whose_place_it_takes(
+    kept: tuple[int, ...], score: float, contest: float, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A law trails a set of two by 1.5: behind where one member stays, too close where it does for both."""
+    monkeypatch.setattr(search, "_same", lambda *_: False)
+    none = np.full(3, -np.inf)
+    shop = SimpleNamespace(
+        evidence=lambda entries: SimpleNamespace(score=np.array([8.0, 9.0, 0.0]), best_entry=np.arange(3)),
+        score=lambda members, entries, generic: np.where(np.arange(3) == 2, score, none) if members == kept else none,
+        scan=lambda entries: None,
+    )  # fmt: skip
+    found = search._rival(cast(Workshop, shop), Proposal((0, 1), (0, 1), 20.0))
+    assert found == (pytest.approx(-1.5), 2, pytest.approx(contest))

@@ -15,6 +15,8 @@ from symstiff.discrepancy.strata import PROPORTIONAL, Stratum, fills
 
 ONE_MORE = float(np.log(0.2))
 """Log prior weight of one more effect against none more."""
+LEAD = 1.0
+"""Log evidence by which a set leads an unnamed law, for each of its members of which that takes the place."""
 SAME_SIGNAL = 0.85
 """Share of an unnamed law's signal inside a set's space from which both describe the same thing."""
 _SCANS = 8
@@ -52,6 +54,8 @@ class Judged:
     rival: float
     """Score of the best set in which an unnamed law of another form takes a member's place, minus this score."""
     rival_candidate: int
+    contest: float
+    """The greatest of such scores with ``LEAD`` for each member replaced; the set is ahead where it is negative."""
     sufficient: bool
     p_members: tuple[float, ...]
     """Family-wise p-value of each member given the others."""
@@ -170,7 +174,7 @@ def judge(shop: Workshop, proposal: Proposal) -> Judged:
         p_named, p_unnamed = distribution.p_named(named), distribution.p_generic(unnamed)
     gained = _gained(shop, scan, scan.best)
     missed = _missed_share(shop, proposal, scan)
-    rival, who = _rival(shop, proposal)
+    rival, who, contest = _rival(shop, proposal)
     further = _level_of_further(options, missed)
     other = options.alpha_notable if missed > options.tolerated_shape else options.alpha_sufficient
     # a further effect must be more believable than none: small p-values alone are shapes that are only close
@@ -178,7 +182,7 @@ def judge(shop: Workshop, proposal: Proposal) -> Judged:
     lack_unnamed = p_unnamed < other and missed > _tolerated(shop, proposal, True)
     p_members = tuple(_needed(shop, proposal, i) for i in range(len(members)))
     return Judged(
-        members, entries, proposal.score, scan, left, gained, p_named, p_unnamed, missed, rival, who,
+        members, entries, proposal.score, scan, left, gained, p_named, p_unnamed, missed, rival, who, contest,
         not (lack_named or lack_unnamed or _lacking(shop, scan, gained)), p_members,
     )  # fmt: skip
 
@@ -283,9 +287,12 @@ def _gained(shop: Workshop, scan: Scan, layer: Layer) -> float:
     return (before - layer.rss) / max(layer.rss / max(scan.freedom, 1), 1e-300)
 
 
-def _rival(shop: Workshop, proposal: Proposal) -> tuple[float, int]:
-    """The best set in which an unnamed law of another form takes the place of one member, or of all."""
-    best, who = -np.inf, -1
+def _rival(shop: Workshop, proposal: Proposal) -> tuple[float, int, float]:
+    """The best set in which an unnamed law of another form takes the place of one member, or of all.
+
+    Its score over the set's, the law, and how close any of them comes to the lead that is asked for.
+    """
+    best, who, contest = -np.inf, -1, -np.inf
     n = len(proposal.members)
     for kept in [(), *(tuple(k for k in range(n) if k != i) for i in range(n) if n > 1)]:
         members = tuple(proposal.members[k] for k in kept)
@@ -297,14 +304,16 @@ def _rival(shop: Workshop, proposal: Proposal) -> tuple[float, int]:
         base = base if np.isfinite(base) else 0.0
         score = shop.score(members, entries, True) + base - proposal.score
         replaced = tuple(proposal.entries[k] for k in range(n) if k not in kept)
-        found = shop.evidence(entries)
+        found, lead = shop.evidence(entries), LEAD * len(replaced)
         for candidate in np.argsort(score)[::-1][:10]:
-            if not np.isfinite(score[candidate]) or score[candidate] < max(best, -10.0):
+            if not np.isfinite(score[candidate]) or score[candidate] < max(min(best, contest - lead), -10.0):
                 break
             if not _same(shop.scan(entries), int(found.best_entry[candidate]), replaced):
-                best, who = float(score[candidate]), int(candidate)
+                own = float(score[candidate])
+                best, who = (own, int(candidate)) if own > best else (best, who)
+                contest = max(contest, own + lead)
                 break
-    return best, who
+    return best, who, contest
 
 
 def _same(scan: Scan, law: int, entries: tuple[int, ...]) -> bool:

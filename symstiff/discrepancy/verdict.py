@@ -28,9 +28,6 @@ CALIBRATION = (0.0, 0.7, 4.5)
 CLOSE = 3.0
 """Log evidence by which a set that is refused may lead one that is not, for that one still to be spoken of."""
 
-LEAD = 1.0
-"""Log evidence, for each of its members, by which a set leads the best one with an unnamed law in it."""
-
 AS_MUCH = 1.0
 """Log evidence within which two sets explain the same."""
 
@@ -155,8 +152,9 @@ def _others(shop: Workshop, leader: Judged, bases: list[Proposal], plausible: Pl
     return [j for j in judged if _admissible(j, shop.options)]
 
 
-def _admissible(judged: Judged, options: Options, lead: float = LEAD) -> bool:
-    ahead = judged.rival < -lead * len(judged.members)
+def _admissible(judged: Judged, options: Options, clearly: bool = True) -> bool:
+    """Whether a set suffices, needs all of its members, and is ahead of the unnamed laws."""
+    ahead = (judged.contest if clearly else judged.rival) < 0
     return judged.sufficient and max(judged.p_members) < options.alpha and ahead
 
 
@@ -167,7 +165,7 @@ def _conclude(
     refused = max((j.score for j in tried if not _admissible(j, options)), default=-np.inf)
     if good and good[0].score > refused - 1.0:
         # a set that explains as much and is only just ahead of the unnamed laws is an explanation too
-        just = [j for j in tried if j not in good and _admissible(j, options, 0.0)]
+        just = [j for j in tried if j not in good and _admissible(j, options, clearly=False)]
         close = [j for j in just if j.score > good[0].score - AS_MUCH]
         good = sorted([*close, *good], key=lambda j: -j.score)
         return _named(good, tried, weighed, tests, options)
