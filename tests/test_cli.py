@@ -142,17 +142,23 @@ def test_inspect_warns_of_angles_that_look_rounded_and_of_compliances_without_a_
     )
 
 
-def test_what_a_reduction_cannot_hold_is_told_wherever_data_are_fitted(run: Run, tmp_path: Path) -> None:
+def test_what_a_reduction_cannot_hold_is_told_wherever_a_model_is_planned_or_fitted(
+    run: Run, tmp_path: Path
+) -> None:
     robot, poses, data, model = (
         tmp_path / n for n in ("oblique.toml", "poses.csv", "data.csv", "model.toml")
     )
     robot.write_text(OBLIQUE.replace("d = 0.2", "d = 0.2\ntheta = 1.5708"))
     (tmp_path / "truth.toml").write_text('format = 1\nrobot = "oblique.toml"\n[noise]\nsigma_mm = 0.01\n')
-    run("plan", robot, "--poses", 8, "--loads", "force", "--force", 100, "--no-refine", "-o", poses)
+    rounded = 'theta of joint 1: 1.5708 is not quite pi/2: write "pi/2" where that is meant'
+    planned = run("plan", robot, "--poses", 8, "--loads", "force", "--force", 100, "--no-refine", "-o", poses)
+    surveyed = run("effects", robot, "--loads", "gravity", "--measure", "position")
+    for seen in (planned, surveyed):
+        assert f"warning: {rounded}" in " ".join(seen.out.split())
     run("simulate", tmp_path / "truth.toml", "--poses", poses, "-o", data)
     for given in (("identify", robot, data, "-o", model), ("diagnose", robot, data, "-o", tmp_path / "out")):
         told = " ".join(json.loads(run(*given, "--json", "-").out)["remarks"])
-        assert 'theta of joint 1: 1.5708 is not quite pi/2: write "pi/2" where that is meant' in told
+        assert rounded in told
         assert "M3 gives c2 to link 1, whose template has no terms" in told
     robot.write_text(OBLIQUE.replace('"pi/2"', "1.5708"))
     assert_users_mistake(

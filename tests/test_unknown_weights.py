@@ -35,6 +35,12 @@ def without_masses(robot: Robot) -> Robot:
     return robot.model_copy(update={"joint": tuple(bare)})
 
 
+def assert_named(found: workflow.Finding, effect: str, joint: int) -> None:
+    """One gear was named, and nothing else."""
+    assert found.verdict == "named"
+    assert [(e.effect, e.where) for e in found.named] == [(effect, {"joint": joint})]
+
+
 def experiment(
     effect: str,
     joint: int,
@@ -77,8 +83,7 @@ def test_gears_are_named_where_the_file_tells_no_masses(
 ) -> None:
     robot = load("ur10")
     found = run(Task(without_masses(robot), experiment(effect, joint, shape, sizes)))
-    assert found.verdict == "named"
-    assert [(e.effect, e.where) for e in found.named] == [(effect, {"joint": joint})]
+    assert_named(found, effect, joint)
     weight = sum(link.mass for link in robot.links)
     assert weight / 4 < found.named[0].shape["mass"] < 4 * weight
     assert any("the robot file tells no masses" in remark for remark in found.remarks)
@@ -89,8 +94,7 @@ def test_gears_are_named_where_the_file_tells_no_masses(
 def test_hysteresis_is_named_where_the_weight_is_many_times_the_load() -> None:
     table = experiment("hysteresis", 2, "constant", {"width": 1e-4, "knee": 1.0}, force=6.0)
     found = run(Task(without_masses(load("ur10")), table))
-    assert found.verdict == "named"
-    assert [(e.effect, e.where) for e in found.named] == [("hysteresis", {"joint": 2})]
+    assert_named(found, "hysteresis", 2)
     assert found.named[0].parameters["hysteresis_2_width"].value == pytest.approx(1e-4, rel=0.15)
 
 
@@ -100,8 +104,7 @@ def test_a_step_as_wide_as_the_loads_is_backlash_where_the_weight_is_many_times_
 ) -> None:
     table = experiment("backlash", joint, "tanh", {"gap": 5e-4, "knee": knee}, force=force)
     found = run(Task(without_masses(load("ur10")), table))
-    assert found.verdict == "named"
-    assert [(e.effect, e.where) for e in found.named] == [("backlash", {"joint": joint})]
+    assert_named(found, "backlash", joint)
 
 
 @pytest.mark.parametrize("mass", [3.0, 6.0])
@@ -126,8 +129,7 @@ def test_the_hysteresis_of_a_quill_is_named_though_nobody_tells_what_it_weighs(m
         kind="deflection", joint_units=["m" if j.prismatic else "rad" for j in bare.joint], branch=branch,
     )  # fmt: skip
     found = run(Task(bare, table))
-    assert found.verdict == "named"
-    assert [(e.effect, e.where) for e in found.named] == [("hysteresis", {"joint": 3})]
+    assert_named(found, "hysteresis", 3)
     assert found.rms.after == pytest.approx(SIGMA, rel=0.1)
 
 
@@ -157,8 +159,7 @@ def test_an_arm_that_is_heavy_at_its_base_has_its_gears_named(
     ]  # fmt: skip
     robot = bare.model_copy(update={"joint": tuple(heavy)})
     found = run(Task(bare, experiment(effect, joint, shape, sizes, 1500.0, robot)))
-    assert found.verdict == "named"
-    assert [(e.effect, e.where) for e in found.named] == [(effect, {"joint": joint})]
+    assert_named(found, effect, joint)
 
 
 @pytest.mark.parametrize("taper", TAPERS.values())

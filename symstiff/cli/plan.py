@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from symstiff.cli.output import check_targets, console, note, stages, write_json
-from symstiff.cli.show import parse_fixed, whole
+from symstiff.cli.show import parse_fixed, warn_of, whole
 from symstiff.errors import UserError
 from symstiff.robot import load
 
@@ -69,7 +69,8 @@ def run_plan(request: PlanRequest) -> None:
     out = console(request.json)
     with stages(out) as progress:
         progress("deriving and reducing")
-        model = StiffnessModel.of(reduce(robot, request.loads, request.measure, fixed))
+        reduction = reduce(robot, request.loads, request.measure, fixed)
+        model = StiffnessModel.of(reduction)
         test_q, test_w = _test_poses(request, robot)
         goal = Goal(request.poses, request.criterion, None, test_q, test_w)  # type: ignore[arg-type]
         load_class: Any = request.loads
@@ -80,6 +81,7 @@ def run_plan(request: PlanRequest) -> None:
             {j: float(v) for j, v in fixed.items()}, levels, search,
             lambda label, share: progress(f"{label} {share:.0%}"),
         )  # fmt: skip
+    warn_of(out, reduction)
     geometry = robot_of(model)
     table = poses_table(plan, geometry)
     if request.markers:

@@ -95,7 +95,6 @@ def print_stages(out: Console, reduction: Reduction) -> None:
     from rich.table import Table
 
     from symstiff.reduction.reading import steps
-    from symstiff.reduction.remarks import reduction_remarks
 
     robot, e = reduction.robot, reduction.experiment
     table = Table(
@@ -107,6 +106,13 @@ def print_stages(out: Console, reduction: Reduction) -> None:
     for step, n, what in steps(reduction):
         table.add_row(step, str(n), what)
     out.print(table)
+    warn_of(out, reduction)
+
+
+def warn_of(out: Console, reduction: Reduction) -> None:
+    """Print what a robot's model could not hold, or what its file probably does not mean."""
+    from symstiff.reduction.remarks import reduction_remarks
+
     for remark in reduction_remarks(reduction):
         note(out, remark, "warning")
 
@@ -173,8 +179,10 @@ def show_effects(robot: str, loads: str, measure: str, data: str, json: str | No
     if data not in ("deflection", "absolute"):
         raise UserError(f"--data {data!r}: write deflection or absolute")
     check_targets({"--json": json}, [robot])
-    model = StiffnessModel.of(reduce(load(robot), loads, measure))
+    reduction = reduce(load(robot), loads, measure)
+    model = StiffnessModel.of(reduction)
     out = console(json)
+    warn_of(out, reduction)
     found: dict[str, list[tuple[Where, Distinction]]] = {}
     with stages(out) as progress:
         for effect, where, distinction in survey(model, data):

@@ -109,7 +109,7 @@ def weight_load(robot: Robot, joint: int) -> sp.Expr:
 
 
 @lru_cache(maxsize=256)
-def arm_load(robot: Robot, joint: int, taper: float = 0.0) -> sp.Expr:
+def arm_load(robot: Robot, joint: int, taper: float) -> sp.Expr:
     """The same of one kilogram along the arm, from frame 0 to the tool: even, or down to nothing with a taper of 1.
 
     What slides is as long as its stroke, and hangs whole at the frame that it moves.

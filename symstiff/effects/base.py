@@ -160,7 +160,10 @@ class Effect:
     A phrase without ``{}`` is said where the value is not zero, an empty one never.
     """
     assumed: Mapping[str, str] = field(default_factory=dict)
-    """What a shape's value takes for granted that the robot file could tell, by key: a remark, ``{}`` for the value."""
+    """What a shape's value takes for granted that the robot file could tell, by key: a remark, ``{}`` for the value.
+
+    Keys are alternatives: their shapes share the prior weight of one.
+    """
 
 
 @dataclass(frozen=True)
