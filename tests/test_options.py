@@ -220,3 +220,13 @@ def test_angles_without_a_name_and_with_a_negative_cosine_are_compiled(tmp_path)
         pytest.skip("no C compiler: the rest of the test needs one")
     assert made.verification.compiled
     assert made.verification.max_relative_error < 1e-12
+
+
+@pytest.mark.parametrize(("name", "unit"), [("ur10", "N*m"), ("scara", "N")])
+def test_the_header_tells_the_shape_of_a_law_with_units(name: str, unit: str) -> None:
+    gear = EffectInstance(
+        "nonlinear_stiffness", {"joint": 3}, {"load": 1350.0, "knee": 1.0, "tapered_mass": 500.0}
+    )
+    grown = StiffnessModel.of(reduce(load(name), "force", "position")).with_effect(gear)
+    header = emit_c(Functions(grown), Options())[f"{name}.h"].decode()
+    assert f"load over 1350 {unit}, two slopes that meet at one, under a tapering arm of 500 kg" in header

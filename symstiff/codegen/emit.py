@@ -161,9 +161,9 @@ def _effect_meaning(model: StiffnessModel, name: str) -> str:
     for effect, realised in zip(model.effects, model.realisations, strict=True):
         if name in {p.name for p in realised.parameters}:
             place = ", ".join(f"{k} {v}" for k, v in effect.where.items())
-            told = "".join(f", {phrase}" for phrase in effect.shape_phrases)
+            told = "".join(f", {phrase}" for phrase in effect.shape_phrases(model.robot))
             text = f"{find(effect.effect).title.lower()} ({place}){told}"
-            text = text.replace("LOAD", "of load").replace("±", "+-").replace("·", "*")
+            text = text.replace("±", "+-").replace("·", "*")
             return text.encode("ascii", "replace").decode().replace("*/", "* /")
     return "parameter of an effect"
 

@@ -186,15 +186,15 @@ class EffectInstance:
                 f"{self.effect} at {dict(self.where)}: the shape {dict(self.shape)} does not fit: {error}"
             ) from error
 
-    @property
-    def shape_phrases(self) -> tuple[str, ...]:
-        """What the shape's values mean, LOAD for N·m or N."""
-        told = find(self.effect).told
+    def shape_phrases(self, robot: Robot) -> tuple[str, ...]:
+        """What the shape's values mean, with units."""
+        told, joint = find(self.effect).told, self.where.get("joint")
+        slides = isinstance(joint, int) and robot.joint[joint - 1].prismatic
         said = []
         for key, value in self.shape.items():
             phrase = told.get(key, f"{key} = {{}}")
             if phrase and ("{}" in phrase or value):
-                said.append(phrase.format(f"{float(value):.4g}"))
+                said.append(phrase.format(f"{float(value):.4g}").replace("LOAD", "N" if slides else "N·m"))
         return tuple(said)
 
     @property

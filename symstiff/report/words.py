@@ -215,11 +215,8 @@ def _told(group: list[Found], even: bool = False) -> list[str]:
 
 def shape_text(finding: Finding, effect: Found) -> str:
     """The shape of an effect's law, with units."""
-    joint = effect.where.get("joint")
-    robot = finding.assembly.situation.view.robot
-    slides = isinstance(joint, int) and robot.joint[joint - 1].prismatic
-    phrases = EffectInstance(effect.effect, effect.where, effect.shape).shape_phrases
-    return ", ".join(phrase.replace("LOAD", "N" if slides else "N·m") for phrase in phrases)
+    instance = EffectInstance(effect.effect, effect.where, effect.shape)
+    return ", ".join(instance.shape_phrases(finding.assembly.situation.view.robot))
 
 
 def _or_else(effect: Found) -> str:
