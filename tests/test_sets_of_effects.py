@@ -11,8 +11,8 @@ import pytest
 
 from symstiff.calibration.measurements import measurements
 from symstiff.calibration.simulation import Effect, Noise, Truth, nominal_truth, simulate
-from symstiff.discrepancy import search, workflow
-from symstiff.discrepancy.diagnose import diagnose
+from symstiff.discrepancy import search, verdict, workflow
+from symstiff.discrepancy.diagnose import beyond, diagnose
 from symstiff.discrepancy.prepare import prepare
 from symstiff.discrepancy.problem import Array, Candidate, Parameter, Problem
 from symstiff.discrepancy.result import Diagnosis, Name
@@ -20,7 +20,7 @@ from symstiff.discrepancy.scan import Scan, coefficients
 from symstiff.discrepancy.search import Proposal, Workshop, polish
 from symstiff.discrepancy.workflow import Task, run
 from symstiff.robot import load
-from tests.test_discrepancy_engine import QUICK, SIGMA, arm, catalogue, measured, scaled
+from tests.test_discrepancy_engine import QUICK, SIGMA, arm, catalogue, measured, saturating, scaled
 
 UNIT = (Parameter("size", "rad"),)
 
@@ -169,3 +169,38 @@ def test_a_law_has_to_be_led_for_each_member_whose_place_it_takes(
     )  # fmt: skip
     found = search._rival(cast(Workshop, shop), Proposal((0, 1), (0, 1), 20.0))
     assert found == (pytest.approx(-1.5), 2, pytest.approx(contest))
+
+
+def test_what_explains_more_and_is_only_just_ahead_of_a_law_without_a_name_is_told_first() -> None:
+    """Three effects are well ahead of such laws, two of them are not: the third does not earn its place by that."""
+    two = SimpleNamespace(
+        members=(0, 1), entries=(0, 1), score=67.3, sufficient=True, p_members=(0.0, 0.0), rival=-0.4, contest=0.6
+    )  # fmt: skip
+    three = SimpleNamespace(
+        members=(0, 1, 2), entries=(0, 1, 2), score=65.5, sufficient=True, p_members=(0.0,) * 3, rival=-5.1,
+        contest=-4.1,
+    )  # fmt: skip
+    found = verdict._conclude(cast(Any, [three, two]), [], cast(Any, (None, None, 0.0, 0.0)), QUICK)
+    assert found.verdict == "named_insufficient"
+    assert found.reason == verdict.AS_WELL
+    assert found.chosen is cast(Any, two)
+
+
+@pytest.mark.parametrize("off", [-3.0, 0.5, 1.0, 1.9, 2.1])
+def test_a_size_out_of_its_range_costs_what_the_data_say_against_the_range(off: float) -> None:
+    """The log likelihood that is lost by moving it there; from two standard deviations on the set is none."""
+    a = arm()
+    problem = measured(a.problem, scaled(a.problem, saturating(a.problem, 1), 200.0), 5)
+    number = next(k for k, c in enumerate(a.candidates) if c.effect == "bend" and c.where["joint"] == 2)
+    scan = prepare(problem, a.candidates).scan
+    entry = int(scan.bank.first_entry[number])
+    estimate, deviation, _ = coefficients(scan, problem.A, problem.y, (entry,))
+    top = float(estimate[-1] - off * deviation[-1])
+    limited = list(a.candidates)
+    limited[number] = replace(limited[number], parameters=(Parameter("size", "rad", -np.inf, top),))
+    ready = prepare(problem, limited)
+    kept = verdict._in_range(Proposal((number,), (entry,), 10.0), lambda p: beyond(problem, ready, p))
+    assert (kept is None) == (off > 2.0)
+    assert kept is None or (kept.score, kept.lost) == pytest.approx(
+        (10.0 - kept.lost, 0.5 * max(off, 0.0) ** 2)
+    )

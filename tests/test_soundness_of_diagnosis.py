@@ -17,7 +17,7 @@ from symstiff.discrepancy.doubts import doubted, known_throughout
 from symstiff.discrepancy.growth import fit, grow
 from symstiff.discrepancy.laws import _soft_spots
 from symstiff.discrepancy.problem import Options
-from symstiff.discrepancy.remarks import _of_approach
+from symstiff.discrepancy.remarks import _of_approach, out_of_range
 from symstiff.discrepancy.result import Estimate
 from symstiff.discrepancy.search import _lacking
 from symstiff.discrepancy.sharing import AXES, EACH, Sharing
@@ -294,3 +294,14 @@ def test_a_start_model_is_fitted_under_the_noise_of_the_better_one_whatever_that
     A, y = (x / (plain.spread if x.ndim == 1 else plain.spread[:, None]) for x in (problem.A, problem.y))
     expected = problem.y - problem.A @ np.linalg.lstsq(A, y, rcond=1e-9)[0]
     assert fit(start, table, plain).residual == pytest.approx(expected, abs=1e-9)
+
+
+@pytest.mark.parametrize(("size", "told"), [(1845.0, True), (200.0, False), (-30.0, True)])
+def test_a_size_that_nobody_would_believe_is_remarked(size: float, told: bool) -> None:
+    robot = load("kuka_kr270")
+    weight = Found(
+        "link_weight", {"link": 1}, {}, {"link_weight_1_m": Estimate(size, 612.0, "kg")}, 1e-3, 0.5, ()
+    )
+    remarks = out_of_range([weight], robot)
+    assert len(remarks) == told
+    assert all(f"link_weight_1_m is {size:.4g} +- 612 kg" in r for r in remarks)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import itertools
+from collections.abc import Mapping
 from dataclasses import replace
 from typing import Any
 
@@ -30,9 +31,16 @@ UP_AND_DOWN = (0.33, 0.67, 1.0, 0.67, 0.33)
 
 def without_masses(robot: Robot) -> Robot:
     """The robot as a file without masses would tell it."""
-    none = {"mass": 0.0, "com": (0.0, 0.0, 0.0)}
-    bare = [j.model_copy(update={"link": j.link.model_copy(update=none)}) for j in robot.joint]
-    return robot.model_copy(update={"joint": tuple(bare)})
+    return weighing(robot, {i + 1: (0.0, (0.0, 0.0, 0.0)) for i in range(robot.dof)})
+
+
+def weighing(robot: Robot, told: Mapping[int, tuple[float, tuple[float, ...]]]) -> Robot:
+    """The robot with masses [kg] and centres of mass [m] of some links."""
+    joints = list(robot.joint)
+    for i, (mass, com) in told.items():
+        link = joints[i - 1].link.model_copy(update={"mass": mass, "com": com})
+        joints[i - 1] = joints[i - 1].model_copy(update={"link": link})
+    return robot.model_copy(update={"joint": tuple(joints)})
 
 
 def assert_named(found: workflow.Finding, effect: str, joint: int) -> None:
@@ -111,8 +119,7 @@ def test_a_step_as_wide_as_the_loads_is_backlash_where_the_weight_is_many_times_
 def test_the_hysteresis_of_a_quill_is_named_though_nobody_tells_what_it_weighs(mass: float) -> None:
     """A SCARA's sliding joint carries its quill, which has no length in the DH table."""
     bare, rng = load("scara"), np.random.default_rng(2)
-    quill = bare.joint[2].model_copy(update={"link": bare.joint[2].link.model_copy(update={"mass": mass})})
-    heavy = bare.model_copy(update={"joint": (*bare.joint[:2], quill, *bare.joint[3:])})
+    heavy = weighing(bare, {3: (mass, bare.joint[2].link.com)})
     low, high = np.array([j.range for j in bare.joint]).T
     states = np.repeat(rng.uniform(low, high, (30, 4)), 5, axis=0)
     direction = rng.normal(size=(30, 3)) * [0.4, 0.4, 1.0]
@@ -146,20 +153,30 @@ def test_an_arm_that_is_heavy_at_its_base_has_its_gears_named(
 ) -> None:
     """Motors near the base, a light wrist: an even rod hangs too much of it at the elbow."""
     bare = load("kuka_kr270")
-    told = {
-        1: (250.0, (-0.2, 0.0, 0.0)),
-        2: (200.0, (-0.9, 0.0, 0.0)),
-        3: (130.0, (0.0, 0.0, 0.1)),
-        4: (15.0, (0.0,) * 3),
-    }
-    heavy = [
-        j.model_copy(update={"link": j.link.model_copy(update=dict(zip(("mass", "com"), told[i], strict=True)))})
-        if i in told else j
-        for i, j in enumerate(bare.joint, start=1)
-    ]  # fmt: skip
-    robot = bare.model_copy(update={"joint": tuple(heavy)})
+    robot = weighing(
+        bare,
+        {
+            1: (250.0, (-0.2, 0.0, 0.0)),
+            2: (200.0, (-0.9, 0.0, 0.0)),
+            3: (130.0, (0.0, 0.0, 0.1)),
+            4: (15.0, (0.0,) * 3),
+        },
+    )
     found = run(Task(bare, experiment(effect, joint, shape, sizes, 1500.0, robot)))
     assert_named(found, effect, joint)
+
+
+def test_a_gear_that_no_assumed_arm_explains_is_told_to_want_masses() -> None:
+    """A forearm whose weight hangs beside its roll axis: no arm that is tried does."""
+    bare = load("kuka_kr270")
+    robot = weighing(bare, {2: (200.0, (-0.6, 0, 0)), 3: (80.0, (0, 0, 0.1)), 4: (150.0, (0, 0.15, 0.15))})
+    table = experiment("nonlinear_stiffness", 4, "polynomial", {"c2": 2e-9}, 1500.0, robot)
+    blind, told = run(Task(bare, table)), run(Task(robot, table))
+    wanted = "joint 4 carries the arm's weight, which the robot file does not tell"
+    assert blind.verdict == "unexplained"
+    assert any(wanted in remark for remark in blind.remarks)
+    assert_named(told, "nonlinear_stiffness", 4)
+    assert not any(wanted in remark for remark in told.remarks)
 
 
 @pytest.mark.parametrize("taper", TAPERS.values())

@@ -64,7 +64,7 @@ def diagnose(
     allowed = testable(problem, ready)
     tell("candidates")
     outcome = decide(
-        ready.scan, allowed, options, lambda p: plausible(problem, ready, p), parts, tell,
+        ready.scan, allowed, options, lambda p: beyond(problem, ready, p), parts, tell,
         numbers(ready.bank, given), lambda scan: strata(problem, scan),
     )  # fmt: skip
     outcome = against_sigma(outcome, ready.report)
@@ -94,18 +94,16 @@ def untestable(problem: Problem) -> str:
     return ""
 
 
-def plausible(problem: Problem, ready: Prepared, proposal: Proposal) -> bool:
-    """Are all coefficients of a set within their physical range, two standard deviations allowed?"""
+def beyond(problem: Problem, ready: Prepared, proposal: Proposal) -> float:
+    """Log likelihood that a set loses where the coefficient that is furthest out of its physical range moves there."""
     estimate, deviation, _ = coefficients(ready.scan, problem.A, problem.y, proposal.entries)
-    at = problem.A.shape[1]
-    for entry in proposal.entries:
-        width = int(ready.bank.width[entry])
-        for i, parameter in enumerate(ready.bank.parameters(entry)[:width]):
-            value, margin = estimate[at + i], 2.0 * deviation[at + i]
-            if value + margin < parameter.low or value - margin > parameter.high:
-                return False
-        at += width
-    return True
+    sizes = [
+        p for e in proposal.entries for p in ready.bank.parameters(e)[: int(ready.bank.width[e])]
+    ]  # fmt: skip
+    value, margin = estimate[problem.A.shape[1] :], deviation[problem.A.shape[1] :]
+    low, high = np.array([(p.low, p.high) for p in sizes]).T
+    outside = np.maximum(np.maximum(low - value, value - high), 0.0)
+    return 0.5 * float(np.max(outside / np.maximum(margin, 1e-300), initial=0.0)) ** 2
 
 
 def against_sigma(outcome: Outcome, report: NoiseReport) -> Outcome:

@@ -2,13 +2,22 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from typing import TYPE_CHECKING
+
 import numpy as np
 
 from symstiff.calibration.experiment.situation import View
 from symstiff.calibration.measurements import Measurements
 from symstiff.discrepancy.noise import CONTRADICTED, NoiseReport
 from symstiff.discrepancy.result import Diagnosis
+from symstiff.discrepancy.speech import named as named_at
 from symstiff.discrepancy.verdict import INSUFFICIENT, NAMED, NOTHING, UNEXPLAINED
+from symstiff.effects.arm import untold_weight
+
+if TYPE_CHECKING:
+    from symstiff.discrepancy.workflow import Found
+    from symstiff.robot.schema import Robot
 
 LOOSE = 1.35
 """How much more than the others a marker scatters that is spoken of."""
@@ -30,7 +39,7 @@ def remarked(view: View, last: Diagnosis) -> list[str]:
     noise = last.noise
     return [
         *_of_sigma(noise), *_of_approach(view.table, last), *_of_markers(noise), *_of_poses(view.table, last),
-        *_of_single(last), *_of_proof(last), *_of_rows(view, last),
+        *_of_single(last), *_of_proof(last), *_of_rows(view, last), *_of_weights(view, last),
     ]  # fmt: skip
 
 
@@ -121,3 +130,36 @@ def _of_rows(view: View, last: Diagnosis) -> list[str]:
         f"{len(rows)} row{'s' * (len(rows) > 1)} lie{'s' * (len(rows) == 1)} {beside.max():.0f} times the usual "
         f"residual off ({shown}): look for slips, or for readings that changed places"
     ]
+
+
+def _of_weights(view: View, last: Diagnosis) -> list[str]:
+    """A gear sees the arm's weight, which may be what keeps its law from a name."""
+    accused = last.localisation.accused.split() if last.localisation is not None else []
+    if view.table.kind == "absolute" or last.verdict not in (UNEXPLAINED, INSUFFICIENT):
+        return []
+    if len(accused) != 2 or accused[0] != "joint" or not untold_weight(view.robot, int(accused[1])):
+        return []
+    return [
+        f"joint {accused[1]} carries the arm's weight, which the robot file does not tell: the law of its gear may "
+        "look like none of the catalogue for want of that; enter masses and centres of mass and diagnose again"
+    ]
+
+
+def out_of_range(effects: Sequence[Found], robot: Robot) -> list[str]:
+    """Remarks on sizes that nobody would believe, though the data allow a size within the range."""
+    out = []
+    for effect in effects:
+        for parameter in effect.instance.realise(robot).parameters:
+            found = effect.parameters.get(parameter.name)
+            if found is None or not np.isfinite(found.std) or parameter.low <= found.value <= parameter.high:
+                continue
+            limit = (
+                f"at most {parameter.high:.4g}"
+                if found.value > parameter.high
+                else f"at least {parameter.low:.4g}"
+            )
+            out.append(
+                f"{named_at(effect.effect, effect.where)}: {parameter.name} is {found.value:.4g} +- {found.std:.3g} "
+                f"{parameter.unit}, where {limit} is physical: do not rely on its size before more poses were measured"
+            )
+    return out

@@ -33,6 +33,8 @@ class Proposal:
     entries: tuple[int, ...]
     score: float
     """Log evidence with the prior."""
+    lost: float = 0.0
+    """What the physical range of its sizes has taken from that."""
 
 
 @dataclass(frozen=True)
@@ -123,7 +125,8 @@ def proposals(shop: Workshop, bases: list[Proposal], breadth: int = 24) -> list[
             if not np.isfinite(score[candidate]):
                 break
             members = (*base.members, int(candidate))
-            total = base.score + float(score[candidate]) + (ONE_MORE if base.members else 0.0)
+            more = float(score[candidate]) + (ONE_MORE if base.members else 0.0)
+            total = base.score + base.lost + more
             key = frozenset(members)
             if key not in made or made[key].score < total:
                 made[key] = Proposal(members, (*base.entries, int(best[candidate])), total)

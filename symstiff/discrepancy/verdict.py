@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.special import expit, logsumexp
@@ -31,7 +31,11 @@ CLOSE = 3.0
 AS_MUCH = 1.0
 """Log evidence within which two sets explain the same."""
 
-Plausible = Callable[[Proposal], bool]
+BEYOND = 2.0
+"""Log likelihood that a set may lose by its sizes' physical range: two standard deviations of one size."""
+
+Beyond = Callable[[Proposal], float]
+"""What a set loses of its log likelihood where a size is moved into its physical range."""
 
 
 @dataclass(frozen=True)
@@ -54,7 +58,7 @@ class Outcome:
 
 
 def decide(
-    start: Scan, allowed: Array, options: Options, plausible: Plausible, parts: Sequence[Stratum],
+    start: Scan, allowed: Array, options: Options, beyond: Beyond, parts: Sequence[Stratum],
     progress: Callable[[str], None], given: Sequence[int] = (),
     lack: Callable[[Scan], Sequence[Stratum]] = lambda scan: (),
 ) -> Outcome:  # fmt: skip
@@ -79,12 +83,12 @@ def decide(
     bases = [base]
     for size in range(max(len(given), 1), options.max_effects + 1 if seen else 1):
         progress(f"sets of {size}")
-        ranked = [base] if size == len(given) else _ranked(shop, bases, plausible)
+        ranked = [base] if size == len(given) else _ranked(shop, bases, beyond)
         if not ranked:
             break
         weighed += ranked
         judged = [judge(shop, p) for p in ranked[:4] if p.score > ranked[0].score - 5.0]
-        less = _without_idle(shop, judged[0], tried, plausible)
+        less = _without_idle(shop, judged[0], tried, beyond)
         if less is not None:
             judged = [less, *judged]
             weighed.append(Proposal(less.members, less.entries, less.score))
@@ -92,7 +96,7 @@ def decide(
         if _admissible(judged[0], options) and judged[0].score >= max(p.score for p in weighed) - 1e-9:
             if size < options.max_effects:
                 progress(f"other sets of {size + 1}")
-                others = _others(shop, judged[0], ranked[1:8], plausible)
+                others = _others(shop, judged[0], ranked[1:8], beyond)
                 tried += others
                 weighed += [Proposal(j.members, j.entries, j.score) for j in others]
             break
@@ -111,22 +115,27 @@ def _together(shop: Workshop, members: Sequence[int]) -> Proposal:
     return Proposal(tuple(members), entries, score)
 
 
-def _without_idle(
-    shop: Workshop, judged: Judged, tried: Sequence[Judged], plausible: Plausible
-) -> Judged | None:
+def _without_idle(shop: Workshop, judged: Judged, tried: Sequence[Judged], beyond: Beyond) -> Judged | None:
     """The set without the members that it does not need, the others at shapes chosen anew; None if that is none, or
     not a new one.
     """
     needed = [m for m, p in zip(judged.members, judged.p_members, strict=True) if p < shop.options.alpha]
     if not needed or len(needed) == len(judged.members):
         return None
-    less = polish(shop, _together(shop, needed))
-    known = any(sorted(j.entries) == sorted(less.entries) for j in tried)
-    return judge(shop, less) if plausible(less) and not known else None
+    less = _in_range(polish(shop, _together(shop, needed)), beyond)
+    if less is None or any(sorted(j.entries) == sorted(less.entries) for j in tried):
+        return None
+    return judge(shop, less)
+
+
+def _in_range(proposal: Proposal, beyond: Beyond) -> Proposal | None:
+    """The proposal as far as its sizes are physical: less likely for what it loses by that, None beyond ``BEYOND``."""
+    lost = beyond(proposal)
+    return replace(proposal, score=proposal.score - lost, lost=lost) if lost < BEYOND else None
 
 
 def _ranked(
-    shop: Workshop, bases: list[Proposal], plausible: Plausible, but: frozenset[int] | None = None
+    shop: Workshop, bases: list[Proposal], beyond: Beyond, but: frozenset[int] | None = None
 ) -> list[Proposal]:
     """Proposals best first, without those that hold all of ``but``; the leading ones polished and in range."""
     known, out = shop.start.bank.twin, list[Proposal]()
@@ -136,18 +145,19 @@ def _ranked(
         if but and but <= _set(proposal, known):
             continue
         done = polish(shop, proposal) if len(out) < 4 else proposal
-        if len(out) >= 6 or plausible(done):
-            out.append(done)
+        kept = _in_range(done, beyond) if len(out) < 6 else done
+        if kept is not None:
+            out.append(kept)
     return sorted(out, key=lambda p: -p.score)
 
 
-def _others(shop: Workshop, leader: Judged, bases: list[Proposal], plausible: Plausible) -> list[Judged]:
+def _others(shop: Workshop, leader: Judged, bases: list[Proposal], beyond: Beyond) -> list[Judged]:
     """Sets of one effect more that hold without the leading set: each accounts for the data in its own way.
 
     What would only join the leading set is what its sufficiency is about.
     """
     but = _set(leader, shop.start.bank.twin)
-    ranked = _ranked(shop, bases, plausible, but)[:4]
+    ranked = _ranked(shop, bases, beyond, but)[:4]
     judged = [judge(shop, p) for p in ranked if p.score > leader.score - CLOSE]
     return [j for j in judged if _admissible(j, shop.options)]
 
@@ -163,14 +173,15 @@ def _conclude(
 ) -> Outcome:
     good = sorted((j for j in tried if _admissible(j, options)), key=lambda j: -j.score)
     refused = max((j.score for j in tried if not _admissible(j, options)), default=-np.inf)
+    just = [j for j in tried if j not in good and _admissible(j, options, clearly=False)]
     if good and good[0].score > refused - 1.0:
         # a set that explains as much and is only just ahead of the unnamed laws is an explanation too
-        just = [j for j in tried if j not in good and _admissible(j, options, clearly=False)]
         close = [j for j in just if j.score > good[0].score - AS_MUCH]
         good = sorted([*close, *good], key=lambda j: -j.score)
         return _named(good, tried, weighed, tests, options)
     if good and good[0].score > refused - CLOSE:
-        leader = good[0]
+        # what explains more and is only just ahead of them is what they do as well as
+        leader = max((*good, *just), key=lambda j: j.score)
         reason = AS_WELL
         half = tuple(0.5 for _ in leader.members)
         return Outcome(INSUFFICIENT, reason, *tests, leader, (leader,), half, tuple(tried))

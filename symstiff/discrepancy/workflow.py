@@ -25,7 +25,7 @@ from symstiff.discrepancy.growth import Fitted, fit, grow
 from symstiff.discrepancy.point import find_point
 from symstiff.discrepancy.prepare import at_first
 from symstiff.discrepancy.problem import Array, Options, Shape
-from symstiff.discrepancy.remarks import remarked
+from symstiff.discrepancy.remarks import out_of_range, remarked
 from symstiff.discrepancy.result import CandidateResult, Diagnosis, Estimate, Name, Rms
 from symstiff.discrepancy.speech import named as named_at
 from symstiff.discrepancy.strata import Stratum
@@ -298,6 +298,7 @@ def _finding(
     counted = named if verdict == AMBIGUOUS else tuple(e for e in named if e.set_number == 0)
     assumed = (f"{named_at(e.effect, e.where)}: {a}" for e in counted for a in e.instance.assumptions)
     remarks += dict.fromkeys(assumed)  # several sets may hold one effect
+    remarks += dict.fromkeys(out_of_range(counted, task.robot))
     return Finding(
         task, table, before, after, first, last, assembly, verdict if testable else UNEXPLAINED, testable, reason,
         counted, tuple(e for e in named if e not in counted),

@@ -75,7 +75,7 @@ def assumed_arms(
 
     None where they do not load the joint; the heaviest that a robot can be in place of those that are heavier.
     """
-    if scales.kind == "absolute" or any(link.mass for link in robot.links):
+    if scales.kind == "absolute" or not untold_weight(robot, joint):
         return ()
     top, limit = scales.of(actuated_joint(joint)), heaviest(robot)
     return tuple(
@@ -84,6 +84,11 @@ def assumed_arms(
         if (most := _most_arm_load(robot, joint, taper))
         for mass in _masses(top / most, limit, moments)
     )
+
+
+def untold_weight(robot: Robot, joint: int) -> bool:
+    """Whether the arm's weight may load a joint and the robot file does not tell by how much."""
+    return not any(link.mass for link in robot.links) and _most_arm_load(robot, joint, 0.0) > 0
 
 
 def _masses(unit: float, limit: float, moments: tuple[float, ...]) -> tuple[float, ...]:
