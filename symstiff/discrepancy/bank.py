@@ -65,6 +65,17 @@ class Bank:
         """Shape values of an entry."""
         return self.candidates[int(self.owner[entry])].shapes[int(self.shape[entry])]
 
+    def another_shape(self, entry: int, of: int) -> bool:
+        """Whether two entries are laws of one virtual joint, the first by nothing that the second does not depend on.
+
+        Where it is not known what one depends on, the joint decides.
+        """
+        place = self.place[int(self.owner[entry])]
+        if not place or place != self.place[int(self.owner[of])]:
+            return False
+        own, other = (self.candidates[int(self.owner[e])].driven(self.shape_of(e)) for e in (entry, of))
+        return own is None or other is None or own <= other
+
     def slice(self, entry: int) -> slice:
         """Columns of an entry."""
         return slice(int(self.start[entry]), int(self.start[entry] + self.width[entry]))

@@ -12,11 +12,21 @@ from symstiff.calibration.experiment.placement import placement_columns
 from symstiff.calibration.experiment.situation import Situation, View, linear_columns, look, under_weights
 from symstiff.calibration.loading import load_factor
 from symstiff.calibration.measurements import Measurements
-from symstiff.discrepancy.problem import Array, Candidate, Parameter, Problem, Shape
+from symstiff.discrepancy.problem import (
+    ANGLE,
+    CLOCK,
+    HISTORY,
+    Array,
+    Candidate,
+    Parameter,
+    Problem,
+    Shape,
+)
 from symstiff.discrepancy.scan import column_space
 from symstiff.effects.base import Effect, Realisation, Scales, Where
 from symstiff.model import StiffnessModel
 from symstiff.robot.schema import Robot
+from symstiff.symbolic.terms import BRANCH, TEMPERATURE, TIME, q, up
 
 _LEFT = 1e-9
 """Share of a column's squared length below which nothing of it is outside the model."""
@@ -67,6 +77,7 @@ def candidates(
                     tuple(shapes),
                     _weights(effect, shapes),
                     parameters_of=None if alike else columns.parameters,
+                    driven=columns.driven,
                 )
 
 
@@ -120,6 +131,17 @@ class _Columns:
     def parameters(self, shape: Shape) -> tuple[Parameter, ...]:
         """The parameters of a shape's columns."""
         return self.members[self._number(shape)].parameters
+
+    def driven(self, shape: Shape) -> frozenset[str] | None:
+        """What a shape's law depends on beside loads; unknown for what is no law."""
+        if self.effect.columns is not None:
+            return None
+        terms = self.members[self._number(shape)].realised.terms
+        symbols = {symbol for term in terms for symbol in term.factor.free_symbols}
+        bodies = range(self.situation.view.robot.dof + 1)
+        angles = {q(k) for k in bodies} | {up(k, axis) for k in bodies for axis in (1, 2, 3)}
+        found = {ANGLE: angles, CLOCK: {TIME, TEMPERATURE}, HISTORY: {BRANCH}}
+        return frozenset(name for name, some in found.items() if symbols & some)
 
     def _number(self, shape: Shape) -> int:
         return next(k for k, m in enumerate(self.members) if m.shape == shape)

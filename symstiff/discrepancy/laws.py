@@ -11,7 +11,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from symstiff.discrepancy.problem import Array, Candidate, Parameter, Problem, Shape
+from symstiff.discrepancy.problem import ANGLE, CLOCK, HISTORY, Array, Candidate, Parameter, Problem, Shape
 
 EFFECT = "unnamed_law"
 READING = "measurement axis"
@@ -37,6 +37,8 @@ class Law:
     """Laws of one family at one place compete as one, by their average."""
     units: tuple[str, ...] = ()
     """Of the coefficients, where they have one."""
+    driven: frozenset[str] = frozenset()
+    """What it depends on beside loads."""
 
     @property
     def title(self) -> str:
@@ -65,6 +67,7 @@ def _candidate(place: str, title: str, laws: list[tuple[Array, Law]]) -> Candida
         tuple({"variant": float(k)} for k in range(len(laws))) if len(laws) > 1 else ({},),
         parameters_of=(lambda shape: known[_variant(shape)]) if len(laws) > 1 else None,
         at=(None if place.startswith("link") else place) if laws[0][1].own else "",
+        driven=lambda shape: laws[_variant(shape)][1].driven,
     )
 
 
@@ -166,7 +169,14 @@ def laws_at(problem: Problem, v: int) -> list[Law]:
 def every_law(problem: Problem, v: int) -> list[Law]:
     """The whole dictionary at one virtual joint."""
     own = _link_laws(problem, v)[2:] if problem.joint_of[v] < 0 else []
-    return [*own, *_laws_of_load(problem, v), *_laws_of_angle(problem, v), *_laws_of_time(problem, v)]
+    return [
+        *own, *_laws_of_load(problem, v), *_by(ANGLE, _laws_of_angle(problem, v)),
+        *_by(CLOCK, _laws_of_clock(problem, v)), *_by(HISTORY, _laws_of_history(problem, v)),
+    ]  # fmt: skip
+
+
+def _by(what: str, laws: list[Law]) -> list[Law]:
+    return [replace(law, driven=frozenset({what})) for law in laws]
 
 
 def _laws_of_load(problem: Problem, v: int) -> list[Law]:
@@ -243,21 +253,30 @@ def _lagging(clock: Array, t: Array, constant: float) -> Array:
     return out
 
 
-def _laws_of_time(problem: Problem, v: int) -> list[Law]:
-    """Of time, temperature, the order of the load cases and the branch, with the load and without."""
+def _laws_of_clock(problem: Problem, v: int) -> list[Law]:
+    """Of time, temperature and the order of the load cases, with the load and without."""
     assert problem.tau is not None
     t = problem.tau[:, v] / largest_load(problem, v)
     name, s = _clock(problem)
     out = [Law((name,), s[:, None]), Law((f"tau*{name}",), (t * s)[:, None])]
-    for constant in _LAGS:
-        text = f"late(tau,{constant:g})"
-        out.append(Law((text,), _lagging(s, t, constant)[:, None], family="tau, late"))
     if problem.temperature is not None and np.ptp(problem.temperature) > 0:
         warm = _unit(problem.temperature - problem.temperature.min())
         out.append(Law(("tau*temperature",), (t * warm)[:, None]))
     if np.ptp(problem.case) > 1:
         step = (problem.case - problem.case.mean()) / np.ptp(problem.case)
         out.append(Law(("tau*load_case",), (t * step)[:, None]))
+    return out
+
+
+def _laws_of_history(problem: Problem, v: int) -> list[Law]:
+    """Of the loads that were there before: followed late, and the branch with the load and without."""
+    assert problem.tau is not None
+    t = problem.tau[:, v] / largest_load(problem, v)
+    _, s = _clock(problem)
+    out = [
+        Law((f"late(tau,{constant:g})",), _lagging(s, t, constant)[:, None], family="tau, late")
+        for constant in _LAGS
+    ]
     if problem.branch is not None and np.ptp(problem.branch) > 0:
         out.append(Law(("branch",), problem.branch[:, None]))
         out.append(Law(("branch*tau",), (problem.branch * t)[:, None]))

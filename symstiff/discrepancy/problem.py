@@ -121,6 +121,10 @@ class Problem:
         return len(np.unique(self.pose))
 
 
+ANGLE, CLOCK, HISTORY = "angle", "clock", "history"
+"""What laws may depend on beside loads: the joints' variables; time, temperature or order; where the load came from."""
+
+
 @dataclass(frozen=True)
 class Candidate:
     """An effect at a place, as columns that would be added to the model."""
@@ -140,6 +144,8 @@ class Candidate:
     """Parameters of a shape, where they differ between shapes; ``parameters`` are then those of the first."""
     at: str | None = None
     """Virtual joint of which it is a law alone, empty for none; where this is None, its columns tell."""
+    driven: Callable[[Shape], frozenset[str] | None] = lambda shape: None
+    """What a shape's law depends on beside loads, of ``ANGLE``, ``CLOCK``, ``HISTORY``; None if not known."""
     unavailable: str = ""
     """Why these data cannot show the effect (a column is missing, another kind of data); empty if they can."""
 
@@ -157,7 +163,7 @@ class Candidate:
 class Options:
     """Settings of a diagnosis; the defaults are those of the benchmark."""
 
-    alpha: float = 0.025
+    alpha: float = 0.04
     """Family-wise level of the candidate tests."""
     alpha_strata: float = 0.004
     """Level of the tests that name nothing (strata, smooth laws outside the catalogue)."""

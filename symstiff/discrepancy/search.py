@@ -22,7 +22,7 @@ SAME_SIGNAL = 0.85
 _SCANS = 8
 """Scans that a search keeps: a large table's takes tens of megabytes."""
 SAME_PLACE = 0.5
-"""The same share for a law at the virtual joint where the set's member sits: another shape of one effect."""
+"""The same share for another shape of a member's law: at its virtual joint, and by what that depends on."""
 
 
 @dataclass(frozen=True)
@@ -231,17 +231,19 @@ def _lacking(shop: Workshop, scan: Scan, gained: float) -> bool:
 
 
 def _tolerated(shop: Workshop, proposal: Proposal, generic: bool) -> float:
-    """Share of the signal that may be missed: more where the best further law sits at a member's place.
+    """Share of the signal that may be missed: more where the best further law is another shape of a member's.
 
-    There, at one virtual joint, only the member's law is off. A further effect of the catalogue anywhere else is never
-    tolerated: a frame that drifts and is turned, or a link that is longer and heavier than told, is two effects.
+    There, at one virtual joint and by what moves it, only the member's law is off. A further effect of the catalogue
+    anywhere else is never tolerated: a frame that drifts and is turned, or a link that is longer and heavier than told,
+    is two effects.
     """
     bank = shop.start.bank
     score = shop.score(proposal.members, proposal.entries, generic)
     if not np.any(np.isfinite(score)):
         return 1.0
     best = int(np.argmax(score))
-    here = [m for m in proposal.members if bank.place[m] and bank.place[m] == bank.place[best]]
+    law = int(shop.evidence(proposal.entries).best_entry[best])
+    here = [e for e in proposal.entries if bank.another_shape(law, e)]
     if here:
         # two laws at one place bend to almost anything: what they still miss there is another law
         return shop.options.tolerated_shape if len(here) == 1 else shop.options.tolerated_share
@@ -328,8 +330,7 @@ def _same(scan: Scan, law: int, entries: tuple[int, ...]) -> bool:
     U = U[:, s > 1e-7]
     inside = U.T @ signal
     share = float(inside @ inside) / max(float(signal @ signal), 1e-300)
-    place = bank.place[int(bank.owner[law])]
-    if place and share > SAME_PLACE and any(bank.place[int(bank.owner[e])] == place for e in entries):
+    if share > SAME_PLACE and any(bank.another_shape(law, e) for e in entries):
         return True
     return share > SAME_SIGNAL and U.shape[1] <= layer.rank[law] + 2
 
