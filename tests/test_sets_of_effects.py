@@ -12,14 +12,18 @@ import pytest
 from symstiff.calibration.measurements import measurements
 from symstiff.calibration.simulation import Effect, Noise, Truth, nominal_truth, simulate
 from symstiff.discrepancy import search, verdict, workflow
+from symstiff.discrepancy.assemble import assemble
 from symstiff.discrepancy.diagnose import beyond, diagnose
 from symstiff.discrepancy.prepare import prepare
-from symstiff.discrepancy.problem import Array, Candidate, Parameter, Problem
+from symstiff.discrepancy.problem import ANGLE, CLOCK, Array, Candidate, Parameter, Problem
 from symstiff.discrepancy.result import Diagnosis, Name
 from symstiff.discrepancy.scan import Scan, coefficients
 from symstiff.discrepancy.search import Proposal, Workshop, polish
 from symstiff.discrepancy.workflow import Task, run
 from symstiff.robot import load
+from tests.test_assemble import complete, truth_of
+from tests.test_assemble import design as experiment
+from tests.test_assemble import measured as exact
 from tests.test_discrepancy_engine import QUICK, SIGMA, arm, catalogue, measured, saturating, scaled
 
 UNIT = (Parameter("size", "rad"),)
@@ -204,3 +208,34 @@ def test_a_size_out_of_its_range_costs_what_the_data_say_against_the_range(off: 
     assert kept is None or (kept.score, kept.lost) == pytest.approx(
         (10.0 - kept.lost, 0.5 * max(off, 0.0) ** 2)
     )
+
+
+def test_another_shape_of_a_law_is_one_by_the_same_things() -> None:
+    """A gear and a law of time at one joint are two; where it is not known what a law goes by, the joint decides."""
+    bare = arm().problem
+    column = of_sign(bare, 1)
+    by: tuple[frozenset[str] | None, ...] = (frozenset(), frozenset({ANGLE}), frozenset({CLOCK}), None)
+    laws = [
+        replace(lawful(f"law {k}", column), at="joint 2", driven=lambda _, d=d: d) for k, d in enumerate(by)
+    ]
+    elsewhere = replace(lawful("elsewhere", column), at="joint 1")
+    bank = prepare(bare, (*laws, elsewhere)).bank
+    alike = [[bank.another_shape(k, of) for of in range(5)] for k in range(5)]
+    assert alike[0] == [True, True, True, True, False]
+    assert alike[1] == [False, True, False, True, False]
+    assert alike[2] == [False, False, True, True, False]
+    assert alike[3] == [True, True, True, True, False]
+    assert alike[4] == [False, False, False, False, True]
+
+
+def test_the_catalogues_laws_tell_what_they_go_by() -> None:
+    truth, table = truth_of("kuka_kr270"), experiment("kuka_kr270", "deflection")
+    found = assemble(complete("kuka_kr270"), exact(truth, table))
+    by = {
+        (c.effect, "mass" in s or "tapered_mass" in s): c.driven(s)
+        for c in found.candidates
+        if not c.unavailable and c.where.get("joint") == 2
+        for s in c.shapes
+    }
+    assert by["backlash", False] == by["nonlinear_stiffness", False] == frozenset()
+    assert by["backlash", True] == by["gravity_compensator", False] == frozenset({ANGLE})

@@ -20,7 +20,7 @@ from symstiff.discrepancy.problem import Options
 from symstiff.discrepancy.remarks import _of_approach, out_of_range
 from symstiff.discrepancy.result import Estimate
 from symstiff.discrepancy.search import _lacking
-from symstiff.discrepancy.sharing import AXES, EACH, Sharing
+from symstiff.discrepancy.sharing import AXES, EACH, JOINTS, Sharing
 from symstiff.discrepancy.strata import Stratum
 from symstiff.discrepancy.workflow import Found, Task, run
 from symstiff.effects.base import EffectInstance
@@ -88,16 +88,38 @@ def test_an_error_that_a_poses_rows_share_is_told_where_it_exceeds_the_noise() -
 
 
 @pytest.mark.parametrize(
-    ("kind", "probability", "told"),
-    [("absolute", 1e-6, True), ("absolute", 0.02, False), ("deflection", 1e-6, False)],
+    ("kind", "probability", "shared", "told"),
+    [
+        ("absolute", 1e-6, AXES, "repeatability"),
+        ("absolute", 0.02, AXES, ""),
+        ("deflection", 1e-6, AXES, "as one reading without load in each pose"),
+        ("deflection", 1e-6, JOINTS, "joints make it that stand elsewhere: the robot's repeatability"),
+        ("deflection", 0.02, JOINTS, ""),
+    ],
 )
-def test_a_sure_shared_error_is_told_in_absolute_data(kind: str, probability: float, told: bool) -> None:
-    """In deflections it is the reading without load, which all load cases share."""
+def test_a_sure_shared_error_is_told(kind: str, probability: float, shared: str, told: str) -> None:
+    """In deflections one of the axes is the reading without load, which all load cases share."""
     last = run(Task(load(ROBOT), measured())).last
     assert last.verdict == "nothing_missing"
-    noise = replace(last.noise, approach=0.6 * last.noise.sigma, approach_p=probability)
+    noise = replace(last.noise, approach=0.6 * last.noise.sigma, approach_p=probability, shared=shared)
     remarks = _of_approach(replace(measured(), kind=kind), replace(last, noise=noise))  # type: ignore[arg-type]
-    assert [("0.6 times the noise" in r) for r in remarks] == [True] * told
+    assert [("0.6 times the noise" in r and told in r) for r in remarks] == [True] * bool(told)
+
+
+@pytest.mark.parametrize(
+    ("stated", "wrong"), [(2e-5, False), (2.83e-5, False), (4.5e-5, True), (1.4e-5, True)]
+)
+def test_a_sigma_that_counts_the_reading_without_load_is_right(stated: float, wrong: bool) -> None:
+    """Each reading of 0.02 mm: a deflection varies by 0.028 mm, of which its pose shares a half."""
+    table = measured(poses=20)
+    values = table.values.copy()
+    unloaded = 2e-5 * np.random.default_rng(5).normal(size=(20, 3, 3))
+    values[:, :3] -= unloaded[table.pose, table.point]
+    sigma = np.where(table.measured, stated, np.nan)
+    found = run(Task(load(ROBOT), replace(table, values=values, sigma=sigma)))
+    assert found.verdict == "nothing_missing"
+    assert found.last.noise.misstated == wrong
+    assert any("times the stated sigma" in r for r in found.remarks) == wrong
 
 
 def test_lateness_is_not_looked_for_where_it_is_a_constant() -> None:

@@ -9,6 +9,7 @@ import pytest
 
 from symstiff.calibration.experiment.situation import look
 from symstiff.calibration.measurements import Measurements
+from symstiff.calibration.simulation.chain import chain_of, posture
 from symstiff.discrepancy.assemble import assemble
 from symstiff.discrepancy.laws import _lagging
 from symstiff.discrepancy.localise import FittedLaw, _scales
@@ -237,3 +238,43 @@ def test_a_marker_that_gives_way_along_the_force_is_accused() -> None:
     law = found.last.device_law
     assert law is not None
     assert (law.place, law.terms[0][0][:27]) == ("marker p3", "shift the way of the force:")
+
+
+@pytest.mark.parametrize("of_tool", [False, True])
+def test_a_marker_whose_bracket_bends_across_the_force_is_accused(of_tool: bool) -> None:
+    """In the base's axes, or in those of the flange that carries it."""
+    table = measured(poses=16)
+    chain = chain_of(load(ROBOT))
+    turn = posture(chain, table.q, np.zeros((len(table), chain.size))).after[0][:, -1]
+    turn = turn if of_tool else np.broadcast_to(np.eye(3), turn.shape)
+    bracket = np.array([[0.0, 1.5e-6, 0.0], [0.0, 0.0, 0.0], [1e-6, 0.0, 0.0]])
+    bent = np.einsum("nij,jk,nlk,nl->ni", turn, bracket, turn, table.w[:, :3])
+    values = table.values.copy()
+    values[:, :3] += (table.point == 1)[:, None] * bent
+    found = _diagnosed(replace(table, values=values))
+    assert found.verdict == "unexplained"
+    law = found.last.device_law
+    assert law is not None
+    assert law.place == "marker p2"
+    sizes = {title.partition(": ")[2]: value for title, value, _, _ in law.terms}
+    titles = {title.partition(": ")[0] for title, _, _, _ in law.terms}
+    assert titles == {"shift by the force" + " in the tool's axes" * of_tool}
+    force = np.abs(table.w[:, :3]).max()
+    assert sizes["x by fy"] == pytest.approx(1.5e-6 * force, rel=0.25)
+    assert sizes["z by fx"] == pytest.approx(1e-6 * force, rel=0.25)
+    assert "x by fy" in words.device_text(law)
+    assert "y by fz" not in words.device_text(law)
+
+
+def test_a_rig_that_rubs_is_accused_with_its_friction() -> None:
+    told = measured(poses=20, levels=(0.3, 0.6, 1.0, 0.6, 0.3))
+    branch = np.repeat([1.0, 1.0, 1.0, -1.0, -1.0] * 20, 3)
+    table = replace(told, branch=branch, w=told.w / (1.0 - 0.1 * branch)[:, None])
+    found = _diagnosed(table)
+    assert found.verdict == "unexplained"
+    law = found.last.device_law
+    assert law is not None
+    assert law.place == "force sensor"
+    assert law.terms[0][:1] == ("gain*branch",)
+    assert law.terms[0][1] == pytest.approx(-10.0, abs=2.0)
+    assert "friction in the rig" in words.sentence(found)

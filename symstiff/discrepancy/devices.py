@@ -53,9 +53,12 @@ def _gains(situation: Situation) -> Iterator[DeviceLaw]:
     }
     block = _PERCENT * situation.columns([Term(n, *place) for n, place in places.items()], list(places))
     gain, grown = (Parameter("gain", "%"),), (Parameter("gain*load", "%"),)
-    share = np.abs(load_factor(view.table))[view.state]
+    share, branch = np.abs(load_factor(view.table))[view.state], view.table.branch[view.state]
     for name, column in zip(places, block.T, strict=True):
         yield DeviceLaw(name, "gain", gain, column[:, None])
+    if np.ptp(branch) > 0:
+        rubbed = (branch * block[:, : len(AXES)].sum(axis=1))[:, None]
+        yield DeviceLaw(SENSOR, "gain*branch", (Parameter("gain*branch", "%"),), rubbed)
     if np.ptp(share) > 0:
         for name, column in zip(places, block.T, strict=True):
             yield DeviceLaw(name, "gain*load", grown, (share * column)[:, None])
@@ -119,18 +122,27 @@ def _markers(view: View) -> Iterator[DeviceLaw]:
     tool = view.turn @ view.found.R[:, -1]
     turned[moved] = tool[view.state[moved], view.component[moved]]
     force = (_force(view) / max(float(np.max(np.abs(view.table.w[:, :3]), initial=0.0)), 1e-300))[view.state]
+    in_tool = np.einsum("mrk,mr->mk", tool[view.state], force)
     laws = {
         "shift with the load": share * fixed,
         "shift with the load in the tool's axes": share * turned,
         "shift the way of the force": force * fixed,
+        "shift by the force": _each(fixed, force),
+        "shift by the force in the tool's axes": _each(turned, in_tool),
     }
     if view.table.kind == "absolute":
         laws = {"shift in the tool's axes": turned, **laws}
     for k in np.unique(points):
         own = (points == k)[:, None]
         for title, block in laws.items():
-            columns = tuple(Parameter(f"{title}: {axis}", "m") for axis in "xyz")
+            axes = "xyz" if block.shape[1] == 3 else [f"{a} by {f}" for a in "xyz" for f in _WRENCH[:3]]
+            columns = tuple(Parameter(f"{title}: {axis}", "m") for axis in axes)
             yield DeviceLaw(f"marker {view.table.points[k]}", title, columns, own * block)
+
+
+def _each(shifts: Array, forces: Array) -> Array:
+    """(M, 9) every axis of a shift (M, 3) by every axis of the force (M, 3): any bracket that bends."""
+    return np.asarray((shifts[:, :, None] * forces[:, None, :]).reshape(len(shifts), -1))
 
 
 def _late(situation: Situation) -> Iterator[DeviceLaw]:

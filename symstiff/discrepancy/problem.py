@@ -85,6 +85,8 @@ class Problem:
     temperature: Array | None = None
     branch: Array | None = None
     """(M,) +1 loading, -1 unloading."""
+    differences: bool = False
+    """Whether a row is a reading less the one without load, which all rows of its pose may share."""
     spread: Mapping[str, Array] = field(default_factory=dict)
     """Positive quantities that the noise may grow with, (M,) each: distance, load."""
 

@@ -11,6 +11,7 @@ from symstiff.calibration.experiment.situation import View
 from symstiff.calibration.measurements import Measurements
 from symstiff.discrepancy.noise import CONTRADICTED, NoiseReport
 from symstiff.discrepancy.result import Diagnosis
+from symstiff.discrepancy.sharing import JOINTS
 from symstiff.discrepancy.speech import named as named_at
 from symstiff.discrepancy.verdict import INSUFFICIENT, NAMED, NOTHING, UNEXPLAINED
 from symstiff.effects.arm import untold_weight
@@ -66,12 +67,22 @@ def _of_sigma(noise: NoiseReport) -> list[str]:
 def _of_approach(table: Measurements, last: Diagnosis) -> list[str]:
     """In deflections a pose's rows share the reading without load, which is no larger than the noise."""
     noise = last.noise
-    sure = table.kind == "absolute" and noise.approach_p < SURE and noise.approach > NOTABLE * noise.sigma
-    if last.verdict != NOTHING or not (sure or noise.mostly_shared):
+    if last.verdict != NOTHING or not (noise.approach_p < SURE or noise.mostly_shared):
+        return []
+    size = f"a pose's rows share an error {noise.approach / noise.sigma:.1f} times the noise"
+    of_joints = " as joints make it that stand elsewhere" if noise.shared == JOINTS else ""
+    if noise.mostly_shared or (
+        noise.approach > NOTABLE * noise.sigma and (of_joints or table.kind == "absolute")
+    ):
+        return [
+            f"{size}{of_joints}: the robot's repeatability, or something missing that these data cannot tell from it: "
+            "approach some poses anew, or measure more loads"
+        ]
+    if of_joints or table.kind == "absolute":
         return []
     return [
-        f"a pose's rows share an error {noise.approach / noise.sigma:.1f} times the noise: the robot's repeatability, "
-        "or something missing that these data cannot tell from it: approach some poses anew, or measure more loads"
+        f"{size}, as one reading without load in each pose would make it: if every reading had its own, something may "
+        "be missing that hides in it; loads both ways and more load levels would tell"
     ]
 
 
@@ -160,6 +171,7 @@ def out_of_range(effects: Sequence[Found], robot: Robot) -> list[str]:
             )
             out.append(
                 f"{named_at(effect.effect, effect.where)}: {parameter.name} is {found.value:.4g} +- {found.std:.3g} "
-                f"{parameter.unit}, where {limit} is physical: do not rely on its size before more poses were measured"
+                f"{parameter.unit}, where {limit} is physical: what these data do not tell from it may be in it, so do "
+                "not rely on its size before more poses were measured"
             )
     return out

@@ -334,10 +334,15 @@ def _unexplained(finding: Finding) -> str:
     )
 
 
+_MANY, _CLEAR = 6, 2.0
+"""Sizes of a device's law of which only those beyond so many standard deviations are told."""
+
+
 def device_text(law: FittedDevice) -> str:
-    """What a sensor, the device or a marker adds, with sizes."""
+    """What a sensor, the device or a marker adds, with sizes; of many those that are clearly not zero."""
     parts: dict[str, list[str]] = {}
-    for text, value, deviation, unit in law.terms:
+    clear = [term for term in law.terms if abs(term[1]) > _CLEAR * term[2]]
+    for text, value, deviation, unit in clear if clear and len(law.terms) > _MANY else law.terms:
         name, _, part = text.partition(": ")
         parts.setdefault(name, []).append(f"{part} {quantity(Estimate(value, deviation, unit))}".strip())
     own = law.place.startswith(READING)
@@ -351,6 +356,7 @@ def device_text(law: FittedDevice) -> str:
 _DEVICE = {
     "gain": "a gain error",
     "gain*load": "a gain error that grows with the load",
+    "gain*branch": "a load that is another one rising than falling, as friction in the rig makes it",
     "crosstalk": "crosstalk",
     "late": "a reading that still holds a share of the load before",
 }
