@@ -10,16 +10,18 @@ import pytest
 from symstiff.calibration.experiment.situation import look
 from symstiff.calibration.measurements import Measurements
 from symstiff.calibration.simulation.chain import chain_of, posture
+from symstiff.discrepancy import diagnose as engine
 from symstiff.discrepancy.assemble import assemble
 from symstiff.discrepancy.laws import _lagging
 from symstiff.discrepancy.localise import FittedLaw, _scales
 from symstiff.discrepancy.problem import Problem
+from symstiff.discrepancy.proof import HeldOut
 from symstiff.discrepancy.result import Rms
 from symstiff.discrepancy.workflow import Finding, Task, run, unconfirmed
 from symstiff.report import words
 from symstiff.robot import load
 from symstiff.robot.schema import Marker
-from tests.diagnosis_data import ROBOT, design, measured
+from tests.diagnosis_data import HARDENING, ROBOT, design, measured
 from tests.test_assemble import complete, truth_of
 from tests.test_assemble import design as experiment
 from tests.test_assemble import measured as exact
@@ -278,3 +280,31 @@ def test_a_rig_that_rubs_is_accused_with_its_friction() -> None:
     assert law.terms[0][:1] == ("gain*branch",)
     assert law.terms[0][1] == pytest.approx(-10.0, abs=2.0)
     assert "friction in the rig" in words.sentence(found)
+
+
+@pytest.mark.parametrize(
+    ("after", "again", "verdict"),
+    [(2.2e-5, 0.2, "named_insufficient"), (2.2e-5, 0.6, "named"), (2e-5, 0.2, "named")],
+)
+def test_what_unused_poses_refute_is_not_named(
+    after: float, again: float, verdict: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Most folds have to select something else, and what they select must not predict the poses left out."""
+    proof = HeldOut(2.1e-5, after, 2e-5, 2e-5, (), again)
+    monkeypatch.setattr(engine, "held_out", lambda *_: proof)
+    found = _diagnosed(measured(HARDENING, poses=16))
+    assert found.verdict == verdict
+    assert [e.effect for e in found.named] == ["nonlinear_stiffness"]
+    assert (found.named[0].confidence <= 0.5) == (verdict != "named")
+    perhaps = words.headline(found).startswith(
+        "Something is missing, perhaps: nonlinear stiffness at joint 2"
+    )
+    assert perhaps == ("another effect is in front" in words.sentence(found)) == (verdict != "named")
+
+
+def test_the_folds_that_select_what_all_data_do_are_counted() -> None:
+    found = _diagnosed(measured(HARDENING, poses=16)).last.held_out
+    assert found is not None
+    agree = [fold == ("nonlinear_stiffness@joint=2",) for fold in found.selected]
+    assert found.again == np.mean(agree) > 0.8
+    assert not found.refutes

@@ -31,7 +31,17 @@ from symstiff.discrepancy.tables import (
 )
 from symstiff.discrepancy.testability import testable
 from symstiff.discrepancy.threads import one_thread
-from symstiff.discrepancy.verdict import NOTHING, UNEXPLAINED, UNTESTABLE, Outcome, decide
+from symstiff.discrepancy.verdict import (
+    AMBIGUOUS,
+    INSUFFICIENT,
+    NAMED,
+    NOTHING,
+    REFUTED,
+    UNEXPLAINED,
+    UNTESTABLE,
+    Outcome,
+    decide,
+)
 
 LEAST_FREEDOM = 5
 """Degrees of freedom outside the model below which no test is made."""
@@ -132,7 +142,9 @@ def _written(
     if options.held_out and not _of_single_poses(problem, ready.bank, entries):
         tell("proof")
         noise = one_sharing(named.scan if named is not None else scan)
-        proof = held_out(problem, ready.bank, noise, floor, entries, allowed, options)
+        sets = [judged.entries for judged in outcome.admissible]
+        proof = held_out(problem, ready.bank, noise, floor, sets, allowed, options)
+        outcome = refuted(outcome) if proof is not None and proof.refutes else outcome
     open_end = outcome.verdict == UNEXPLAINED
     law = _law(problem, scan, place) if open_end else None
     device = device_law(problem, scan, outcome.found, place.accused) if open_end else None
@@ -144,6 +156,15 @@ def _written(
         Rms(growth[0].rms, growth[-1].rms, proof.before if proof else None, proof.after if proof else None, floor),
         proof, None, D, names, leading(problem, ready, outcome),
     )  # fmt: skip
+
+
+def refuted(outcome: Outcome) -> Outcome:
+    """The verdict where the poses that were left out speak against the name: it says no more than who leads."""
+    if outcome.verdict not in (NAMED, AMBIGUOUS):
+        return outcome
+    leader = outcome.admissible[0]
+    half = tuple(min(c, 0.5) for c in outcome.confidence)
+    return replace(outcome, verdict=INSUFFICIENT, reason=REFUTED, admissible=(leader,), confidence=half)
 
 
 def _of_single_poses(problem: Problem, bank: Bank, entries: Sequence[int]) -> bool:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -14,6 +15,8 @@ from symstiff.discrepancy.sharing import Roots
 
 NO_GAP = 0.05
 """Gap, as a share of the noise, below which no share of it is told."""
+AGAIN = 0.5
+"""Share of the folds that have to select what was named, where what they select does not predict."""
 
 
 @dataclass(frozen=True)
@@ -28,6 +31,13 @@ class HeldOut:
     noise: float
     selected: tuple[tuple[str, ...], ...]
     """What each fold selected."""
+    again: float
+    """Share of the folds that select one of the sets that all data admit."""
+
+    @property
+    def refutes(self) -> bool:
+        """Whether most folds select something else, and that predicts the poses left out worse than nothing does."""
+        return self.after > self.before and self.again < AGAIN
 
     @property
     def closure(self) -> float:
@@ -37,18 +47,19 @@ class HeldOut:
 
 
 def held_out(
-    problem: Problem, bank: Bank, noise: Noise, sigma: float, entries: tuple[int, ...], allowed: Array,
+    problem: Problem, bank: Bank, noise: Noise, sigma: float, sets: Sequence[tuple[int, ...]], allowed: Array,
     options: Options,
 ) -> HeldOut | None:  # fmt: skip
     """K-fold by pose; None with fewer than four poses.
 
-    ``entries`` are those named on all data. Every fold selects as many for itself from the whole catalogue: how
-    many is decided on all data, which ones and with what coefficients without the poses that are predicted.
+    ``sets`` are the entries that all data admit, best first. Every fold selects as many as the first has for itself,
+    from the whole catalogue: how many is decided on all data, which ones and with what coefficients without the poses
+    that are predicted.
     """
     poses = np.unique(problem.pose)
     if len(poses) < 4:
         return None
-    few = _named_only(bank)
+    few, entries = _named_only(bank), sets[0] if sets else ()
     # few poses leave little to learn from: more folds; many poses make every fold dear
     folds = min(options.folds, len(poses)) if len(poses) <= 20 else min(options.folds, 5)
     number = np.searchsorted(poses, problem.pose)
@@ -64,7 +75,9 @@ def held_out(
         for name, used in (("before", ()), ("after", chosen), ("fixed", entries)):
             error[name][test] = _predict(problem, bank, noise, train, test, used)
     rms = {name: float(np.sqrt(np.mean(e[translation] ** 2))) for name, e in error.items()}
-    return HeldOut(rms["before"], rms["after"], rms["fixed"], sigma, tuple(selected))
+    admitted = [sorted(few.candidates[int(few.owner[e])].key for e in found) for found in sets or [()]]
+    again = float(np.mean([sorted(fold) in admitted for fold in selected]))
+    return HeldOut(rms["before"], rms["after"], rms["fixed"], sigma, tuple(selected), again)
 
 
 def _named_only(bank: Bank) -> Bank:

@@ -22,6 +22,9 @@ NOT_ALONE = "effects of the catalogue account for the data, and a law without a 
 AS_WELL = "it accounts for the data, and what has no name does so as well"
 """Reason for a verdict that names the leader as insufficient although nothing is left."""
 
+REFUTED = "without some of the poses another effect is in front, and it does not predict them"
+"""Reason for a verdict that names the leader as insufficient although it accounts for the data."""
+
 CALIBRATION = (0.0, 0.7, 4.5)
 """Offset, slope and limit of the confidence's logit, fitted on simulated benchmarks."""
 

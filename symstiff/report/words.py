@@ -12,7 +12,7 @@ from symstiff.discrepancy.localise import FittedDevice, FittedLaw
 from symstiff.discrepancy.remarks import FEW
 from symstiff.discrepancy.result import Estimate, Name
 from symstiff.discrepancy.speech import named, place, spoken
-from symstiff.discrepancy.verdict import AS_WELL, INSUFFICIENT, NOT_ALONE
+from symstiff.discrepancy.verdict import AS_WELL, INSUFFICIENT, NOT_ALONE, REFUTED
 from symstiff.discrepancy.workflow import Finding, Found, unconfirmed
 from symstiff.effects.base import EffectInstance
 from symstiff.report.tables import rotates
@@ -109,6 +109,8 @@ def headline(finding: Finding) -> str:
         return "Nothing can be tested with these data"
     if finding.reason == NOT_ALONE:
         return "Something is missing, and the data do not tell whether the catalogue has a name for it"
+    if finding.reason in (AS_WELL, REFUTED):
+        return f"Something is missing, perhaps: {names(finding.named)}"
     return {
         "named": "Missing: " + names(finding.named),
         "nothing_missing": _nothing_missing(finding),
@@ -303,6 +305,8 @@ def _insufficient(finding: Finding) -> str:
     why = "it leaves more than noise: another shape, or a further effect below detection"
     if finding.reason == AS_WELL:
         why = "a law without a name accounts for the data as well"
+    if finding.reason == REFUTED:
+        why = f"{REFUTED}: measure more poses before relying on it"
     return f"The leading explanation is {listed(finding)}, but {why}; {gap(finding)}."
 
 

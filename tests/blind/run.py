@@ -75,6 +75,7 @@ def _one(number: int, options: Options, others: bool) -> dict[str, Any]:
         "noticed": finding.first.noise.misstated,
         "confidences": _confidences(finding, label.truth, groups),
         "p_values": [e.p_value for e in finding.named], "rms": asdict(finding.rms),
+        "again": finding.last.held_out.again if finding.last.held_out is not None else None,
         "closure": _closure(hidden, assembly, finding), "seconds": seconds,
         "apart": apart(hidden, assembly, groups), "limit": limit(hidden, assembly, groups),
         "needed": _needed(finding, label.truth, groups),
