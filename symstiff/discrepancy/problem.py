@@ -177,7 +177,7 @@ class Options:
     """The same level where less is left than ``little``: no shape of the catalogue is exact."""
     little: float = 0.01
     """Share of the signal up to which that holds: a tenth of its amplitude."""
-    alpha_notable: float = 0.008
+    alpha_notable: float = 0.015
     """Both levels where more is left than shapes that are only close would leave."""
     notable: float = 0.03
     """Share of the signal from which that holds for a further effect; for unnamed laws it is ``tolerated_shape``."""
@@ -188,7 +188,7 @@ class Options:
     seed: int = 20260
     tolerated_share: float = 0.04
     """Share of the signal that a set may miss to an unnamed law at another place."""
-    tolerated_shape: float = 0.12
+    tolerated_shape: float = 0.1
     """Share that it may miss to a law at the place of one of its members: the shape is only close."""
     name_at: float = 0.75
     """Share of the admissible evidence from which the leader is named rather than listed."""
