@@ -14,10 +14,12 @@ import pytest
 import sympy as sp
 
 from symstiff.calibration.table import read_poses
+from symstiff.cli.diagnose import _more
 from symstiff.discrepancy.result import Estimate
 from symstiff.discrepancy.workflow import Finding, Found, Task, run
 from symstiff.effects import EffectInstance
 from symstiff.report.code import _abridged, core, difference, formulas
+from symstiff.report.deciding import separation_text
 from symstiff.report.folder import write_deciding_poses
 from symstiff.report.html import render
 from symstiff.report.law_plots import left_with
@@ -280,6 +282,41 @@ def test_an_ambiguous_verdict_leaves_poses_that_decide(named: Finding, tmp_path:
     page = render(finding, {"code": CODE, "decide": decide}, [])
     assert "What would decide" in page
     assert "backlash at joint 2" in page
+    reached = f"a separation of {separation_text(decide['poses'][-1]['separation'])} (20 is ample)"
+    assert f"These poses reach {reached}." in page
+    assert verdict["sentence"].endswith(f"that tell them apart best; they reach {reached}.")
+
+
+@pytest.mark.parametrize(
+    ("separations", "sentence_end", "file"),
+    [
+        (
+            (2.0, 5.22),
+            "they reach a separation of 5.22, which will not decide: other loads have to.",
+            ", decide.csv (poses that reach a separation of 5.22, which will not decide)",
+        ),
+        (
+            (8.0, 143.2),
+            "they reach a separation of 143 (20 is ample).",
+            ", decide.csv (poses that reach a separation of 143 (20 is ample))",
+        ),
+        ((), "No pose tells them apart under the loads of the data: other loads have to.", ""),
+    ],
+)
+def test_what_the_deciding_poses_reach_is_said_alike_everywhere(
+    named: Finding, separations: tuple[float, ...], sentence_end: str, file: str
+) -> None:
+    poses = [
+        {"pose": f"decide{k}", "q": {"q1[deg]": 1.0}, "separation": s} for k, s in enumerate(separations)
+    ]
+    record = {"poses": poses, "loads": [], "branches": [], "points": ["tcp"]}
+    finding = replace(named, verdict="ambiguous")
+    assert sentence(finding, record).endswith(sentence_end)
+    assert _more({"decide": record}) == file
+    page = unescape(render(finding, {"code": CODE, "decide": record}, []))
+    assert sentence_end in page
+    told = file.removeprefix(", decide.csv (poses that ").removesuffix(")")
+    assert f"These poses {told}" in page or not poses
 
 
 def test_text_from_the_user_is_escaped(named: Finding) -> None:

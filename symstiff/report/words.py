@@ -15,6 +15,7 @@ from symstiff.discrepancy.speech import named, place, spoken
 from symstiff.discrepancy.verdict import AS_WELL, INSUFFICIENT, NOT_ALONE
 from symstiff.discrepancy.workflow import Finding, Found, unconfirmed
 from symstiff.effects.base import EffectInstance
+from symstiff.report.deciding import deciding
 from symstiff.report.tables import rotates
 
 LOUDER = 1.08
@@ -165,17 +166,18 @@ def _ranges(numbers: list[int]) -> str:
     )
 
 
-def sentence(finding: Finding) -> str:
-    """The verdict in a sentence, with units and confidence."""
+def sentence(finding: Finding, decide: Mapping[str, Any] | None = None) -> str:
+    """The verdict in a sentence, with units and confidence; ``decide`` is the record of the poses that decide."""
     if not finding.testable:
         return f"Nothing can be tested with these data: {finding.reason}."
-    return {
+    text = {
         "named": _named,
         "nothing_missing": _nothing,
         "ambiguous": _ambiguous,
         "named_insufficient": _insufficient,
         "unexplained": _unexplained,
     }[finding.verdict](finding)
+    return text if decide is None else f"{text} {deciding(decide)}"
 
 
 def main_parameter(effect: Found) -> str:
@@ -293,10 +295,8 @@ def _ambiguous(finding: Finding) -> str:
         for members in own
     ]
     beside = f"Beside {'; '.join(_told(common))}, " if common else ""
-    return (
-        f"{beside}{len(own)} explanations account for the data: {', or '.join(texts)}; with the first, {gap(finding)}. "
-        "decide.csv holds the poses and loads that tell them apart best."
-    )
+    told = ", or ".join(texts)
+    return f"{beside}{len(own)} explanations account for the data: {told}; with the first, {gap(finding)}."
 
 
 def _insufficient(finding: Finding) -> str:
