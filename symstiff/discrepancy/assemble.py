@@ -6,7 +6,7 @@ columns and fitted deflections → problem → candidates of the whole catalogue
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -24,6 +24,7 @@ from symstiff.discrepancy.problem import Array, Candidate, Problem
 from symstiff.effects.base import Effect, EffectInstance, catalogue
 from symstiff.errors import UserError
 from symstiff.model import StiffnessModel
+from symstiff.robot.schema import Robot
 from symstiff.symbolic.terms import VirtualJoint
 
 _UNLOADED = 1e-9
@@ -61,7 +62,7 @@ def assemble(
     check_robot(table, model.robot)
     if table.kind == "none" or not table.measured.any():
         raise UserError("nothing measured: give deflections (dx[mm] …) or positions (x[mm] …)")
-    found = catalogue().values() if effects is None else effects
+    found = tuple(catalogue().values() if effects is None else effects)
     with threadpool_limits(1):  # small matrices: threads cost more than they give
         weigh = None if noise is None else noise.weigh
         current = settled(model, table, weigh)
@@ -69,10 +70,24 @@ def assemble(
         if believed is not None:
             situation = _believing(situation, settled(believed, table, weigh).situation)
         problem = _problem(situation, current)
-        candidates = grouped(problem, tuple(candidates_of(model, situation, problem, found)))
+        offered = _weighed(model.robot, candidates_of(model, situation, problem, found), found)
+        candidates = grouped(problem, offered)
         candidates = structural(model, situation, candidates)
     fitted = {n: current.fitted[n] for n in model.parameters if n in current.fitted}
     return Assembly(problem, candidates, situation, current.names, fitted)
+
+
+def _weighed(
+    robot: Robot, candidates: Iterable[Candidate], effects: Iterable[Effect]
+) -> tuple[Candidate, ...]:
+    """Candidates with their shapes' prior weights by what the robot file tells."""
+    odds = {effect.identifier: effect.odds for effect in effects}
+    out = []
+    for c in candidates:
+        own = [odds[c.effect](robot, shape) for shape in c.shapes]
+        before = c.weights or (1.0,) * len(own)
+        out.append(replace(c, weights=tuple(a * b for a, b in zip(before, own, strict=True))))
+    return tuple(out)
 
 
 def added_loads(view: View, instance: EffectInstance, values: Mapping[str, float]) -> Array | float:

@@ -271,7 +271,7 @@ class Evidence:
     score: Array
     """(candidates,) with the catalogue-size penalty."""
     best_entry: Index
-    """(candidates,)"""
+    """(candidates,) likeliest shape of each, with its prior share."""
 
 
 def evidence(scan: Scan) -> Evidence:
@@ -287,7 +287,11 @@ def of_squares(scan: Scan, squares: Array) -> Evidence:
     entry = entry[:, 0]
     first = scan.bank.first_entry
     last = np.append(first[1:], len(entry))
-    best = np.array([a + int(np.argmax(entry[a:b])) for a, b in zip(first, last, strict=True)], dtype=np.intp)
+    with np.errstate(divide="ignore"):
+        likely = entry + np.log(scan.bank.share)
+    best = np.array(
+        [a + int(np.argmax(likely[a:b])) for a, b in zip(first, last, strict=True)], dtype=np.intp
+    )
     return Evidence(entry, candidate, candidate + scan.bank.log_prior, best)
 
 
