@@ -41,7 +41,9 @@ def formulas(robot: Robot, instance: EffectInstance) -> list[Formula]:
     laws: dict[str, tuple[str, sp.Expr]] = {}
     for term in instance.realise(robot).terms:
         kind, place = term.at.kind, f"{term.at.body}" + (f",{term.at.axis}" if term.at.axis else "")
-        symbol = {"measure": f"t_{term.at.axis}", "load": f"W_{term.at.axis}"}.get(kind, f"theta_{place}")
+        slides = kind == "joint" and robot.joint[term.at.body - 1].prismatic
+        turned = f"q_{place}" if slides else f"theta_{place}"
+        symbol = {"measure": f"t_{term.at.axis}", "load": f"W_{term.at.axis}"}.get(kind, turned)
         with sp.evaluate(False):
             symbol_of = sp.Symbol(term.parameter)
             law = symbol_of if term.factor == 1 else symbol_of * term.factor

@@ -19,7 +19,7 @@ from symstiff.effects.base import catalogue
 from symstiff.report import law_plots, plots, words
 from symstiff.report.code import Line, formulas
 from symstiff.report.deciding import decides, reached, separation_text
-from symstiff.report.tables import moved, rotates, step_rows
+from symstiff.report.tables import moved, rotates, shift, step_rows
 
 _SEEN = 0.01
 """p-value below which something is said of the noise."""
@@ -258,6 +258,7 @@ def _unnamed(finding: Finding) -> dict[str, Any] | None:
             "joint": law.virtual_joint,
             "text": words.law_text(finding, law),
             "expression": law.expression,
+            "symbol": shift(finding, law.virtual_joint),
             "unit": "rad" if rotates(finding, law.virtual_joint) else "m",
             "scales": {"tau": f"{law.tau_scale:.4g}", **{n: f"{x:.4g}" for n, x in law.other_scales.items()}},
             "explained": f"{100 * law.explained:.0f} %",

@@ -16,7 +16,7 @@ from symstiff.discrepancy.verdict import AS_WELL, INSUFFICIENT, NOT_ALONE
 from symstiff.discrepancy.workflow import Finding, Found, unconfirmed
 from symstiff.effects.base import EffectInstance
 from symstiff.report.deciding import deciding
-from symstiff.report.tables import rotates
+from symstiff.report.tables import rotates, shift
 
 LOUDER = 1.08
 """Least residual over the stated sigma that is spoken of where nothing is missing."""
@@ -325,7 +325,7 @@ def _unexplained(finding: Finding) -> str:
             else f", without a smooth law there; at {law.virtual_joint}"
         )
         text += (
-            f"{where} the smooth law Δθ = {law_text(finding, law)} explains "
+            f"{where} the smooth law {shift(finding, law.virtual_joint)} = {law_text(finding, law)} explains "
             f"{100 * law.explained:.0f} % of what the model leaves"
         )
     return (
