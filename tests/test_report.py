@@ -166,6 +166,17 @@ def test_a_law_under_an_arms_weight_is_read_with_letters_and_means_the_same() ->
         assert formula.letters == "a: a function of q2, q3, q4, q5 alone, written out below"
         assert "\na = " in formula.text
         assert len(formula.mathml) < 2000
+        told = dict(line.split(" = ") for line in formula.text.splitlines()[1:])
+        written = sp.sympify(formula.text.splitlines()[0].split(" += ")[1], {"Abs": sp.Abs}).xreplace(
+            {sp.Symbol(letter): sp.sympify(own) for letter, own in told.items()}
+        )
+        value = float(
+            written.xreplace({sp.Symbol(s.name): x for s, x in numbers.items()}).subs(
+                f"{effect}_2_{'gap' if effect == 'backlash' else 'c'}", 1
+            )
+        )
+        assert value == pytest.approx(float(law.xreplace(numbers)), rel=1e-4)
+        assert max(map(len, re.findall(r"[\d.]+", formula.text))) <= len("0.0012345") + 1
     plain = EffectInstance("gravity_compensator", {"joint": 2}, {})
     assert formulas(load("kuka_kr270"), plain)[0].letters == ""
 
