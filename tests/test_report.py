@@ -228,6 +228,26 @@ def test_a_law_elsewhere_is_said_to_be_elsewhere(unexplained: Finding) -> None:
     assert f"joint 1 or so, without a smooth law there; at {law.virtual_joint} the smooth law" in text
 
 
+def test_a_law_that_explains_little_is_told_with_its_size_in_standard_deviations(
+    unexplained: Finding,
+) -> None:
+    law, where = unexplained.last.law, unexplained.last.localisation
+    assert law is not None
+    assert where is not None
+
+    def told(**changes: float) -> str:
+        last = replace(unexplained.last, device_law=None, law=replace(law, **changes))
+        return sentence(replace(unexplained, last=last))
+
+    little = "explains 2 % of what the model leaves: a size of 4.9 standard deviations (residual"
+    assert little in told(explained=0.02, deviations=4.93)
+    assert "standard deviations" not in told(explained=0.2, deviations=4.93)
+    table = unexplained.assembly.problem
+    assert law.deviations == pytest.approx(
+        np.sqrt(law.explained / (1 - law.explained) * (table.rows - table.A.shape[1])), rel=0.1
+    )
+
+
 def test_the_points_of_an_unnamed_law_are_the_deflections_that_the_data_ask_for(unexplained: Finding) -> None:
     law, problem = unexplained.last.law, unexplained.assembly.problem
     assert law is not None

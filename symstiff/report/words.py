@@ -20,6 +20,8 @@ from symstiff.report.tables import rotates, shift
 
 LOUDER = 1.08
 """Least residual over the stated sigma that is spoken of where nothing is missing."""
+_LITTLE = 0.1
+"""Share of what is left below which a law's size in standard deviations is told."""
 
 _SHOWN = {"m": ("mm", 1e3), "rad": ("mrad", 1e3), "1": ("", 1.0)}
 _SUPER = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
@@ -326,12 +328,20 @@ def _unexplained(finding: Finding) -> str:
         )
         text += (
             f"{where} the smooth law {shift(finding, law.virtual_joint)} = {law_text(finding, law)} explains "
-            f"{100 * law.explained:.0f} % of what the model leaves"
+            + explained(law)
         )
     return (
         f"{text} (residual {size(finding.rms.before, finding)} rms per coordinate, "
         f"noise {size(finding.rms.noise, finding)})."
     )
+
+
+def explained(law: FittedLaw) -> str:
+    """How much a law explains; where that is little, as among much noise, its own size too."""
+    text = f"{100 * law.explained:.0f} % of what the model leaves"
+    if law.explained >= _LITTLE or not law.deviations:
+        return text
+    return f"{text}: a size of {law.deviations:.2g} standard deviations"
 
 
 def device_text(law: FittedDevice) -> str:
