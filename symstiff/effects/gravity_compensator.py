@@ -32,7 +32,7 @@ from symstiff.symbolic.terms import Term, actuated_joint, q
 
 NAME = "gravity_compensator"
 DIRECTIONS = tuple(math.radians(20 * k) for k in range(18))
-TRUST = 9.0
+TRUST = 3.0
 """Odds that a robot file with the anchors' lengths has the anchor's direction right too."""
 GEOMETRIES = ((0.27, 0.66), (0.15, 0.5), (0.45, 0.8))  # L/a and s0/a
 RATIOS = (0.0, -0.4, 0.4)
@@ -150,11 +150,10 @@ def _shapes(robot: Robot, where: Where, scales: Scales) -> tuple[Shape, ...]:
 
 
 def _odds(robot: Robot, shape: Shape) -> float:
-    """Of a direction that is not the file's, by ``TRUST``; the angle form counts as one shape of many either way."""
-    others = len(DIRECTIONS) - 1
+    """Of a direction that is not the file's, by ``TRUST``; the angle form keeps the share that it has without a file."""
     if "turned" in shape:
-        return 1.0 / (TRUST * others)
-    return 1.0 / others if "angle_1" in shape and _known(robot) else 1.0
+        return 1.0 / (TRUST * (len(DIRECTIONS) - 1))
+    return (1.0 + 1.0 / TRUST) / len(DIRECTIONS) if "angle_1" in shape and _known(robot) else 1.0
 
 
 def _places(robot: Robot) -> tuple[Where, ...]:
