@@ -150,7 +150,7 @@ def _shapes(robot: Robot, where: Where, scales: Scales) -> tuple[Shape, ...]:
 
 
 def _odds(robot: Robot, shape: Shape) -> float:
-    """Of a direction that is not the file's, by ``TRUST``; the angle form keeps the share that it has without a file."""
+    """Of directions that are not the file's by ``TRUST``; the angle form has the share that it has without a file."""
     if "turned" in shape:
         return 1.0 / (TRUST * (len(DIRECTIONS) - 1))
     return (1.0 + 1.0 / TRUST) / len(DIRECTIONS) if "angle_1" in shape and _known(robot) else 1.0
