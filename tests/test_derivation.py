@@ -11,18 +11,20 @@ from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 from kr270_programs import kr270_programs
 
+from symstiff.effects.arm import weight_load
 from symstiff.reduction.physical import original, symmetrised, terms_of
 from symstiff.robot import Robot, from_table, load
 from symstiff.robot.table import to_table
 from symstiff.symbolic.algebras import evaluate_numpy
 from symstiff.symbolic.chain import ElasticChain
 from symstiff.symbolic.numeric import forward
+from symstiff.symbolic.program import Builder
 from symstiff.symbolic.programs import (
     compliance_program,
     deflection_program,
     observation_program,
 )
-from symstiff.symbolic.terms import Term
+from symstiff.symbolic.terms import Term, q
 
 lengths = st.sampled_from([0, 0, 0.35, -0.055, "1/3", 1.1])
 twists = st.sampled_from([0, "pi/2", "-pi/2", "pi", "pi/6", "-pi/6", 0.4, "-3*pi/4"])
@@ -126,6 +128,28 @@ def test_a_kr270_in_modified_dh_deflects_and_reduces_as_in_standard_dh() -> None
     assert other.convention == "modified"
     one, two = reduce(standard, "gravity"), reduce(other, "gravity")
     assert one.partition == two.partition
+
+
+def test_a_centre_of_mass_and_a_beam_stand_in_the_standard_frame_in_a_modified_file_too() -> None:
+    """The same numbers in both conventions are the same arm: at the far end of a link, not at its Craig frame."""
+    robot = load("kuka_kr270")
+    table = to_table(robot)
+    for row in table["joint"]:
+        row["link"] = {
+            "template": "full",
+            "beam_axis": [0.3, 0.5, 0.7],
+            "mass": 40.0,
+            "com": [0.1, -0.2, 0.3],
+        }
+    standard = from_table(table)
+    other = from_table(modified(standard))
+    turn = {q(j): 0.3 * j for j in range(1, 7)}
+    for joint in (2, 3, 5):
+        one, two = (float(weight_load(r, joint).evalf(subs=turn)) for r in (standard, other))
+        assert one == pytest.approx(two, rel=1e-9)
+        assert abs(one) > 1.0
+    b = Builder("axes", ())
+    assert ElasticChain(standard).elastic_axes(b, 2) == ElasticChain(other).elastic_axes(b, 2)
 
 
 def test_a_column_of_the_full_link_is_one_virtual_joint_times_the_load_on_another(odd3r: Robot) -> None:

@@ -169,6 +169,18 @@ def test_a_softening_joint_is_named_though_the_candidates_shapes_only_resemble_i
     assert d.rms.after < d.rms.before
 
 
+def test_of_shapes_that_fit_almost_alike_the_one_told_beforehand_is_taken() -> None:
+    a = arm(10)
+    problem = measured(a.problem, scaled(a.problem, saturating(a.problem, 0), 100.0))
+    bend = next(c for c in a.candidates if c.effect == "bend")
+    found = []
+    for weights in ((), (1.0, 1e-9), (1e-9, 1.0)):
+        ready = prepare(problem, (replace(bend, weights=weights),))
+        k = ready.bank.candidates.index(next(c for c in ready.bank.candidates if c.effect == "bend"))
+        found.append(int(ready.bank.shape[evidence(ready.scan).best_entry[k]]))
+    assert found[1:] == [0, 1]
+
+
 def test_two_effects_are_both_named_and_the_growth_path_has_both_steps() -> None:
     a = arm()
     problem = a.problem

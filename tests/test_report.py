@@ -14,10 +14,12 @@ import pytest
 import sympy as sp
 
 from symstiff.calibration.table import read_poses
+from symstiff.cli.diagnose import _more
 from symstiff.discrepancy.result import Estimate
 from symstiff.discrepancy.workflow import Finding, Found, Task, run
 from symstiff.effects import EffectInstance
 from symstiff.report.code import _abridged, core, difference, formulas
+from symstiff.report.deciding import separation_text
 from symstiff.report.folder import write_deciding_poses
 from symstiff.report.html import render
 from symstiff.report.law_plots import left_with
@@ -164,6 +166,17 @@ def test_a_law_under_an_arms_weight_is_read_with_letters_and_means_the_same() ->
         assert formula.letters == "a: a function of q2, q3, q4, q5 alone, written out below"
         assert "\na = " in formula.text
         assert len(formula.mathml) < 2000
+        told = dict(line.split(" = ") for line in formula.text.splitlines()[1:])
+        written = sp.sympify(formula.text.splitlines()[0].split(" += ")[1], {"Abs": sp.Abs}).xreplace(
+            {sp.Symbol(letter): sp.sympify(own) for letter, own in told.items()}
+        )
+        value = float(
+            written.xreplace({sp.Symbol(s.name): x for s, x in numbers.items()}).subs(
+                f"{effect}_2_{'gap' if effect == 'backlash' else 'c'}", 1
+            )
+        )
+        assert value == pytest.approx(float(law.xreplace(numbers)), rel=1e-4)
+        assert max(map(len, re.findall(r"[\d.]+", formula.text))) <= len("0.0012345") + 1
     plain = EffectInstance("gravity_compensator", {"joint": 2}, {})
     assert formulas(load("kuka_kr270"), plain)[0].letters == ""
 
@@ -213,6 +226,26 @@ def test_a_law_elsewhere_is_said_to_be_elsewhere(unexplained: Finding) -> None:
     )
     text = sentence(replace(unexplained, last=there))
     assert f"joint 1 or so, without a smooth law there; at {law.virtual_joint} the smooth law" in text
+
+
+def test_a_law_that_explains_little_is_told_with_its_size_in_standard_deviations(
+    unexplained: Finding,
+) -> None:
+    law, where = unexplained.last.law, unexplained.last.localisation
+    assert law is not None
+    assert where is not None
+
+    def told(**changes: float) -> str:
+        last = replace(unexplained.last, device_law=None, law=replace(law, **changes))
+        return sentence(replace(unexplained, last=last))
+
+    little = "explains 2 % of what the model leaves: a size of 4.9 standard deviations (residual"
+    assert little in told(explained=0.02, deviations=4.93)
+    assert "standard deviations" not in told(explained=0.2, deviations=4.93)
+    table = unexplained.assembly.problem
+    assert law.deviations == pytest.approx(
+        np.sqrt(law.explained / (1 - law.explained) * (table.rows - table.A.shape[1])), rel=0.1
+    )
 
 
 def test_the_points_of_an_unnamed_law_are_the_deflections_that_the_data_ask_for(unexplained: Finding) -> None:
@@ -280,6 +313,41 @@ def test_an_ambiguous_verdict_leaves_poses_that_decide(named: Finding, tmp_path:
     page = render(finding, {"code": CODE, "decide": decide}, [])
     assert "What would decide" in page
     assert "backlash at joint 2" in page
+    reached = f"a separation of {separation_text(decide['poses'][-1]['separation'])} (20 is ample)"
+    assert f"These poses reach {reached}." in page
+    assert verdict["sentence"].endswith(f"that tell them apart best; they reach {reached}.")
+
+
+@pytest.mark.parametrize(
+    ("separations", "sentence_end", "file"),
+    [
+        (
+            (2.0, 5.22),
+            "they reach a separation of 5.22, which will not decide: other loads have to.",
+            ", decide.csv (poses that reach a separation of 5.22, which will not decide)",
+        ),
+        (
+            (8.0, 143.2),
+            "they reach a separation of 143 (20 is ample).",
+            ", decide.csv (poses that reach a separation of 143 (20 is ample))",
+        ),
+        ((), "No pose tells them apart under the loads of the data: other loads have to.", ""),
+    ],
+)
+def test_what_the_deciding_poses_reach_is_said_alike_everywhere(
+    named: Finding, separations: tuple[float, ...], sentence_end: str, file: str
+) -> None:
+    poses = [
+        {"pose": f"decide{k}", "q": {"q1[deg]": 1.0}, "separation": s} for k, s in enumerate(separations)
+    ]
+    record = {"poses": poses, "loads": [], "branches": [], "points": ["tcp"]}
+    finding = replace(named, verdict="ambiguous")
+    assert sentence(finding, record).endswith(sentence_end)
+    assert _more({"decide": record}) == file
+    page = unescape(render(finding, {"code": CODE, "decide": record}, []))
+    assert sentence_end in page
+    told = file.removeprefix(", decide.csv (poses that ").removesuffix(")")
+    assert f"These poses {told}" in page or not poses
 
 
 def test_text_from_the_user_is_escaped(named: Finding) -> None:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from symstiff.cli.output import check_targets, console, inside, note, stages, write_json
 from symstiff.errors import UserError
@@ -56,7 +56,7 @@ def run_diagnose(request: DiagnoseRequest) -> None:
         )  # fmt: skip
         finding = run(task, progress)
         written = write_folder(finding, request.output, progress)
-    _print(out, finding)
+    _print(out, finding, written.verdict["sentence"])
     out.print(f"code: {written.code}")
     out.print(f"wrote {request.output}: report.html, verdict.json, model.toml", end="")
     out.print((", code" if written.verdict["code"]["folder"] else "") + _more(written.verdict))
@@ -65,18 +65,22 @@ def run_diagnose(request: DiagnoseRequest) -> None:
         raise SystemExit(1)
 
 
-def _more(verdict: dict[str, object]) -> str:
-    return ", decide.csv (poses that would decide)" if "decide" in verdict else ""
+def _more(verdict: dict[str, Any]) -> str:
+    """The file of deciding poses, where it was written, with what they reach."""
+    from symstiff.report.deciding import reached
+
+    told = reached(verdict["decide"]) if "decide" in verdict else ""
+    return f", decide.csv (poses that reach {told})" if told else ""
 
 
-def _print(out: Console, finding: Finding) -> None:
+def _print(out: Console, finding: Finding, sentence: str) -> None:
     from rich.table import Table
 
     from symstiff.report.tables import step_rows
-    from symstiff.report.words import headline, p_text, sentence
+    from symstiff.report.words import headline, p_text
 
     out.print(headline(finding), style="bold")
-    out.print(sentence(finding))
+    out.print(sentence)
     rows = step_rows(finding)
     whole: list[str] = [a for a in ("positional", "rotational") if a in rows[0].sizes]
     shown = whole or list(rows[0].sizes)  # axes are in the report; positions as a whole fit a terminal

@@ -113,6 +113,7 @@ def _separate(request: PlanRequest) -> None:
     """Poses that decide among the explanations of an ambiguous verdict."""
     from symstiff.calibration.table import write_table
     from symstiff.discrepancy.separate import Wish, separate
+    from symstiff.report.deciding import DECIDES, reach
 
     assert request.separate is not None
     _refuse_unused(request)
@@ -131,12 +132,12 @@ def _separate(request: PlanRequest) -> None:
             "the whole pose (--measure pose)"
         )
     write_table(table, request.output, "deg")
-    out.print(f"{len(found.poses)} poses that decide between: " + " | ".join(names))
+    out.print(f"{len(found.poses)} poses that best tell apart: " + " | ".join(names))
     out.print(
-        f"separation {found.separation[-1]:.3g} (squared distance of the predictions in units of the noise "
-        "variance that no fit closes; 20 is ample)"
+        f"they reach {reach(found.separation[-1])}: the squared distance of the predictions, in units of the noise "
+        "variance, that no fit closes"
     )
-    if found.separation[-1] < 1.0:
+    if found.separation[-1] < DECIDES:
         note(out, "these loads do not tell them apart: other loads, or more force")
     out.print(f"wrote {request.output}")
     write_json(

@@ -75,16 +75,19 @@ def candidates(
                     first,
                     columns,
                     tuple(shapes),
-                    _weights(effect, shapes),
+                    _weights(effect, model.robot, shapes),
                     parameters_of=None if alike else columns.parameters,
                     driven=columns.driven,
                 )
 
 
-def _weights(effect: Effect, shapes: Sequence[Shape]) -> tuple[float, ...]:
-    """Prior weights of shapes: ways to assume what is not known share the weight of one."""
+def _weights(effect: Effect, robot: Robot, shapes: Sequence[Shape]) -> tuple[float, ...]:
+    """Prior weights of shapes: ways to assume what is not known share the weight of one, the robot file tells odds."""
     shared = 1.0 / max(len(effect.assumed), 1)
-    return tuple(shared if effect.assumed.keys() & shape.keys() else 1.0 for shape in shapes)
+    return tuple(
+        effect.odds(robot, shape) * (shared if effect.assumed.keys() & shape.keys() else 1.0)
+        for shape in shapes
+    )
 
 
 @dataclass(frozen=True, eq=False)

@@ -6,6 +6,7 @@ and they describe an effect that has no name by a fitted expression.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 
@@ -201,7 +202,7 @@ def _laws_of_load(problem: Problem, v: int) -> list[Law]:
 
 
 def _laws_of_angle(problem: Problem, v: int) -> list[Law]:
-    """Series in the joint's own angle and in the others', with the load and without."""
+    """Series in the joint's own variable and in the others', with the load and without."""
     assert problem.tau is not None
     if problem.q is None:
         return []
@@ -209,15 +210,40 @@ def _laws_of_angle(problem: Problem, v: int) -> list[Law]:
     out = []
     for j in range(problem.q.shape[1]):
         own = j == problem.joint_of[v]
-        for n in (1, 2, 3, 5) if own else (1, 2):
-            wave = np.column_stack([np.sin(n * problem.q[:, j]), np.cos(n * problem.q[:, j])])
-            name = f"{n}*q{j + 1}" if n > 1 else f"q{j + 1}"
-            out.append(Law((f"tau*sin({name})", f"tau*cos({name})"), t[:, None] * wave, own))
+        series = _powers if j in problem.slides else _waves
+        for n, text, values in series(problem.q[:, j], j + 1, own):
+            out.append(Law((f"tau*{text[0]}", f"tau*{text[1]}"), t[:, None] * values, own))
             if n <= 2:
-                out.append(Law((f"sin({name})", f"cos({name})"), wave, own))
+                out.append(Law(text, values, own))
     if problem.joint_of[v] >= 0:
         out += _soft_spots(problem.q[:, problem.joint_of[v]], problem.joint_of[v] + 1, t)
     return out
+
+
+_Series = Iterator[tuple[int, tuple[str, str], Array]]
+"""Order, names and values (M, 2) of pairs of functions of a joint's variable."""
+
+
+def _waves(angle: Array, joint: int, own: bool) -> _Series:
+    """Sine and cosine of an angle and of its multiples: more of a joint's own."""
+    for n in (1, 2, 3, 5) if own else (1, 2):
+        name = f"{n}*q{joint}" if n > 1 else f"q{joint}"
+        yield n, (f"sin({name})", f"cos({name})"), np.column_stack([np.sin(n * angle), np.cos(n * angle)])
+
+
+def _powers(way: Array, joint: int, own: bool) -> _Series:
+    """Powers of a sliding joint's variable [m] about the middle of its range in the data, over half of it."""
+    half = float(f"{np.ptp(way) / 2:.3g}")
+    if half <= 0:
+        return
+    middle = round(float(way.max() + way.min()) / 2, 2 - math.floor(math.log10(half)))
+    x = (way - middle) / half
+    name = f"(q{joint} {'-' if middle > 0 else '+'} {abs(middle):g})" if middle else f"q{joint}"
+    name = f"{name}/{half:g}"
+    for n in (1, 2, 3) if own else (1, 2):
+        odd, even = 2 * n - 1, 2 * n
+        text = (name if odd == 1 else f"({name})^{odd}", f"({name})^{even}")
+        yield n, text, np.column_stack([x**odd, x**even])
 
 
 def _soft_spots(angle: Array, joint: int, t: Array) -> list[Law]:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from scipy import stats
@@ -54,6 +54,8 @@ class FittedLaw:
     """(M,) deflection of the virtual joint by the law."""
     other_scales: Mapping[str, float] = field(default_factory=dict)
     """Largest loads by which ``tau3`` and the like (``taux``: along the link) are divided [N, N·m]."""
+    deviations: float = 0.0
+    """Size in standard deviations, what further terms would explain of noise taken away; 0 where not known."""
 
 
 @dataclass(frozen=True)
@@ -216,7 +218,16 @@ def best_law(
         chosen.append(i)
     if not chosen:
         return None
-    return _written(problem, v, [laws[c] for c in chosen], [blocks[c] for c in chosen], layer.y, best)
+    found = _written(problem, v, [laws[c] for c in chosen], [blocks[c] for c in chosen], layer.y, best)
+    return replace(
+        found, deviations=_deviations(found.explained, sum(blocks[c].shape[1] for c in chosen), scan)
+    )
+
+
+def _deviations(explained: float, terms: int, scan: Scan) -> float:
+    """Size of a law in standard deviations, from the share of squares that its terms explain."""
+    noise = (1.0 - explained) / max(scan.freedom - terms, 1)
+    return float(np.sqrt(max(explained / max(noise, 1e-300) - (terms - 1), 0.0)))
 
 
 def _validated(blocks: list[Array], y: Array, fold: Array | Index) -> float:

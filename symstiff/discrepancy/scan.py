@@ -271,7 +271,7 @@ class Evidence:
     score: Array
     """(candidates,) with the catalogue-size penalty."""
     best_entry: Index
-    """(candidates,)"""
+    """(candidates,) likeliest shape of each, with its prior share."""
 
 
 def evidence(scan: Scan) -> Evidence:
@@ -285,9 +285,9 @@ def of_squares(scan: Scan, squares: Array) -> Evidence:
     entry = entry_evidence(scan, squares[:, :, None], rss)
     candidate = candidate_evidence(scan.bank, entry)[:, 0]
     entry = entry[:, 0]
-    first = scan.bank.first_entry
-    last = np.append(first[1:], len(entry))
-    best = np.array([a + int(np.argmax(entry[a:b])) for a, b in zip(first, last, strict=True)], dtype=np.intp)
+    first, likely = scan.bank.first_entry, entry + np.log(np.maximum(scan.bank.share, 1e-300))
+    ends = zip(first, np.append(first[1:], len(entry)), strict=True)
+    best = np.array([a + int(np.argmax(likely[a:b])) for a, b in ends], dtype=np.intp)
     return Evidence(entry, candidate, candidate + scan.bank.log_prior, best)
 
 

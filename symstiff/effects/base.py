@@ -130,6 +130,10 @@ def _no_shape(robot: Robot, where: Where, scales: Scales) -> tuple[Shape, ...]:
     return ({},)
 
 
+def _alike(robot: Robot, shape: Shape) -> float:
+    return 1.0
+
+
 @dataclass(frozen=True)
 class Effect:
     """An entry of the catalogue.
@@ -164,6 +168,8 @@ class Effect:
 
     Keys are alternatives: their shapes share the prior weight of one.
     """
+    odds: Callable[[Robot, Shape], float] = _alike
+    """Prior weight of a shape; below one where the robot file tells otherwise."""
 
 
 @dataclass(frozen=True)

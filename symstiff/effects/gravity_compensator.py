@@ -5,6 +5,12 @@ Spring form: anchors at distances a and L from the axis, angle φ = α − q bet
 (∂M/∂q)/max the compliance changes by c·k̂/(1 + r·k̂): c is its change at the stiffest angle, r its ratio to
 the joint's own compliance. Angle form (the seed's C2 and J2): the joint's compliance is a polygon over the
 distinct angles of the data set.
+
+Where the robot file tells the anchors, their lengths are kept, and so is α unless the data speak up against it.
+Lengths are the same in every convention, but α depends on where the file's q is zero and which way it counts, in which
+a maker's drawing and a DH table often differ: a spring that was not looked for elsewhere would be missed. Over a part
+of a turn neighbouring directions and even opposite ones look alike, so that the likeliest of many is no finding: the
+file's is taken to be right by ``TRUST`` to one, and a spring that pulls from elsewhere is said to (``turned``).
 """
 
 from __future__ import annotations
@@ -26,6 +32,8 @@ from symstiff.symbolic.terms import Term, actuated_joint, q
 
 NAME = "gravity_compensator"
 DIRECTIONS = tuple(math.radians(20 * k) for k in range(18))
+TRUST = 3.0
+"""Odds that a robot file with the anchors' lengths has the anchor's direction right too."""
 GEOMETRIES = ((0.27, 0.66), (0.15, 0.5), (0.45, 0.8))  # L/a and s0/a
 RATIOS = (0.0, -0.4, 0.4)
 MOST_ANGLES = 8
@@ -59,7 +67,7 @@ def _spring(robot: Robot, j: int, shape: Shape) -> sp.Expr:
         for k, d in (("a", 0.7), ("L", 0.19), ("s0", 0.46), ("alpha", 0.0))
     )
     stiffness, ratio = _stiffness(a, L, s0), exact(shape.get("ratio", 0.0))
-    values = {_ANGLE: q(j), _ALPHA: exact(alpha)}
+    values = {_ANGLE: q(j), _ALPHA: exact(f"{alpha + shape.get('turned', 0.0):.9g}")}
     with sp.evaluate(False):
         law = stiffness.xreplace(values)
         return load_of(j) * law / (1 + ratio * law) if ratio else load_of(j) * law
@@ -125,17 +133,27 @@ def _known(robot: Robot) -> dict[str, float]:
 
 def _shapes(robot: Robot, where: Where, scales: Scales) -> tuple[Shape, ...]:
     known = _known(robot)
-    sizes = [(known["a"], known["L"], known["s0"])] if known else [(1.0, L, s0) for L, s0 in GEOMETRIES]
-    directions = [*([known["alpha"]] if known else []), *DIRECTIONS]
-    found: list[Shape] = [
-        {"a": a, "L": L, "s0": s0, "alpha": float(f"{d:.6g}"), "ratio": r}
-        for a, L, s0 in sizes for d in directions for r in RATIOS
-    ]  # fmt: skip
+    found: list[Shape]
+    if known:
+        turns = [{}, *({"turned": float(f"{math.remainder(d, math.tau):.6g}")} for d in DIRECTIONS[1:])]
+        found = [{**known, **turn, "ratio": r} for turn in turns for r in RATIOS]
+    else:
+        found = [
+            {"a": 1.0, "L": L, "s0": s0, "alpha": float(f"{d:.6g}"), "ratio": r}
+            for L, s0 in GEOMETRIES for d in DIRECTIONS for r in RATIOS
+        ]  # fmt: skip
     j = int(where["joint"])
     angles = scales.angles[j - 1] if len(scales.angles) >= j else ()
     if 2 <= len(angles) <= MOST_ANGLES:
         found.append({f"angle_{k}": float(f"{v:.9g}") for k, v in enumerate(angles, start=1)})
     return tuple(found)
+
+
+def _odds(robot: Robot, shape: Shape) -> float:
+    """Of directions that are not the file's by ``TRUST``; the angle form has the share that it has without a file."""
+    if "turned" in shape:
+        return 1.0 / (TRUST * (len(DIRECTIONS) - 1))
+    return (1.0 + 1.0 / TRUST) / len(DIRECTIONS) if "angle_1" in shape and _known(robot) else 1.0
 
 
 def _places(robot: Robot) -> tuple[Where, ...]:
@@ -159,6 +177,12 @@ EFFECT = Effect(
     separated_by="several load levels at one angle of the joint, and the same load at several angles",
     told={
         "a": "anchor {} m from the axis", "L": "lever {} m", "s0": "free length {} m", "alpha": "anchor at {} rad",
+        "turned": "turned by {} rad from there",
         "ratio": "spring's share of the stiffness {}",
     },
+    assumed={
+        "turned": "its spring pulls as if the anchor were turned by {} rad from where the robot file has it: the "
+        "file's q may have its zero elsewhere, or count the other way"
+    },
+    odds=_odds,
 )  # fmt: skip

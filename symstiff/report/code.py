@@ -19,6 +19,8 @@ if TYPE_CHECKING:
 _MOST_TERMS, _MOST_LINES = 8, 90
 _LONG = 20
 """Operations from which a sum that depends on several joints alone, as an arm's weight does, stands as a letter."""
+_READ, _WRITTEN = 4, 6
+"""Significant digits of long fractions in a formula, and in the text of it that one copies."""
 _TEMPORARY = re.compile(r"\bt(\d+)\b")
 _LONE_DOT = re.compile(r"<mo>·</mo>(?=(</mrow>)*(<mo>[+-]</mo>|$))")
 """The dot behind a parameter that nothing is multiplied with."""
@@ -41,7 +43,9 @@ def formulas(robot: Robot, instance: EffectInstance) -> list[Formula]:
     laws: dict[str, tuple[str, sp.Expr]] = {}
     for term in instance.realise(robot).terms:
         kind, place = term.at.kind, f"{term.at.body}" + (f",{term.at.axis}" if term.at.axis else "")
-        symbol = {"measure": f"t_{term.at.axis}", "load": f"W_{term.at.axis}"}.get(kind, f"theta_{place}")
+        slides = kind == "joint" and robot.joint[term.at.body - 1].prismatic
+        turned = f"q_{place}" if slides else f"theta_{place}"
+        symbol = {"measure": f"t_{term.at.axis}", "load": f"W_{term.at.axis}"}.get(kind, turned)
         with sp.evaluate(False):
             symbol_of = sp.Symbol(term.parameter)
             law = symbol_of if term.factor == 1 else symbol_of * term.factor
@@ -51,7 +55,8 @@ def formulas(robot: Robot, instance: EffectInstance) -> list[Formula]:
     names = [p.name for p in instance.realise(robot).parameters]
     for name, (symbol, law) in list(laws.items())[:_MOST_TERMS]:
         letters: dict[sp.Expr, sp.Symbol] = {}
-        body = mathml(_readable(_abridged(law, letters), names), printer="presentation")
+        told = _abridged(law, letters)
+        body = mathml(_readable(told, names), printer="presentation")
         for k, parameter in enumerate(names):
             body = body.replace(f"<mi>{_stand_in(k)}</mi>", _parameter(parameter))
         body = _LONE_DOT.sub("", body)
@@ -59,7 +64,12 @@ def formulas(robot: Robot, instance: EffectInstance) -> list[Formula]:
         out.append(
             Formula(
                 f'<math display="block"><mrow><mi>Δ</mi>{left}<mo>=</mo>{body}</mrow></math>',
-                "\n".join([f"{name} += {law}", *(f"{letter} = {own}" for own, letter in letters.items())]),
+                "\n".join(
+                    [
+                        f"{name} += {_rounded(told, _WRITTEN)}",
+                        *(f"{letter} = {_rounded(own, _WRITTEN)}" for own, letter in letters.items()),
+                    ]
+                ),
                 "; ".join(
                     f"{letter}: a function of {_joints(own)} alone, written out below"
                     for own, letter in letters.items()
@@ -104,7 +114,7 @@ def _parameter(name: str) -> str:
 
 
 def _readable(law: sp.Expr, names: list[str]) -> sp.Expr:
-    """Parameters as stand-ins; loads as τ with the virtual joint as index; floats of a shape to four digits."""
+    """Parameters as stand-ins; loads as τ with the virtual joint as index; long fractions to four digits."""
     import sympy as sp
 
     renamed = {sp.Symbol(name): sp.Symbol(_stand_in(k)) for k, name in enumerate(names)}
@@ -113,13 +123,17 @@ def _readable(law: sp.Expr, names: list[str]) -> sp.Expr:
             renamed[s] = sp.Symbol(
                 "tau_" + s.name[4:].replace("_", ",").replace("joint", "").replace("link", "")
             )
-    short = {
-        r: sp.Float(float(r), 4)
-        for r in law.atoms(sp.Rational)
-        if r.q > 1000 or abs(r.p) > 10**6
-    }  # fmt: skip
     with sp.evaluate(False):
-        return law.xreplace({**renamed, **short})
+        return _rounded(law, _READ).xreplace(renamed)
+
+
+def _rounded(law: sp.Expr, digits: int) -> sp.Expr:
+    """The law with its long fractions as decimals."""
+    import sympy as sp
+
+    long = (r for r in law.atoms(sp.Rational) if r.q > 1000 or abs(r.p) > 10**6)
+    with sp.evaluate(False):
+        return law.xreplace({r: sp.Float(float(r), digits) for r in long})
 
 
 @dataclass(frozen=True)

@@ -22,6 +22,7 @@ from symstiff.model import StiffnessModel
 from symstiff.report.code import Line, core, difference, excerpt
 from symstiff.report.html import render
 from symstiff.report.verdict import verdict_table
+from symstiff.report.words import sentence
 
 FEWEST, MOST, AMPLE = 6, 15, 100.0
 """Poses in decide.csv: as many as make the explanations differ amply, within these bounds."""
@@ -133,7 +134,7 @@ def write_deciding_poses(
     if found.poses:
         write_table(table, folder / "decide.csv", "deg")
         write_table(_without_readings(finding.table), folder / TAKEN)
-    verdict["decide"] = record
+    verdict["decide"], verdict["sentence"] = record, sentence(finding, record)
     return record
 
 

@@ -18,13 +18,12 @@ from symstiff.discrepancy.workflow import Finding, Found
 from symstiff.effects.base import catalogue
 from symstiff.report import law_plots, plots, words
 from symstiff.report.code import Line, formulas
-from symstiff.report.tables import moved, rotates, step_rows
+from symstiff.report.deciding import decides, reached, separation_text
+from symstiff.report.tables import moved, rotates, shift, step_rows
 
 _SEEN = 0.01
 """p-value below which something is said of the noise."""
 _MOST_CANDIDATES, _MOST_LAWS, _MANY = 20, 5, 3
-DECIDES = 9.0
-"""Separation from which explanations are told apart: three standard deviations."""
 _UNITS = {"positional": "mm", "rotational": "mrad", "x": "mm", "y": "mm", "z": "mm"}
 _SHORT = {"positional": "position", "rotational": "rotation"}
 
@@ -45,7 +44,7 @@ def _context(finding: Finding, files: dict[str, Any], changes: list[Line]) -> di
         "robot": robot.title or robot.name,
         "start": finding.task.start,
         "headline": words.headline(finding),
-        "sentence": words.sentence(finding),
+        "sentence": words.sentence(finding, files.get("decide")),
         "verdict": finding.verdict if finding.testable else "untestable",
         "remarks": finding.remarks,
         "facts": _facts(finding),
@@ -158,15 +157,13 @@ def _decide(record: dict[str, Any] | None) -> dict[str, Any] | None:
             {
                 "name": p["pose"],
                 "q": [f"{x:.1f}" if "[deg]" in n else f"{x:.4f}" for n, x in p["q"].items()],
-                "separation": f"{p['separation']:.3g}"
-                if p["separation"] < 1000
-                else f"{p['separation']:.0f}",
+                "separation": separation_text(p["separation"]),
             }
             for p in poses
         ],
         "axes": [_header(a) for a in axes],
-        "reached": f"{poses[-1]['separation']:.2g}" if poses else "",
-        "decides": bool(poses) and poses[-1]["separation"] >= DECIDES,
+        "reached": reached(record),
+        "decides": decides(record),
         "loads": [[f"{w[a]:.4g}" for a in axes] for w in record["loads"]],
         "branches": record["branches"],
         "points": ", ".join(record["points"]) if record["points"] != ["tcp"] else "",
@@ -261,9 +258,10 @@ def _unnamed(finding: Finding) -> dict[str, Any] | None:
             "joint": law.virtual_joint,
             "text": words.law_text(finding, law),
             "expression": law.expression,
+            "symbol": shift(finding, law.virtual_joint),
             "unit": "rad" if rotates(finding, law.virtual_joint) else "m",
             "scales": {"tau": f"{law.tau_scale:.4g}", **{n: f"{x:.4g}" for n, x in law.other_scales.items()}},
-            "explained": f"{100 * law.explained:.0f} %",
+            "explained": words.explained(law),
             "validated": f"{100 * law.cross_validated:.0f} %",
         },
         "top": top,

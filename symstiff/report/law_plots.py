@@ -15,7 +15,7 @@ from symstiff.discrepancy.problem import Array
 from symstiff.discrepancy.speech import named
 from symstiff.discrepancy.workflow import Finding, Found
 from symstiff.report.plots import AFTER, COMPONENTS, LAW, Picture, drawing
-from symstiff.report.tables import rotates, weights
+from symstiff.report.tables import rotates, shift, weights
 from symstiff.report.words import law_text
 from symstiff.symbolic.algebras import NumpyAlgebra
 from symstiff.symbolic.program import walk
@@ -98,7 +98,8 @@ def draw_unnamed(finding: Finding) -> Picture | None:
     caption = (
         f"Deflection of {name} that the data ask for beside the model (points, ± one standard deviation)"
     )
-    caption += "" if found is None else f", and the best smooth law (red): Δθ = {law_text(finding, found)}"
+    if found is not None:
+        caption += f", and the best smooth law (red): {shift(finding, name)} = {law_text(finding, found)}"
     return Picture(_draw(finding, law, points, "unnamed", ratio=True), caption + ".")
 
 
@@ -189,7 +190,7 @@ class _Panel:
 def _draw(finding: Finding, law: _Law, points: _Points, name: str, ratio: bool = False) -> str:
     view, names = finding.assembly.situation.view, finding.assembly.problem.virtual_joints
     unit, factor = ("mrad", 1e3) if rotates(finding, names[law.joint]) else ("µm", 1e6)
-    moment = "N·m" if rotates(finding, names[law.driver]) else "N"
+    moment, moved = "N·m" if rotates(finding, names[law.driver]) else "N", shift(finding, names[law.joint])
     at = view.joints[law.driver]
     j = law.angle or (at.body if at.kind == "joint" else min(max(at.body, 1), view.robot.dof))
     turns = not view.robot.joint[j - 1].prismatic
@@ -212,7 +213,7 @@ def _draw(finding: Finding, law: _Law, points: _Points, name: str, ratio: bool =
         heavy = np.abs(points.tau) > 0.1 * np.abs(points.tau).max()
         t = points.tau[heavy]
         y, deviation, line = (1e3 * d[heavy] / x for d, x in zip(delta, (t, np.abs(t), t), strict=True))
-        label = f"Δθ/τ [{'µrad' if unit == 'mrad' else 'nm'}/({moment})]"
+        label = f"{moved}/τ [{'µrad' if unit == 'mrad' else 'nm'}/({moment})]"
         panels.append(_Panel(scale * angle[heavy], q_label, y, deviation, line, per_load, label))
     if points.time is not None:
         long = np.ptp(points.time) > 2 * 3600 if len(points.time) else False
@@ -220,7 +221,7 @@ def _draw(finding: Finding, law: _Law, points: _Points, name: str, ratio: bool =
     with drawing(name, 9.0, 3.0 if len(panels) < 4 else 2.6) as (figure, out):
         grid = figure.subplots(1, len(panels), squeeze=False)[0]
         for k, (axes, panel) in enumerate(zip(grid, panels, strict=True)):
-            _paint(axes, panel, panel.y_label or ("" if k else f"Δθ of {names[law.joint]} [{unit}]"))
+            _paint(axes, panel, panel.y_label or ("" if k else f"{moved} of {names[law.joint]} [{unit}]"))
         grid[0].legend(fontsize=8)
     return out[0]
 

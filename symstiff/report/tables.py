@@ -63,6 +63,12 @@ def rotates(finding: Finding, virtual_joint: str) -> bool:
     return joint.rotational or (joint.kind == "joint" and not view.robot.joint[joint.body - 1].prismatic)
 
 
+def shift(finding: Finding, virtual_joint: str) -> str:
+    """A law's left side: the way of a joint that slides; of other virtual joints Δθ, as in the model's equations."""
+    slides = virtual_joint.startswith("joint") and not rotates(finding, virtual_joint)
+    return "Δq" if slides else "Δθ"
+
+
 def weights(finding: Finding) -> Array:
     """(M,) standard deviations of the problem's rows, by axis."""
     noise = finding.last.noise

@@ -15,10 +15,13 @@ from symstiff.discrepancy.speech import named, place, spoken
 from symstiff.discrepancy.verdict import AS_WELL, INSUFFICIENT, NOT_ALONE, REFUTED
 from symstiff.discrepancy.workflow import Finding, Found, unconfirmed
 from symstiff.effects.base import EffectInstance
-from symstiff.report.tables import rotates
+from symstiff.report.deciding import deciding
+from symstiff.report.tables import rotates, shift
 
 LOUDER = 1.08
 """Least residual over the stated sigma that is spoken of where nothing is missing."""
+_LITTLE = 0.1
+"""Share of what is left below which a law's size in standard deviations is told."""
 
 _SHOWN = {"m": ("mm", 1e3), "rad": ("mrad", 1e3), "1": ("", 1.0)}
 _SUPER = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
@@ -167,17 +170,18 @@ def _ranges(numbers: list[int]) -> str:
     )
 
 
-def sentence(finding: Finding) -> str:
-    """The verdict in a sentence, with units and confidence."""
+def sentence(finding: Finding, decide: Mapping[str, Any] | None = None) -> str:
+    """The verdict in a sentence, with units and confidence; ``decide`` is the record of the poses that decide."""
     if not finding.testable:
         return f"Nothing can be tested with these data: {finding.reason}."
-    return {
+    text = {
         "named": _named,
         "nothing_missing": _nothing,
         "ambiguous": _ambiguous,
         "named_insufficient": _insufficient,
         "unexplained": _unexplained,
     }[finding.verdict](finding)
+    return text if decide is None else f"{text} {deciding(decide)}"
 
 
 def main_parameter(effect: Found) -> str:
@@ -295,10 +299,8 @@ def _ambiguous(finding: Finding) -> str:
         for members in own
     ]
     beside = f"Beside {'; '.join(_told(common))}, " if common else ""
-    return (
-        f"{beside}{len(own)} explanations account for the data: {', or '.join(texts)}; with the first, {gap(finding)}. "
-        "decide.csv holds the poses and loads that tell them apart best."
-    )
+    told = ", or ".join(texts)
+    return f"{beside}{len(own)} explanations account for the data: {told}; with the first, {gap(finding)}."
 
 
 def _insufficient(finding: Finding) -> str:
@@ -329,13 +331,21 @@ def _unexplained(finding: Finding) -> str:
             else f", without a smooth law there; at {law.virtual_joint}"
         )
         text += (
-            f"{where} the smooth law Δθ = {law_text(finding, law)} explains "
-            f"{100 * law.explained:.0f} % of what the model leaves"
+            f"{where} the smooth law {shift(finding, law.virtual_joint)} = {law_text(finding, law)} explains "
+            + explained(law)
         )
     return (
         f"{text} (residual {size(finding.rms.before, finding)} rms per coordinate, "
         f"noise {size(finding.rms.noise, finding)})."
     )
+
+
+def explained(law: FittedLaw) -> str:
+    """How much a law explains; where that is little, as among much noise, its own size too."""
+    text = f"{100 * law.explained:.0f} % of what the model leaves"
+    if law.explained >= _LITTLE or not law.deviations:
+        return text
+    return f"{text}: a size of {law.deviations:.2g} standard deviations"
 
 
 _MANY, _CLEAR = 6, 2.0

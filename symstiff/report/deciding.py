@@ -1,0 +1,41 @@
+"""What the poses of decide.csv reach, in words: one saying for the console, verdict.json and the report."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+DECIDES = 9.0
+"""Separation from which explanations are told apart: three standard deviations."""
+
+
+def separation_text(separation: float) -> str:
+    """A separation as one writes it: three digits, whole numbers from a thousand on."""
+    return f"{separation:.3g}" if separation < 1000 else f"{separation:.0f}"
+
+
+def reach(separation: float) -> str:
+    """How far some poses tell explanations apart, and whether that will do."""
+    verdict = " (20 is ample)" if separation >= DECIDES else ", which will not decide"
+    return f"a separation of {separation_text(separation)}{verdict}"
+
+
+def reached(decide: Mapping[str, Any]) -> str:
+    """The same of all poses of decide.csv; empty where there are none."""
+    poses = decide["poses"]
+    return reach(poses[-1]["separation"]) if poses else ""
+
+
+def deciding(decide: Mapping[str, Any]) -> str:
+    """What decide.csv holds, in a sentence."""
+    told = reached(decide)
+    if not told:
+        return "No pose tells them apart under the loads of the data: other loads have to."
+    rest = "" if decides(decide) else ": other loads have to"
+    return f"decide.csv holds the poses and loads that tell them apart best; they reach {told}{rest}."
+
+
+def decides(decide: Mapping[str, Any]) -> bool:
+    """Whether the poses of decide.csv tell the explanations apart."""
+    poses = decide["poses"]
+    return bool(poses) and poses[-1]["separation"] >= DECIDES

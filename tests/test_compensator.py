@@ -1,0 +1,81 @@
+"""A gravity compensator whose anchors the robot file tells: its direction is kept unless the data speak against it."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from symstiff.calibration.simulation import Effect, Truth, nominal_truth
+from symstiff.discrepancy.workflow import Finding, Task, run
+from symstiff.effects.base import EffectInstance, Scales, find
+from symstiff.report.words import shape_text
+from symstiff.robot import load
+from symstiff.symbolic.terms import q
+from tests.test_assemble import design, readings
+
+ROBOT = "kuka_kr270"
+FILE = math.atan2(0.1233, 0.68593)
+
+
+def diagnosed(zero: float, noise: float, seed: int) -> Finding:
+    """Diagnosis of data with a spring whose zero is not that of the file's q, by ``zero`` [rad]."""
+    table = design(ROBOT, "deflection", poses=24)
+    table = replace(table, w=4.0 * table.w)
+    spring = Effect("gravity_compensator", {"joint": 2}, "spring", {"rate": 4.5e6, "zero": zero})
+    values = readings(Truth(load(ROBOT), nominal_truth(load(ROBOT)), (spring,)), table)
+    values[:, :3] += np.random.default_rng(seed).normal(size=(len(table), 3)) * noise
+    values[:, 3:] = np.nan
+    return run(Task(load(ROBOT), replace(table, values=values)))
+
+
+def _compensator(found: Finding) -> EffectInstance:
+    (only,) = (e.instance for e in found.effects if e.effect == "gravity_compensator")
+    return only
+
+
+def test_the_files_anchor_is_found_and_nothing_is_said_of_a_turn() -> None:
+    found = diagnosed(0.0, 2e-5, 0)
+    assert found.verdict == "named"
+    assert "turned" not in _compensator(found).shape
+    assert _compensator(found).shape["alpha"] == pytest.approx(FILE, abs=1e-8)
+    assert not any("turned" in remark for remark in found.remarks)
+
+
+def test_a_spring_whose_zero_is_elsewhere_is_named_and_said_to_be_turned() -> None:
+    found = diagnosed(2.0, 1e-5, 0)
+    assert found.verdict == "named"
+    assert _compensator(found).shape["turned"] == pytest.approx(-2.0, abs=math.radians(20))
+    (remark,) = (r for r in found.remarks if "anchor were turned by" in r)
+    assert remark.startswith("gravity compensator at joint 2: ")
+    effect = next(e for e in found.effects if e.effect == "gravity_compensator")
+    assert "anchor at 0.1779 rad, turned by -2.094 rad from there" in shape_text(found, effect)
+
+
+def test_shapes_keep_what_the_file_tells_and_doubt_other_directions() -> None:
+    """All directions but the file's share one part in four, the table of angles has what it has without a file."""
+    robot, effect = load(ROBOT), find("gravity_compensator")
+    shapes = effect.shapes(robot, {"joint": 2}, Scales(angles=((), (-1.0, 0.0))))
+    springs = [s for s in shapes if "alpha" in s]
+    (known,) = {(s["a"], s["L"], s["s0"], s["alpha"]) for s in springs}
+    assert known == pytest.approx((math.hypot(0.68593, 0.1233), 0.18472, 0.458, FILE), abs=1e-8)
+    assert all(abs(s.get("turned", 0.0)) <= math.pi for s in springs)
+    told, turned = ([effect.odds(robot, s) for s in springs if ("turned" in s) == t] for t in (False, True))
+    assert sum(told) / (sum(told) + sum(turned)) == pytest.approx(0.75)
+    assert effect.odds(robot, shapes[-1]) / sum(told + turned) == pytest.approx(1 / len(springs))
+    assert all(
+        effect.odds(load("ur10"), s) == 1.0 for s in effect.shapes(load("ur10"), {"joint": 2}, Scales())
+    )
+
+
+def test_a_turned_anchor_is_one_at_the_sum_of_the_angles() -> None:
+    robot, at = load(ROBOT), {"joint": 2}
+    turned = EffectInstance("gravity_compensator", at, {"alpha": 0.4, "turned": 0.3})
+    summed = EffectInstance("gravity_compensator", at, {"alpha": 0.7})
+    (a,), (b,) = turned.realise(robot).terms, summed.realise(robot).terms
+    assert float((a.factor - b.factor).subs(q(2), 0.37).subs("tau_joint2", 1.0)) == pytest.approx(
+        0.0, abs=1e-12
+    )
+    assert turned.unread(robot) == ()

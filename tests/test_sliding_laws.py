@@ -1,0 +1,127 @@
+"""Laws without a name by a sliding joint's variable are polynomials in metres, those by an angle are waves."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from symstiff.calibration.measurements import Measurements
+from symstiff.discrepancy.laws import Law, _laws_of_angle, largest_load
+from symstiff.discrepancy.problem import Array, Problem
+from symstiff.discrepancy.workflow import Finding, Task, run
+from symstiff.effects.base import EffectInstance
+from symstiff.report.code import formulas
+from symstiff.report.html import render
+from symstiff.report.words import law_text, sentence
+from symstiff.robot import load
+from tests.test_assemble import design, readings, truth_of
+from tests.test_discrepancy_engine import arm
+
+CODE = {"folder": True, "compiled": True, "text": "compiled", "error": 1e-15}
+
+
+def _values(problem: Problem, v: int, text: str) -> Array:
+    """A law's text, evaluated."""
+    assert problem.q is not None
+    assert problem.tau is not None
+    names = {f"q{j + 1}": x for j, x in enumerate(problem.q.T)}
+    load_share = problem.tau[:, v] / largest_load(problem, v)
+    functions = {"sin": np.sin, "cos": np.cos, "exp": np.exp}
+    return np.asarray(eval(text.replace("^", "**"), functions, {"tau": load_share, **names}))
+
+
+@pytest.mark.parametrize(("slides", "shift"), [((), 0.0), ((1,), 0.0), ((0, 2), 0.7), ((1,), -3.0)])
+def test_the_text_of_a_law_is_what_its_values_are(slides: tuple[int, ...], shift: float) -> None:
+    a = arm(8).problem
+    assert a.q is not None
+    problem = replace(a, slides=slides, q=a.q + shift)
+    for v in range(3):
+        for law in _laws_of_angle(problem, v):
+            for text, values in zip(law.text, law.values.T, strict=True):
+                exact = "exp" not in text  # a soft spot's place and width are written with three digits
+                assert _values(problem, v, text) == pytest.approx(values, abs=1e-12 if exact else 2e-2)
+
+
+def _waves(a: Problem, v: int, j: int) -> list[Law]:
+    """What laws by an angle have always been."""
+    assert a.q is not None
+    assert a.tau is not None
+    t, out = a.tau[:, v] / largest_load(a, v), []
+    for n in (1, 2, 3, 5) if j == v else (1, 2):
+        wave = np.column_stack([np.sin(n * a.q[:, j]), np.cos(n * a.q[:, j])])
+        name = f"{n}*q{j + 1}" if n > 1 else f"q{j + 1}"
+        out.append(Law((f"tau*sin({name})", f"tau*cos({name})"), t[:, None] * wave, j == v))
+        if n <= 2:
+            out.append(Law((f"sin({name})", f"cos({name})"), wave, j == v))
+    return out
+
+
+def _of(laws: list[Law], joint: int) -> list[Law]:
+    return [law for law in laws if f"q{joint}" in law.text[0] and "exp" not in law.text[0]]
+
+
+def _same(found: list[Law], expected: list[Law]) -> bool:
+    return all(
+        a.text == b.text and a.own == b.own and np.array_equal(a.values, b.values)
+        for a, b in zip(found, expected, strict=True)
+    )
+
+
+def test_laws_by_a_revolute_joint_are_waves_beside_a_slide_too() -> None:
+    problem = arm(8).problem
+    for slides in ((), (1,)):
+        for v in range(3):
+            laws = _laws_of_angle(replace(problem, slides=slides), v)
+            for j in {0, 1, 2} - set(slides):
+                assert _same(_of(laws, j + 1), _waves(problem, v, j))
+
+
+def test_laws_by_a_slide_are_powers_over_its_range() -> None:
+    a = arm(8).problem
+    assert a.q is not None
+    way = np.linspace(0.1, 0.9, a.rows)
+    problem = replace(a, slides=(1,), q=np.column_stack([a.q[:, 0], way, a.q[:, 2]]))
+    other, own = _of(_laws_of_angle(problem, 0), 2), _of(_laws_of_angle(problem, 1), 2)
+    x = "(q2 - 0.5)/0.4"
+    assert [law.text for law in other] == [
+        (f"tau*{x}", f"tau*({x})^2"), (x, f"({x})^2"), (f"tau*({x})^3", f"tau*({x})^4"), (f"({x})^3", f"({x})^4"),
+    ]  # fmt: skip
+    assert [law.text[0] for law in own][-1] == f"tau*({x})^5"
+    assert len(own) == 5
+    assert np.abs(other[1].values).max() == pytest.approx(1.0)
+    assert not _of(_laws_of_angle(replace(problem, q=np.ones_like(problem.q)), 0), 2)
+
+
+@pytest.fixture(scope="module")
+def found() -> Finding:
+    """A slide, a SCARA's quill, that gives way more at both of its ends."""
+    table: Measurements = design("scara", "deflection", poses=30)
+    x = table.q[:, 2]
+    x = (x - x.mean()) / np.ptp(x) * 2
+    values = readings(truth_of("scara"), table)
+    values[:, 2] += 3e-6 * table.w[:, 2] * (x**2 - 0.3 * x)
+    values[:, :3] += np.random.default_rng(0).normal(size=(len(table), 3)) * 1e-5
+    values[:, 3:] = np.nan
+    return run(Task(load("scara"), replace(table, values=values)))
+
+
+def test_the_way_of_a_slide_is_no_angle(found: Finding) -> None:
+    law = found.last.law
+    assert found.verdict == "unexplained"
+    assert law is not None
+    assert law.virtual_joint == "joint 3"
+    text = law_text(found, law)
+    assert "t·((q3 − " in text
+    assert f"the smooth law Δq = {text} explains" in sentence(found)
+    page = render(found, {"code": CODE, "decide": None}, [])
+    assert f'<p class="formula">Δq = {text}</p>' in page
+    assert "Δθ" not in page[page.index('id="unnamed"') : page.index('id="candidates"')]
+
+
+def test_the_formula_of_a_slides_law_has_its_way_on_the_left() -> None:
+    (slide,) = formulas(load("scara"), EffectInstance("backlash", {"joint": 3}, {"weights": 0.0}))
+    (turn,) = formulas(load("scara"), EffectInstance("backlash", {"joint": 2}, {"weights": 0.0}))
+    assert "<mi>q</mi>" in slide.mathml.partition("<mo>=</mo>")[0]
+    assert "&#952;" in turn.mathml.partition("<mo>=</mo>")[0]
