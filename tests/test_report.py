@@ -23,8 +23,10 @@ from symstiff.report.deciding import separation_text
 from symstiff.report.folder import write_deciding_poses
 from symstiff.report.html import render
 from symstiff.report.law_plots import left_with
+from symstiff.report.numbers import number, p_equals, quantity
+from symstiff.report.unnamed import law_text
 from symstiff.report.verdict import verdict_table
-from symstiff.report.words import law_text, number, p_equals, places, quantity, sentence
+from symstiff.report.words import places, sentence
 from symstiff.robot import load
 from symstiff.symbolic.terms import actuated_joint, tau
 from tests.diagnosis_data import HARDENING, ROBOT, measured

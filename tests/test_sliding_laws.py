@@ -14,7 +14,8 @@ from symstiff.discrepancy.workflow import Finding, Task, run
 from symstiff.effects.base import EffectInstance
 from symstiff.report.code import formulas
 from symstiff.report.html import render
-from symstiff.report.words import law_text, sentence
+from symstiff.report.unnamed import law_text
+from symstiff.report.words import sentence
 from symstiff.robot import load
 from tests.test_assemble import design, readings, truth_of
 from tests.test_discrepancy_engine import arm

@@ -27,7 +27,7 @@ from symstiff.effects.base import EffectInstance
 from symstiff.errors import UserError
 from symstiff.model import StiffnessModel
 from symstiff.reduction.reduce import reduce
-from symstiff.report import words
+from symstiff.report import numbers, words
 from symstiff.report.tables import moved
 from symstiff.robot import from_table, load
 from symstiff.robot.table import to_table
@@ -186,8 +186,8 @@ def test_shapes_are_told_with_units() -> None:
     text = words.shape_text(found, found.named[0])
     assert "load over" in text
     assert "N·m" in text
-    assert words.percent(1.0) == "100 %"
-    assert words.percent(0.034) == "3.4 %"
+    assert numbers.percent(1.0) == "100 %"
+    assert numbers.percent(0.034) == "3.4 %"
 
 
 def test_deflections_of_the_wrong_sign_are_a_matter_of_the_table() -> None:

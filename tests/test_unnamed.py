@@ -18,7 +18,7 @@ from symstiff.discrepancy.problem import Problem
 from symstiff.discrepancy.proof import HeldOut
 from symstiff.discrepancy.result import Rms
 from symstiff.discrepancy.workflow import Finding, Task, run, unconfirmed
-from symstiff.report import words
+from symstiff.report import unnamed, words
 from symstiff.robot import load
 from symstiff.robot.schema import Marker
 from tests.diagnosis_data import HARDENING, ROBOT, design, measured
@@ -47,7 +47,7 @@ def test_a_marker_that_gives_way_is_accused_with_its_size() -> None:
     assert law.place == "marker p2"
     assert [value for _, value, _, _ in law.terms] == pytest.approx([1e-4, -0.5e-4, 0.2e-4], abs=1.5e-5)
     assert "marker p2" in words.sentence(found)
-    assert "mm)" in words.device_text(law)
+    assert "mm)" in unnamed.device_text(law)
 
 
 def test_a_force_sensor_that_reads_too_little_at_large_loads_is_accused() -> None:
@@ -150,7 +150,7 @@ def test_a_load_that_is_followed_late_rises_as_an_exponential() -> None:
 
 def test_small_coefficients_are_not_rounded_away() -> None:
     law = FittedLaw("joint 1", "+2.25e-05*sin(q2) -7e-06*tau*cos(q2)", 10.0, 0.5, 0.4, np.zeros(1))
-    text = words.law_text(_diagnosed(measured()), law)
+    text = unnamed.law_text(_diagnosed(measured()), law)
     assert "0.0225·sin(q2)" in text
     assert "0.007·t·cos(q2)" in text
 
@@ -158,7 +158,9 @@ def test_small_coefficients_are_not_rounded_away() -> None:
 def test_a_law_of_another_joints_load_tells_by_what_that_is_divided() -> None:
     scales = {"tau1": 37.5}
     law = FittedLaw("joint 2", "+2.25e-05*tau*|tau1|", 10.0, 0.5, 0.4, np.zeros(1), scales)
-    assert words.law_text(_diagnosed(measured()), law).endswith("with t = τ/(10 N·m) and t1 = τ1/(37.5 N·m)")
+    assert unnamed.law_text(_diagnosed(measured()), law).endswith(
+        "with t = τ/(10 N·m) and t1 = τ1/(37.5 N·m)"
+    )
     problem = _diagnosed(measured()).assembly.problem
     first = problem.virtual_joints.index("joint 1")
     found = _scales(problem, problem.virtual_joints.index("joint 2"), "+1*tau*|tau1| -2*tau1 +3*tau")
@@ -264,8 +266,8 @@ def test_a_marker_whose_bracket_bends_across_the_force_is_accused(of_tool: bool)
     force = np.abs(table.w[:, :3]).max()
     assert sizes["x by fy"] == pytest.approx(1.5e-6 * force, rel=0.25)
     assert sizes["z by fx"] == pytest.approx(1e-6 * force, rel=0.25)
-    assert "x by fy" in words.device_text(law)
-    assert "y by fz" not in words.device_text(law)
+    assert "x by fy" in unnamed.device_text(law)
+    assert "y by fz" not in unnamed.device_text(law)
 
 
 def test_a_rig_that_rubs_is_accused_with_its_friction() -> None:

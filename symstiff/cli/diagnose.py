@@ -76,8 +76,9 @@ def _more(verdict: dict[str, Any]) -> str:
 def _print(out: Console, finding: Finding, sentence: str) -> None:
     from rich.table import Table
 
+    from symstiff.report.numbers import p_text
     from symstiff.report.tables import step_rows
-    from symstiff.report.words import headline, p_text
+    from symstiff.report.words import headline
 
     out.print(headline(finding), style="bold")
     out.print(sentence)

@@ -12,7 +12,7 @@ from symstiff.discrepancy.problem import Array, Problem
 from symstiff.discrepancy.sharing import (
     AXES,
     EACH,
-    NEAR,
+    JOINTS,
     PRICE,
     Roots,
     Sharing,
@@ -38,6 +38,8 @@ A sigma that is a fifth too small and that of one reading, where a deflection is
 """
 REPEATABILITY = 5.0
 """The same where every axis is read once in a pose: how a robot misses its poses is in the residual then."""
+_KNOWN = 1.3
+"""Factor to which the variance that a pose's rows share is known, about."""
 
 
 @dataclass(frozen=True)
@@ -246,10 +248,10 @@ def _off(interval: tuple[float, float]) -> bool:
 def _off_by_half(interval: tuple[float, float], noise: Noise, sharing: Sharing) -> bool:
     """Whether a ratio below one is that of one of two readings: the stated sigma counts the one without load as well.
 
-    This is what a pose's rows share, no larger than the noise of their own, and known to a step of the grid.
+    This is what a pose's rows share, no larger than the noise of their own.
     """
-    shared = float(np.mean(_diagonal(noise, sharing)))
-    least, most = (np.sqrt(1.0 + min(shared * step, 1.0)) for step in (NEAR[0], NEAR[-1]))
+    shared = float(np.mean(_diagonal(noise, sharing))) if sharing.way != JOINTS else 0.0
+    least, most = (np.sqrt(1.0 + min(shared * known, 1.0)) for known in (1.0 / _KNOWN, _KNOWN))
     return shared > 0 and not _off((interval[0] * least, interval[1] * most))
 
 

@@ -16,7 +16,7 @@ from symstiff.discrepancy.speech import named, spoken
 from symstiff.discrepancy.verdict import INSUFFICIENT
 from symstiff.discrepancy.workflow import Finding, Found
 from symstiff.effects.base import catalogue
-from symstiff.report import law_plots, plots, words
+from symstiff.report import law_plots, numbers, plots, unnamed, words
 from symstiff.report.code import Line, formulas
 from symstiff.report.deciding import decides, reached, separation_text
 from symstiff.report.tables import moved, rotates, shift, step_rows
@@ -137,8 +137,8 @@ def _card(finding: Finding, group: list[Found]) -> dict[str, Any]:
         "wide": len(group) > 1,
         "description": entry.description if entry else "",
         "separated_by": entry.separated_by if entry else "",
-        "parameters": [(n, words.quantity(v)) for g in group for n, v in g.parameters.items()],
-        "p": words.p_equals(max(g.p_value for g in group)),
+        "parameters": [(n, numbers.quantity(v)) for g in group for n, v in g.parameters.items()],
+        "p": numbers.p_equals(max(g.p_value for g in group)),
         "confidence": words.confidence(group, finding.verdict == INSUFFICIENT),
         "confounded": _few(list(confounded), 6),
         "shape": words.shape_text(finding, e),
@@ -172,7 +172,7 @@ def _decide(record: dict[str, Any] | None) -> dict[str, Any] | None:
 
 def _header(column: str) -> str:
     """A column of a table with its unit as one writes it: ``q2 [°]``."""
-    return words.unit_text(column.replace("[deg]", "[°]").replace("[", " ["))
+    return numbers.unit_text(column.replace("[deg]", "[°]").replace("[", " ["))
 
 
 def _steps(finding: Finding) -> dict[str, Any]:
@@ -186,7 +186,7 @@ def _steps(finding: Finding) -> dict[str, Any]:
                 "parameters": r.parameters,
                 "cells": [f"{x:.3f}" for a in axes for x in r.sizes.get(a, (math.nan, math.nan))],
                 "share": "" if r.share is None else f"{100 * r.share:.1f} %",
-                "p": "" if r.p_left is None else words.p_text(r.p_left),
+                "p": "" if r.p_left is None else numbers.p_text(r.p_left),
             }
             for r in rows
         ],
@@ -204,7 +204,7 @@ def _strata(finding: Finding) -> list[tuple[str, str, str, str]]:
 
 
 def _stratum(s: Any) -> str:
-    p = "reference" if s.p_value is None else words.p_equals(s.p_value)
+    p = "reference" if s.p_value is None else numbers.p_equals(s.p_value)
     return f"{s.ratio:.3g} ({p})"
 
 
@@ -251,17 +251,17 @@ def _unnamed(finding: Finding) -> dict[str, Any] | None:
     return {
         "accused": where.accused if where else "",
         "picture": _marked(law_plots.draw_unnamed(finding)),
-        "device": device and words.device_text(device),
+        "device": device and unnamed.device_text(device),
         "law": None
         if law is None
         else {
             "joint": law.virtual_joint,
-            "text": words.law_text(finding, law),
+            "text": unnamed.law_text(finding, law),
             "expression": law.expression,
             "symbol": shift(finding, law.virtual_joint),
             "unit": "rad" if rotates(finding, law.virtual_joint) else "m",
             "scales": {"tau": f"{law.tau_scale:.4g}", **{n: f"{x:.4g}" for n, x in law.other_scales.items()}},
-            "explained": words.explained(law),
+            "explained": unnamed.explained(law),
             "validated": f"{100 * law.cross_validated:.0f} %",
         },
         "top": top,
@@ -274,7 +274,7 @@ def _best(c: CandidateResult) -> str:
         return "not determined one by one" if c.parameters else "–"
     name = max(known, key=lambda n: abs(known[n].value) / known[n].std)
     short = name if len(c.parameters) > 1 else ""
-    return f"{short} {words.quantity(known[name])}".strip()
+    return f"{short} {numbers.quantity(known[name])}".strip()
 
 
 def _smallest(c: CandidateResult) -> str:
@@ -282,7 +282,7 @@ def _smallest(c: CandidateResult) -> str:
     if not finite:
         return "–"
     name = next(iter(finite))
-    return words.size_text(finite[name]) + (f" ({name})" if len(c.smallest_detectable) > 1 else "")
+    return numbers.size_text(finite[name]) + (f" ({name})" if len(c.smallest_detectable) > 1 else "")
 
 
 def _candidates(finding: Finding) -> list[dict[str, str]]:
@@ -291,10 +291,10 @@ def _candidates(finding: Finding) -> list[dict[str, str]]:
         {
             "name": named(c.effect, c.where),
             "size": _best(c),
-            "p": words.p_text(c.p_value),
+            "p": numbers.p_text(c.p_value),
             "sufficient": answer[c.sufficient],
             "plausible": answer[c.plausible],
-            "testable": f"yes, {words.percent(c.share_left)} left",
+            "testable": f"yes, {numbers.percent(c.share_left)} left",
             "confused": _few(
                 [words.name_text(n) for n in c.confused_with if n != Name(c.effect, c.where)], 3
             ),
@@ -351,7 +351,7 @@ def _moved(finding: Finding) -> list[dict[str, str]]:
         out.append(
             {
                 "name": m.name,
-                "unit": words.unit_text(m.unit),
+                "unit": numbers.unit_text(m.unit),
                 "before": _value(m.before, m.before_std),
                 "after": _value(m.after, m.after_std),
                 "sigmas": "" if sigmas is None else f"{sigmas:.1f}",
@@ -364,7 +364,7 @@ def _moved(finding: Finding) -> list[dict[str, str]]:
 def _value(value: float | None, std: float | None) -> str:
     if value is None or std is None:
         return "–"
-    return words.quantity(Estimate(value, std, "plain")).removesuffix(" plain")
+    return numbers.quantity(Estimate(value, std, "plain")).removesuffix(" plain")
 
 
 def _noise(finding: Finding) -> list[str]:

@@ -16,7 +16,7 @@ from symstiff.discrepancy.speech import named
 from symstiff.discrepancy.workflow import Finding, Found
 from symstiff.report.plots import AFTER, COMPONENTS, LAW, Picture, drawing
 from symstiff.report.tables import rotates, shift, weights
-from symstiff.report.words import law_text
+from symstiff.report.unnamed import law_text
 from symstiff.symbolic.algebras import NumpyAlgebra
 from symstiff.symbolic.program import walk
 from symstiff.symbolic.terms import q, tau

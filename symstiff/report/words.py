@@ -3,80 +3,22 @@
 from __future__ import annotations
 
 import math
-import re
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-from symstiff.discrepancy.laws import READING
-from symstiff.discrepancy.localise import FittedDevice, FittedLaw
 from symstiff.discrepancy.remarks import FEW
-from symstiff.discrepancy.result import Estimate, Name
+from symstiff.discrepancy.result import Name
 from symstiff.discrepancy.speech import named, place, spoken
 from symstiff.discrepancy.verdict import AS_WELL, INSUFFICIENT, NOT_ALONE, REFUTED
 from symstiff.discrepancy.workflow import Finding, Found, unconfirmed
 from symstiff.effects.base import EffectInstance
 from symstiff.report.deciding import deciding
-from symstiff.report.tables import rotates, shift
+from symstiff.report.numbers import p_equals, quantity
+from symstiff.report.tables import shift
+from symstiff.report.unnamed import device_text, explained, law_text
 
 LOUDER = 1.08
 """Least residual over the stated sigma that is spoken of where nothing is missing."""
-_LITTLE = 0.1
-"""Share of what is left below which a law's size in standard deviations is told."""
-
-_SHOWN = {"m": ("mm", 1e3), "rad": ("mrad", 1e3), "1": ("", 1.0)}
-_SUPER = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
-_GREEK_UNITS = {"*": "·", "^2": "²", "^3": "³"}
-
-
-def unit_text(unit: str) -> str:
-    """A unit as one writes it: ``rad/(N·m)``."""
-    for plain, written in _GREEK_UNITS.items():
-        unit = unit.replace(plain, written)
-    return unit
-
-
-def number(value: float, digits: int = 3) -> str:
-    """A number with powers of ten as superscripts: ``1.44·10⁻⁷``."""
-    if not math.isfinite(value):
-        return "∞"
-    if value == 0 or 1e-2 <= abs(value) < 1e5:
-        return f"{value:.{digits}g}"
-    mantissa, exponent = f"{value:.{digits - 1}e}".split("e")
-    return f"{mantissa}·10{str(int(exponent)).translate(_SUPER)}"
-
-
-def quantity(estimate: Estimate) -> str:
-    """A value with its standard deviation and unit: ``(1.44 ± 0.10)·10⁻⁷ rad/(N·m)``."""
-    unit, factor = _SHOWN.get(estimate.unit, (unit_text(estimate.unit), 1.0))
-    value, std = factor * estimate.value, factor * estimate.std
-    if not math.isfinite(std):
-        return f"{number(value)} {unit}".strip() + " (not determined apart from others)"
-    if std == 0 or not math.isfinite(value):
-        return f"{number(value)} {unit}".strip()
-    largest = max(abs(value), std)
-    exponent = 0 if 1e-2 <= largest < 1e4 else math.floor(math.log10(largest))
-    decimals = max(0, min(6, 1 - math.floor(math.log10(std / 10**exponent))))
-    text = f"{value / 10**exponent:.{decimals}f} ± {std / 10**exponent:.{decimals}f}".replace("-", "−")
-    if exponent:
-        return f"({text})·10{str(exponent).translate(_SUPER)} {unit}".strip()
-    return f"{text} {unit}".strip()
-
-
-def size_text(estimate: Estimate) -> str:
-    """A smallest detectable size."""
-    unit, factor = _SHOWN.get(estimate.unit, (unit_text(estimate.unit), 1.0))
-    return f"{number(factor * estimate.value)} {unit}".strip() if math.isfinite(estimate.value) else "never"
-
-
-def p_text(p: float) -> str:
-    """A p-value; no tail is known beyond sixteen digits."""
-    return f"{p:.2g}" if p >= 1e-4 else f"< 10{str(math.ceil(math.log10(max(p, 1e-16)))).translate(_SUPER)}"
-
-
-def p_equals(p: float) -> str:
-    """The same with its sign: ``p = 0.02``, ``p < 10⁻⁸``."""
-    text = p_text(p)
-    return f"p {text}" if text.startswith("<") else f"p = {text}"
 
 
 def name_text(name: Name) -> str:
@@ -93,11 +35,6 @@ def _nothing_missing(finding: Finding) -> str:
     if noise.degrees_of_freedom < FEW:
         return "Nothing found missing, in few data"
     return "Nothing is missing"
-
-
-def percent(share: float) -> str:
-    """A share as a percentage: two digits below ten."""
-    return f"{100 * share:.0f} %" if share >= 0.0995 else f"{100 * share:.2g} %"
 
 
 def size(value: float | None, finding: Finding) -> str:
@@ -338,68 +275,3 @@ def _unexplained(finding: Finding) -> str:
         f"{text} (residual {size(finding.rms.before, finding)} rms per coordinate, "
         f"noise {size(finding.rms.noise, finding)})."
     )
-
-
-def explained(law: FittedLaw) -> str:
-    """How much a law explains; where that is little, as among much noise, its own size too."""
-    text = f"{100 * law.explained:.0f} % of what the model leaves"
-    if law.explained >= _LITTLE or not law.deviations:
-        return text
-    return f"{text}: a size of {law.deviations:.2g} standard deviations"
-
-
-_MANY, _CLEAR = 6, 2.0
-"""Sizes of a device's law of which only those beyond so many standard deviations are told."""
-
-
-def device_text(law: FittedDevice) -> str:
-    """What a sensor, the device or a marker adds, with sizes; of many those that are clearly not zero."""
-    parts: dict[str, list[str]] = {}
-    clear = [term for term in law.terms if abs(term[1]) > _CLEAR * term[2]]
-    for text, value, deviation, unit in clear if clear and len(law.terms) > _MANY else law.terms:
-        name, _, part = text.partition(": ")
-        parts.setdefault(name, []).append(f"{part} {quantity(Estimate(value, deviation, unit))}".strip())
-    own = law.place.startswith(READING)
-    told = ", ".join(
-        f"{f'a term in {name}' if own else _device(name)} ({', '.join(sizes)})"
-        for name, sizes in parts.items()
-    )
-    return f"{told} explains {100 * law.explained:.0f} % of what the model leaves"
-
-
-_DEVICE = {
-    "gain": "a gain error",
-    "gain*load": "a gain error that grows with the load",
-    "gain*branch": "a load that is another one rising than falling, as friction in the rig makes it",
-    "crosstalk": "crosstalk",
-    "late": "a reading that still holds a share of the load before",
-}
-
-
-def _device(name: str) -> str:
-    """A law of a device in words; ``^1`` is left unsaid."""
-    article = "an" if name[0] in "aeo" else "a"
-    return _DEVICE.get(name, f"{article} {name.removesuffix('^1')}")
-
-
-def law_text(finding: Finding, law: FittedLaw) -> str:
-    """A fitted law as one reads it, with t for the load in units of the largest."""
-    text = re.sub(r"[-+]?\d[\d.]*e[-+]\d+", lambda m: f"{float(m.group()):+.9f}", law.expression)
-    factor, unit, load = (1e3, "mrad", "N·m") if rotates(finding, law.virtual_joint) else (1e3, "mm", "N")
-    text = re.sub(r"(?<![\w.(*^])[-+]?\d[\d.]*(?=\*)", lambda m: f"{factor * float(m.group()):+.3g}", text)
-    for plain, written in (("tau", "t"), ("*", "·"), (" ", ""), ("+", " + "), ("-", " − ")):
-        text = text.replace(plain, written)
-    text = text.strip().removeprefix("+").strip()
-    text = re.sub(r"^− ", "−", text)
-    joints = finding.task.robot.joint
-    others = ""
-    for name, largest in law.other_scales.items():
-        own = name.removeprefix("tau")
-        slides = own == "x" or joints[int(own) - 1].prismatic
-        what = "the load along the link" if own == "x" else f"τ{own}"
-        others += f" and t{own} = {what}/({number(largest, 4)} {'N' if slides else 'N·m'})"
-    if "beyond(" in text:
-        others += " and beyond(t, s) the part of t above s"
-    if "late(" in text:
-        others += " and late(t, s) following t with the time constant s of the session"
-    return f"({text}) {unit} with t = τ/({number(law.tau_scale, 4)} {load}){others}"

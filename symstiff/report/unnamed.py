@@ -1,0 +1,78 @@
+"""Laws without a name in words: what a virtual joint, a sensor, the device or a marker does."""
+
+from __future__ import annotations
+
+import re
+
+from symstiff.discrepancy.laws import READING
+from symstiff.discrepancy.localise import FittedDevice, FittedLaw
+from symstiff.discrepancy.result import Estimate
+from symstiff.discrepancy.workflow import Finding
+from symstiff.report.numbers import number, quantity
+from symstiff.report.tables import rotates
+
+_LITTLE = 0.1
+"""Share of what is left below which a law's size in standard deviations is told."""
+_MANY, _CLEAR = 6, 2.0
+"""Sizes of a device's law of which only those beyond so many standard deviations are told."""
+
+
+def explained(law: FittedLaw) -> str:
+    """How much a law explains; where that is little, as among much noise, its own size too."""
+    text = f"{100 * law.explained:.0f} % of what the model leaves"
+    if law.explained >= _LITTLE or not law.deviations:
+        return text
+    return f"{text}: a size of {law.deviations:.2g} standard deviations"
+
+
+def device_text(law: FittedDevice) -> str:
+    """What a sensor, the device or a marker adds, with sizes; of many those that are clearly not zero."""
+    parts: dict[str, list[str]] = {}
+    clear = [term for term in law.terms if abs(term[1]) > _CLEAR * term[2]]
+    for text, value, deviation, unit in clear if clear and len(law.terms) > _MANY else law.terms:
+        name, _, part = text.partition(": ")
+        parts.setdefault(name, []).append(f"{part} {quantity(Estimate(value, deviation, unit))}".strip())
+    own = law.place.startswith(READING)
+    told = ", ".join(
+        f"{f'a term in {name}' if own else _device(name)} ({', '.join(sizes)})"
+        for name, sizes in parts.items()
+    )
+    return f"{told} explains {100 * law.explained:.0f} % of what the model leaves"
+
+
+_DEVICE = {
+    "gain": "a gain error",
+    "gain*load": "a gain error that grows with the load",
+    "gain*branch": "a load that is another one rising than falling, as friction in the rig makes it",
+    "crosstalk": "crosstalk",
+    "late": "a reading that still holds a share of the load before",
+}
+
+
+def _device(name: str) -> str:
+    """A law of a device in words; ``^1`` is left unsaid."""
+    article = "an" if name[0] in "aeo" else "a"
+    return _DEVICE.get(name, f"{article} {name.removesuffix('^1')}")
+
+
+def law_text(finding: Finding, law: FittedLaw) -> str:
+    """A fitted law as one reads it, with t for the load in units of the largest."""
+    text = re.sub(r"[-+]?\d[\d.]*e[-+]\d+", lambda m: f"{float(m.group()):+.9f}", law.expression)
+    factor, unit, load = (1e3, "mrad", "N·m") if rotates(finding, law.virtual_joint) else (1e3, "mm", "N")
+    text = re.sub(r"(?<![\w.(*^])[-+]?\d[\d.]*(?=\*)", lambda m: f"{factor * float(m.group()):+.3g}", text)
+    for plain, written in (("tau", "t"), ("*", "·"), (" ", ""), ("+", " + "), ("-", " − ")):
+        text = text.replace(plain, written)
+    text = text.strip().removeprefix("+").strip()
+    text = re.sub(r"^− ", "−", text)
+    joints = finding.task.robot.joint
+    others = ""
+    for name, largest in law.other_scales.items():
+        own = name.removeprefix("tau")
+        slides = own == "x" or joints[int(own) - 1].prismatic
+        what = "the load along the link" if own == "x" else f"τ{own}"
+        others += f" and t{own} = {what}/({number(largest, 4)} {'N' if slides else 'N·m'})"
+    if "beyond(" in text:
+        others += " and beyond(t, s) the part of t above s"
+    if "late(" in text:
+        others += " and late(t, s) following t with the time constant s of the session"
+    return f"({text}) {unit} with t = τ/({number(law.tau_scale, 4)} {load}){others}"
