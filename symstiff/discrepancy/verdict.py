@@ -28,6 +28,9 @@ REFUTED = "without some of the poses another effect is in front, and it does not
 CALIBRATION = (0.0, 0.7, 4.5)
 """Offset, slope and limit of the confidence's logit, fitted on simulated benchmarks."""
 
+LEADING = 6
+"""Sets of a size whose sizes are looked at; those behind them are never judged."""
+
 CLOSE = 3.0
 """Log evidence by which a set that is refused may lead one that is not, for that one still to be spoken of."""
 
@@ -140,7 +143,7 @@ def _in_range(proposal: Proposal, beyond: Beyond) -> Proposal | None:
 def _ranked(
     shop: Workshop, bases: list[Proposal], beyond: Beyond, but: frozenset[int] | None = None
 ) -> list[Proposal]:
-    """Proposals best first, without those that hold all of ``but``; the leading ones polished and in range."""
+    """Proposals without those that hold all of ``but``: first those that lead, polished and in range, best first."""
     known, out = shop.start.bank.twin, list[Proposal]()
     for proposal in proposals(shop, bases):
         if len(out) >= 24:
@@ -148,10 +151,10 @@ def _ranked(
         if but and but <= _set(proposal, known):
             continue
         done = polish(shop, proposal) if len(out) < 4 else proposal
-        kept = _in_range(done, beyond) if len(out) < 6 else done
+        kept = _in_range(done, beyond) if len(out) < LEADING else done
         if kept is not None:
             out.append(kept)
-    return sorted(out, key=lambda p: -p.score)
+    return [*sorted(out[:LEADING], key=lambda p: -p.score), *out[LEADING:]]
 
 
 def _others(shop: Workshop, leader: Judged, bases: list[Proposal], beyond: Beyond) -> list[Judged]:
