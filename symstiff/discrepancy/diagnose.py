@@ -15,7 +15,7 @@ from symstiff.discrepancy.localise import FittedLaw, Localisation, best_law, dev
 from symstiff.discrepancy.noise import CONTRADICTED, REPEATABILITY, NoiseReport
 from symstiff.discrepancy.prepare import Prepared, prepare
 from symstiff.discrepancy.problem import Array, Candidate, Options, Problem
-from symstiff.discrepancy.proof import held_out
+from symstiff.discrepancy.proof import HeldOut, held_out
 from symstiff.discrepancy.result import Diagnosis, Name, Rms
 from symstiff.discrepancy.scan import Scan, coefficients, column_space, one_sharing
 from symstiff.discrepancy.search import Proposal
@@ -33,6 +33,7 @@ from symstiff.discrepancy.testability import testable
 from symstiff.discrepancy.threads import one_thread
 from symstiff.discrepancy.verdict import (
     AMBIGUOUS,
+    BY_A_LITTLE,
     INSUFFICIENT,
     NAMED,
     NOTHING,
@@ -77,10 +78,13 @@ def diagnose(
         ready.scan, allowed, options, lambda p: beyond(problem, ready, p), parts, tell,
         numbers(ready.bank, given), lambda scan: strata(problem, scan),
     )  # fmt: skip
+    proof = _proof(problem, ready, allowed, outcome, options, tell)
+    outcome = held_to(outcome, proof, parts, options)
+    proof = proof.of_nothing() if proof is not None and not outcome.admissible else proof
     outcome = against_sigma(outcome, ready.report)
     tell("place")
     place = localise(problem, ready.scan, outcome.found, ready.residual)
-    return _written(problem, candidates, ready, parts, allowed, outcome, place, options, tell)
+    return _written(problem, candidates, ready, parts, allowed, outcome, place, proof, options, tell)
 
 
 def numbers(bank: Bank, names: Sequence[Name]) -> list[int]:
@@ -130,21 +134,12 @@ def against_sigma(outcome: Outcome, report: NoiseReport) -> Outcome:
 
 def _written(
     problem: Problem, candidates: Sequence[Candidate], ready: Prepared, parts: tuple[Stratum, ...],
-    allowed: Array, outcome: Outcome, place: Localisation, options: Options, tell: Callable[[str], None],
+    allowed: Array, outcome: Outcome, place: Localisation, proof: HeldOut | None, options: Options,
+    tell: Callable[[str], None],
 ) -> Diagnosis:  # fmt: skip
     scan: Scan = ready.scan
-    named = outcome.admissible[0] if outcome.admissible else None
-    entries = named.entries if named is not None else ()
     tell("growth")
-    growth = steps(problem, ready, named, outcome)
-    floor = noise_floor(ready)
-    proof = None
-    if options.held_out and not _of_single_poses(problem, ready.bank, entries):
-        tell("proof")
-        noise = one_sharing(named.scan if named is not None else scan)
-        sets = [judged.entries for judged in outcome.admissible]
-        proof = held_out(problem, ready.bank, noise, floor, sets, allowed, options)
-        outcome = refuted(outcome) if proof is not None and proof.refutes else outcome
+    growth = steps(problem, ready, outcome.admissible[0] if outcome.admissible else None, outcome)
     open_end = outcome.verdict == UNEXPLAINED
     law = _law(problem, scan, place) if open_end else None
     device = device_law(problem, scan, outcome.found, place.accused) if open_end else None
@@ -153,18 +148,44 @@ def _written(
         outcome.verdict, outcome.reason, named_effects(problem, ready, outcome),
         candidate_table(problem, candidates, ready, allowed, outcome, options),
         outcome.p_named, outcome.p_unnamed, ready.report, parts, place, law, device, growth,
-        Rms(growth[0].rms, growth[-1].rms, proof.before if proof else None, proof.after if proof else None, floor),
+        Rms(growth[0].rms, growth[-1].rms, proof.before if proof else None, proof.after if proof else None,
+            noise_floor(ready)),
         proof, None, D, names, leading(problem, ready, outcome),
     )  # fmt: skip
 
 
-def refuted(outcome: Outcome) -> Outcome:
-    """The verdict where the poses that were left out speak against the name: it says no more than who leads."""
-    if outcome.verdict not in (NAMED, AMBIGUOUS):
+def _proof(
+    problem: Problem, ready: Prepared, allowed: Array, outcome: Outcome, options: Options,
+    tell: Callable[[str], None],
+) -> HeldOut | None:  # fmt: skip
+    """How the poses that are left out are predicted; None where no other pose can tell."""
+    sets = [judged.entries for judged in outcome.admissible]
+    if not options.held_out or _of_single_poses(problem, ready.bank, sets[0] if sets else ()):
+        return None
+    tell("proof")
+    noise = one_sharing(outcome.admissible[0].scan if sets else ready.scan)
+    return held_out(problem, ready.bank, noise, noise_floor(ready), sets, allowed, options)
+
+
+def held_to(
+    outcome: Outcome, proof: HeldOut | None, parts: Sequence[Stratum], options: Options
+) -> Outcome:  # fmt: skip
+    """The verdict in the light of the poses that were left out.
+
+    What is seen by a little is nothing unless they confirm it; where they speak against a name it is the leader's.
+    """
+    other = min([outcome.p_unnamed, *(s.p_value for s in parts if s.p_value is not None)])
+    little = outcome.p_named >= options.alpha and other >= options.alpha_strata
+    if outcome.verdict != NOTHING and little and (proof is None or proof.after >= proof.before):
+        return replace(
+            outcome, verdict=NOTHING, reason=BY_A_LITTLE, chosen=None, admissible=(), confidence=()
+        )
+    if outcome.verdict not in (NAMED, AMBIGUOUS) or proof is None or not proof.refutes:
         return outcome
-    leader = outcome.admissible[0]
     half = tuple(min(c, 0.5) for c in outcome.confidence)
-    return replace(outcome, verdict=INSUFFICIENT, reason=REFUTED, admissible=(leader,), confidence=half)
+    return replace(
+        outcome, verdict=INSUFFICIENT, reason=REFUTED, admissible=outcome.admissible[:1], confidence=half
+    )
 
 
 def _of_single_poses(problem: Problem, bank: Bank, entries: Sequence[int]) -> bool:
