@@ -14,7 +14,7 @@ from symstiff.discrepancy import diagnose as engine
 from symstiff.discrepancy.assemble import assemble
 from symstiff.discrepancy.laws import _lagging
 from symstiff.discrepancy.localise import FittedLaw, _scales
-from symstiff.discrepancy.problem import Options, Problem
+from symstiff.discrepancy.problem import Problem
 from symstiff.discrepancy.proof import HeldOut
 from symstiff.discrepancy.result import Rms
 from symstiff.discrepancy.workflow import Finding, Task, run, unconfirmed
@@ -310,37 +310,3 @@ def test_the_folds_that_select_what_all_data_do_are_counted() -> None:
     agree = [fold == ("nonlinear_stiffness@joint=2",) for fold in found.selected]
     assert found.again == np.mean(agree) > 0.8
     assert not found.refutes
-
-
-@pytest.mark.parametrize(
-    ("p", "after", "verdict"),
-    [
-        (0.03, 2.2e-5, "nothing_missing"),
-        (0.03, 2e-5, "named"),
-        (0.02, 2.2e-5, "named"),
-        (0.03, None, "nothing_missing"),
-    ],
-)
-def test_what_is_seen_by_a_little_has_to_be_confirmed(
-    p: float, after: float | None, verdict: str, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    """Above a p-value of 0.025 by the poses that were left out, up to one of 0.04."""
-    proof = None if after is None else HeldOut(2.1e-5, after, 2e-5, 2e-5, (), 1.0)
-    whole = engine.decide
-    monkeypatch.setattr(engine, "held_out", lambda *_: proof)
-    monkeypatch.setattr(
-        engine, "decide", lambda *given: replace(whole(*given), p_named=p, p_unnamed=0.5)
-    )  # fmt: skip
-    monkeypatch.setattr(engine, "strata", lambda *_: ())
-    found = _diagnosed(measured(HARDENING, poses=16))
-    assert found.verdict == verdict
-    assert len(found.named) == (verdict == "named")
-    doubt = "not confirmed by the poses that were left out: more poses would tell" in words.sentence(found)
-    assert doubt == (words.headline(found) == "Nothing found missing that other poses confirm")
-    assert doubt == (verdict == "nothing_missing")
-    assert after is None or verdict == "named" or found.rms.held_out_after == found.rms.held_out_before
-
-
-def test_the_levels_leave_a_table_without_an_effect_one_chance_in_twenty() -> None:
-    levels = Options()
-    assert levels.alpha < levels.alpha_confirmed <= 0.05 - 2 * levels.alpha_strata

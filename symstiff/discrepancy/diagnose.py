@@ -33,7 +33,6 @@ from symstiff.discrepancy.testability import testable
 from symstiff.discrepancy.threads import one_thread
 from symstiff.discrepancy.verdict import (
     AMBIGUOUS,
-    BY_A_LITTLE,
     INSUFFICIENT,
     NAMED,
     NOTHING,
@@ -79,9 +78,9 @@ def diagnose(
         numbers(ready.bank, given), lambda scan: strata(problem, scan),
     )  # fmt: skip
     proof = _proof(problem, ready, allowed, outcome, options, tell)
-    outcome = held_to(outcome, proof, parts, options)
-    proof = proof.of_nothing() if proof is not None and not outcome.admissible else proof
-    outcome = against_sigma(outcome, ready.report)
+    outcome = against_sigma(
+        refuted(outcome) if proof is not None and proof.refutes else outcome, ready.report
+    )
     tell("place")
     place = localise(problem, ready.scan, outcome.found, ready.residual)
     return _written(problem, candidates, ready, parts, allowed, outcome, place, proof, options, tell)
@@ -167,20 +166,9 @@ def _proof(
     return held_out(problem, ready.bank, noise, noise_floor(ready), sets, allowed, options)
 
 
-def held_to(
-    outcome: Outcome, proof: HeldOut | None, parts: Sequence[Stratum], options: Options
-) -> Outcome:  # fmt: skip
-    """The verdict in the light of the poses that were left out.
-
-    What is seen by a little is nothing unless they confirm it; where they speak against a name it is the leader's.
-    """
-    other = min([outcome.p_unnamed, *(s.p_value for s in parts if s.p_value is not None)])
-    little = outcome.p_named >= options.alpha and other >= options.alpha_strata
-    if outcome.verdict != NOTHING and little and (proof is None or proof.after >= proof.before):
-        return replace(
-            outcome, verdict=NOTHING, reason=BY_A_LITTLE, chosen=None, admissible=(), confidence=()
-        )
-    if outcome.verdict not in (NAMED, AMBIGUOUS) or proof is None or not proof.refutes:
+def refuted(outcome: Outcome) -> Outcome:
+    """The verdict where the poses that were left out speak against the name: it says no more than who leads."""
+    if outcome.verdict not in (NAMED, AMBIGUOUS):
         return outcome
     half = tuple(min(c, 0.5) for c in outcome.confidence)
     return replace(

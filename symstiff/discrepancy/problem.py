@@ -167,8 +167,6 @@ class Options:
 
     alpha: float = 0.025
     """Family-wise level of the candidate tests."""
-    alpha_confirmed: float = 0.04
-    """The same where poses that were left out confirm what was found."""
     alpha_strata: float = 0.004
     """Level of the tests that name nothing (strata, smooth laws outside the catalogue)."""
     alpha_sufficient: float = 0.0015

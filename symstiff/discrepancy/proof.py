@@ -34,10 +34,6 @@ class HeldOut:
     again: float
     """Share of the folds that select one of the sets that all data admit."""
 
-    def of_nothing(self) -> HeldOut:
-        """The same where nothing is named."""
-        return replace(self, after=self.before, fixed=self.before, again=1.0)
-
     @property
     def refutes(self) -> bool:
         """Whether most folds select something else, and that predicts the poses left out worse than nothing does."""

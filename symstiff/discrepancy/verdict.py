@@ -25,9 +25,6 @@ AS_WELL = "it accounts for the data, and what has no name does so as well"
 REFUTED = "without some of the poses another effect is in front, and it does not predict them"
 """Reason for a verdict that names the leader as insufficient although it accounts for the data."""
 
-BY_A_LITTLE = "what a test sees by a little is not confirmed by the poses that were left out"
-"""Reason for a verdict that nothing is missing although something was found."""
-
 CALIBRATION = (0.0, 0.7, 4.5)
 """Offset, slope and limit of the confidence's logit, fitted on simulated benchmarks."""
 
@@ -83,7 +80,7 @@ def decide(
     p_unnamed = distribution.p_generic(float(np.max(shop.score((), (), True), initial=-np.inf)))
     tests = (distribution, found, p_named, p_unnamed)
     strata_p = min((s.p_value for s in parts if s.p_value is not None), default=1.0)
-    seen = p_named < options.alpha_confirmed
+    seen = p_named < options.alpha
     if not seen and min(p_unnamed, strata_p) >= options.alpha_strata:
         return Outcome(NOTHING, "no test rejects", *tests, None, (), (), ())
     tried: list[Judged] = []
@@ -128,9 +125,7 @@ def _without_idle(shop: Workshop, judged: Judged, tried: Sequence[Judged], beyon
     """The set without the members that it does not need, the others at shapes chosen anew; None if that is none, or
     not a new one.
     """
-    needed = [
-        m for m, p in zip(judged.members, judged.p_members, strict=True) if p < shop.options.alpha_confirmed
-    ]
+    needed = [m for m, p in zip(judged.members, judged.p_members, strict=True) if p < shop.options.alpha]
     if not needed or len(needed) == len(judged.members):
         return None
     less = _in_range(polish(shop, _together(shop, needed)), beyond)
@@ -176,7 +171,7 @@ def _others(shop: Workshop, leader: Judged, bases: list[Proposal], beyond: Beyon
 def _admissible(judged: Judged, options: Options, clearly: bool = True) -> bool:
     """Whether a set suffices, needs all of its members, and is ahead of the unnamed laws."""
     ahead = (judged.contest if clearly else judged.rival) < 0
-    return judged.sufficient and max(judged.p_members) < options.alpha_confirmed and ahead
+    return judged.sufficient and max(judged.p_members) < options.alpha and ahead
 
 
 def _conclude(
@@ -196,7 +191,7 @@ def _conclude(
         reason = AS_WELL
         half = tuple(0.5 for _ in leader.members)
         return Outcome(INSUFFICIENT, reason, *tests, leader, (leader,), half, tuple(tried))
-    needed = [j for j in tried if max(j.p_members) < options.alpha_confirmed]
+    needed = [j for j in tried if max(j.p_members) < options.alpha]
     enough = max((j for j in needed if j.sufficient), key=lambda j: j.score, default=None)
     best = max(needed, key=lambda j: j.score, default=None)
     if best is not None and best.rival < -3.0 and best.missed_share < 0.3:

@@ -9,7 +9,7 @@ from typing import Any
 from symstiff.discrepancy.remarks import FEW
 from symstiff.discrepancy.result import Name
 from symstiff.discrepancy.speech import named, place, spoken
-from symstiff.discrepancy.verdict import AS_WELL, BY_A_LITTLE, INSUFFICIENT, NOT_ALONE, REFUTED
+from symstiff.discrepancy.verdict import AS_WELL, INSUFFICIENT, NOT_ALONE, REFUTED
 from symstiff.discrepancy.workflow import Finding, Found, unconfirmed
 from symstiff.effects.base import EffectInstance
 from symstiff.report.deciding import deciding
@@ -34,8 +34,6 @@ def _nothing_missing(finding: Finding) -> str:
         return "Nothing found missing; what a pose's rows share is more than noise"
     if noise.degrees_of_freedom < FEW:
         return "Nothing found missing, in few data"
-    if finding.reason == BY_A_LITTLE:
-        return "Nothing found missing that other poses confirm"
     return "Nothing is missing"
 
 
@@ -215,7 +213,6 @@ def _nothing(finding: Finding) -> str:
         f"The model accounts for the data: {size(r.before, finding)} rms per coordinate is left, the noise is "
         f"{size(r.noise, finding)} ({p_equals(finding.first.p_missing)} that anything of the catalogue is missing; "
         f"{tested} of {len(finding.candidates)} effects at their places could be tested)."
-        + (f" But {BY_A_LITTLE}: more poses would tell." if finding.reason == BY_A_LITTLE else "")
     )
 
 
