@@ -15,6 +15,7 @@ import sympy as sp
 
 from symstiff.calibration.table import read_poses
 from symstiff.cli.diagnose import _more
+from symstiff.discrepancy.numbers import number, p_equals, quantity
 from symstiff.discrepancy.result import Estimate
 from symstiff.discrepancy.workflow import Finding, Found, Task, run
 from symstiff.effects import EffectInstance
@@ -23,7 +24,6 @@ from symstiff.report.deciding import separation_text
 from symstiff.report.folder import write_deciding_poses
 from symstiff.report.html import render
 from symstiff.report.law_plots import left_with
-from symstiff.report.numbers import number, p_equals, quantity
 from symstiff.report.unnamed import law_text
 from symstiff.report.verdict import verdict_table
 from symstiff.report.words import places, sentence

@@ -76,7 +76,7 @@ def _more(verdict: dict[str, Any]) -> str:
 def _print(out: Console, finding: Finding, sentence: str) -> None:
     from rich.table import Table
 
-    from symstiff.report.numbers import p_text
+    from symstiff.discrepancy.numbers import p_text
     from symstiff.report.tables import step_rows
     from symstiff.report.words import headline
 

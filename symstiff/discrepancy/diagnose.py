@@ -110,9 +110,8 @@ def untestable(problem: Problem) -> str:
 def beyond(problem: Problem, ready: Prepared, proposal: Proposal) -> float:
     """Log likelihood that a set loses where the coefficient that is furthest out of its physical range moves there."""
     estimate, deviation, _ = coefficients(ready.scan, problem.A, problem.y, proposal.entries)
-    sizes = [
-        p for e in proposal.entries for p in ready.bank.parameters(e)[: int(ready.bank.width[e])]
-    ]  # fmt: skip
+    bank = ready.bank
+    sizes = [p for e in proposal.entries for p in bank.parameters(e)[: int(bank.width[e])]]
     value, margin = estimate[problem.A.shape[1] :], deviation[problem.A.shape[1] :]
     low, high = np.array([(p.low, p.high) for p in sizes]).T
     outside = np.maximum(np.maximum(low - value, value - high), 0.0)

@@ -10,7 +10,8 @@ import numpy as np
 from symstiff.calibration.experiment.situation import View
 from symstiff.calibration.measurements import Measurements
 from symstiff.discrepancy.noise import CONTRADICTED, NoiseReport
-from symstiff.discrepancy.result import Diagnosis
+from symstiff.discrepancy.numbers import quantity
+from symstiff.discrepancy.result import Diagnosis, Estimate
 from symstiff.discrepancy.sharing import JOINTS
 from symstiff.discrepancy.speech import named as named_at
 from symstiff.discrepancy.verdict import INSUFFICIENT, NAMED, NOTHING, UNEXPLAINED
@@ -164,14 +165,13 @@ def out_of_range(effects: Sequence[Found], robot: Robot) -> list[str]:
             found = effect.parameters.get(parameter.name)
             if found is None or not np.isfinite(found.std) or parameter.low <= found.value <= parameter.high:
                 continue
-            limit = (
-                f"at most {parameter.high:.4g}"
-                if found.value > parameter.high
-                else f"at least {parameter.low:.4g}"
+            side, limit = (
+                ("at most", parameter.high) if found.value > parameter.high else ("at least", parameter.low)
             )
+            bound = quantity(Estimate(limit, 0.0, parameter.unit))
             out.append(
-                f"{named_at(effect.effect, effect.where)}: {parameter.name} is {found.value:.4g} +- {found.std:.3g} "
-                f"{parameter.unit}, where {limit} is physical: what these data do not tell from it may be in it, so do "
-                "not rely on its size before more poses were measured"
+                f"{named_at(effect.effect, effect.where)}: {parameter.name} is {quantity(found)}, where {side} "
+                f"{bound} is physical: what these data do not tell from it may be in it, so do not rely on its size "
+                "before more poses were measured"
             )
     return out

@@ -9,6 +9,7 @@ from typing import Any
 from markupsafe import Markup
 
 from symstiff import __version__
+from symstiff.discrepancy import numbers
 from symstiff.discrepancy.proof import NO_GAP
 from symstiff.discrepancy.result import CandidateResult, Estimate, Name
 from symstiff.discrepancy.sharing import JOINTS
@@ -16,7 +17,7 @@ from symstiff.discrepancy.speech import named, spoken
 from symstiff.discrepancy.verdict import INSUFFICIENT
 from symstiff.discrepancy.workflow import Finding, Found
 from symstiff.effects.base import catalogue
-from symstiff.report import law_plots, numbers, plots, unnamed, words
+from symstiff.report import law_plots, plots, unnamed, words
 from symstiff.report.code import Line, formulas
 from symstiff.report.deciding import decides, reached, separation_text
 from symstiff.report.tables import moved, rotates, shift, step_rows

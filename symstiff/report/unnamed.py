@@ -6,9 +6,9 @@ import re
 
 from symstiff.discrepancy.laws import READING
 from symstiff.discrepancy.localise import FittedDevice, FittedLaw
+from symstiff.discrepancy.numbers import number, quantity
 from symstiff.discrepancy.result import Estimate
 from symstiff.discrepancy.workflow import Finding
-from symstiff.report.numbers import number, quantity
 from symstiff.report.tables import rotates
 
 _LITTLE = 0.1
@@ -17,10 +17,10 @@ _MANY, _CLEAR = 6, 2.0
 """Sizes of a device's law of which only those beyond so many standard deviations are told."""
 
 
-def explained(law: FittedLaw) -> str:
+def explained(law: FittedLaw | FittedDevice) -> str:
     """How much a law explains; where that is little, as among much noise, its own size too."""
     text = f"{100 * law.explained:.0f} % of what the model leaves"
-    if law.explained >= _LITTLE or not law.deviations:
+    if law.explained >= _LITTLE or isinstance(law, FittedDevice) or not law.deviations:
         return text
     return f"{text}: a size of {law.deviations:.2g} standard deviations"
 
@@ -37,7 +37,7 @@ def device_text(law: FittedDevice) -> str:
         f"{f'a term in {name}' if own else _device(name)} ({', '.join(sizes)})"
         for name, sizes in parts.items()
     )
-    return f"{told} explains {100 * law.explained:.0f} % of what the model leaves"
+    return f"{told} explains {explained(law)}"
 
 
 _DEVICE = {

@@ -6,6 +6,7 @@ import math
 from collections.abc import Mapping, Sequence
 from typing import Any
 
+from symstiff.discrepancy.numbers import p_equals, quantity
 from symstiff.discrepancy.remarks import FEW
 from symstiff.discrepancy.result import Name
 from symstiff.discrepancy.speech import named, place, spoken
@@ -13,7 +14,6 @@ from symstiff.discrepancy.verdict import AS_WELL, INSUFFICIENT, NOT_ALONE, REFUT
 from symstiff.discrepancy.workflow import Finding, Found, unconfirmed
 from symstiff.effects.base import EffectInstance
 from symstiff.report.deciding import deciding
-from symstiff.report.numbers import p_equals, quantity
 from symstiff.report.tables import shift
 from symstiff.report.unnamed import device_text, explained, law_text
 
