@@ -28,7 +28,7 @@ from symstiff.effects.base import EffectInstance
 from symstiff.errors import UserError
 from symstiff.model import StiffnessModel
 from symstiff.reduction.reduce import reduce
-from symstiff.report import words
+from symstiff.report import html, words
 from symstiff.report.tables import moved
 from symstiff.robot import from_table, load
 from symstiff.robot.table import to_table
@@ -121,6 +121,8 @@ def test_a_sigma_that_counts_the_reading_without_load_is_right(stated: float, wr
     assert found.verdict == "nothing_missing"
     assert found.last.noise.misstated == wrong
     assert any("times the stated sigma" in r for r in found.remarks) == wrong
+    told = " ".join(html._noise(found))
+    assert ("if the stated one counts the reading without load" in told) == (stated == 2.83e-5)
 
 
 def test_lateness_is_not_looked_for_where_it_is_a_constant() -> None:

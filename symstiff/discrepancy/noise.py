@@ -227,7 +227,7 @@ def report(
         low = np.sqrt(freedom / stats.chi2.ppf(0.98, freedom))
         high = np.sqrt(freedom / stats.chi2.ppf(0.02, freedom))
         interval = (float(relative * low), float(relative * high))
-        misstated = _off(interval) and not (problem.differences and _off_by_half(interval, noise, sharing))
+        misstated = off(interval) and not (problem.differences and _off_by_half(interval, noise, sharing))
     by_axis = {
         int(a): float(np.sqrt(np.mean(residual[problem.axis == a] ** 2))) for a in np.unique(problem.axis)
     }
@@ -240,7 +240,7 @@ def report(
     )  # fmt: skip
 
 
-def _off(interval: tuple[float, float]) -> bool:
+def off(interval: tuple[float, float]) -> bool:
     """Whether a ratio to the stated sigma says that this is wrong."""
     return interval[0] > 1.0 + NEGLIGIBLE or interval[1] < 1.0 - NEGLIGIBLE
 
@@ -252,7 +252,7 @@ def _off_by_half(interval: tuple[float, float], noise: Noise, sharing: Sharing) 
     """
     shared = float(np.mean(_diagonal(noise, sharing))) if sharing.way != JOINTS else 0.0
     least, most = (np.sqrt(1.0 + min(shared * known, 1.0)) for known in (1.0 / _KNOWN, _KNOWN))
-    return shared > 0 and not _off((interval[0] * least, interval[1] * most))
+    return shared > 0 and not off((interval[0] * least, interval[1] * most))
 
 
 def _diagonal(noise: Noise, sharing: Sharing) -> Array:

@@ -10,6 +10,7 @@ from markupsafe import Markup
 
 from symstiff import __version__
 from symstiff.discrepancy import numbers
+from symstiff.discrepancy.noise import off
 from symstiff.discrepancy.proof import NO_GAP
 from symstiff.discrepancy.result import CandidateResult, Estimate, Name
 from symstiff.discrepancy.sharing import JOINTS
@@ -377,7 +378,11 @@ def _noise(finding: Finding) -> list[str]:
     ]
     if n.stated is not None and n.ratio is not None:
         text = f"stated {words.size(n.stated, finding)}: found/stated = {n.ratio:.2f}"
-        lines.append(text + (", which contradicts the stated one" if n.misstated else ", which agree"))
+        counts = n.ratio_interval is not None and off(n.ratio_interval)
+        agrees = (
+            ", which agree if the stated one counts the reading without load" if counts else ", which agree"
+        )
+        lines.append(text + (", which contradicts the stated one" if n.misstated else agrees))
     if n.approach_p < _SEEN:
         how = ", as of joints that stand elsewhere" if n.shared == JOINTS else ""
         lines.append(f"load cases of a pose share an error of {words.size(n.approach, finding)}{how}")
