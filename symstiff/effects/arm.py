@@ -2,13 +2,15 @@
 
 A gear sees the sum of all loads. Deflections show what the experiment's load adds to the weight's, so a law that is
 not linear needs the weight. Where the file tells no masses, a few are tried, each spread along the arm, evenly or
-thinning out towards the tool.
+thinning out towards the tool. Such an arm hardly loads the joints of a wrist, whose axes it follows: there bodies are
+tried too that hang beside the axis, in a few directions.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from functools import lru_cache
+from math import cos, pi, sin
 
 import numpy as np
 import sympy as sp
@@ -25,11 +27,28 @@ MOMENTS = (0.3, 0.9, 2.7)
 """Largest moment of an arm whose masses are not known, over that of the loads: smooth laws are alike within a step."""
 NEARER = (0.3, 0.52, 0.9, 1.56, 2.7, 4.7)
 """The same for laws that jump."""
+BESIDE = (0.15, 0.4, 1.0)
+"""Largest moment of a body beside a joint's axis, over that of the loads."""
+BESIDE_NEARER = (0.1, 0.2, 0.4, 0.7, 1.2)
+"""The same for laws that jump."""
+DIRECTIONS = 8
+"""Directions in which it is taken to hang."""
+ALONG = 0.05
+"""Lever of an arm's weight about an axis, over the reach, below which the arm follows the axis."""
+FARTHEST = 0.02
+"""What hangs beside an axis is no more than the heaviest body so far from it, over the reach."""
 DENSEST = 50.0
 """No body of a robot is heavier than this [kg/m³] times the cube of its reach: a UR10 has 8 in all, a KR 270 35."""
 TAPERS = {"mass": 0.0, "tapered_mass": 1.0}
 """What a shape's arm of so many kilograms loses of its mass per length from frame 0 to the tool."""
-TOLD = {"mass": "under an arm of {} kg", "tapered_mass": "under a tapering arm of {} kg"}
+BESIDE_AXIS, TOWARDS = "beside_axis", "towards"
+"""Mass times distance [kg·m] of a body beside a joint's axis, and where it hangs from the x axis of the joint's link."""
+TOLD = {
+    "mass": "under an arm of {} kg",
+    "tapered_mass": "under a tapering arm of {} kg",
+    BESIDE_AXIS: "under {} kg·m beside the joint's axis",
+    TOWARDS: "{} rad from the x axis of its link",
+}
 _ASSUMED = (
     "the robot file tells no masses, so the law was taken under an arm of {{}} kg, {}; masses in the file would tell "
     "what the joint carries"
@@ -37,6 +56,8 @@ _ASSUMED = (
 ASSUMED = {
     "mass": _ASSUMED.format("spread evenly along it"),
     "tapered_mass": _ASSUMED.format("which thins out evenly from the base to the tool"),
+    BESIDE_AXIS: "the robot file tells no masses, so the law was taken under a body that hangs beside the joint's "
+    "axis, its mass times its distance {} kg·m; masses in the file would tell what the joint carries",
 }
 """What these mean, and take for granted."""
 _SHORTEST = 1e-6
@@ -55,8 +76,13 @@ def of_total_load(law: Callable[[sp.Expr], sp.Expr], robot: Robot, joint: int, s
 def own_load(robot: Robot, joint: int, shape: Shape) -> sp.Expr:
     """Load of the arm's weight on a joint, as a shape takes it [N or N·m].
 
-    Of the file's masses; none with ``weights = 0``; with one of ``TAPERS`` that of an arm of so many kilograms.
+    Of the file's masses; none with ``weights = 0``; with one of ``TAPERS`` that of an arm of so many kilograms, with
+    ``beside_axis`` that of a body beside the axis.
     """
+    if BESIDE_AXIS in shape:
+        along, across = hung_load(robot, joint)
+        angle = shape[TOWARDS]
+        return exact(shape[BESIDE_AXIS]) * (_short(cos(angle)) * along + _short(sin(angle)) * across)
     for name, taper in TAPERS.items():
         if name in shape:
             return exact(shape[name]) * arm_load(robot, joint, taper)
@@ -69,26 +95,48 @@ def weighed(kind: str) -> dict[str, float]:
 
 
 def assumed_arms(
-    robot: Robot, joint: int, scales: Scales, moments: tuple[float, ...] = MOMENTS
+    robot: Robot, joint: int, scales: Scales, sharp: bool = False
 ) -> tuple[tuple[Shape, float], ...]:
-    """Arms to be tried where the file tells no mass, as parts of a shape, and the largest load on the joint under each.
+    """Weights to be tried where the file tells no mass, as parts of a shape, and the largest load on the joint under each.
 
-    None where they do not load the joint; the heaviest that a robot can be in place of those that are heavier.
+    None where they do not load the joint; the heaviest that a robot can be in place of those that are heavier. More of
+    them for ``sharp`` laws, which jump.
     """
     if scales.kind == "absolute" or not untold_weight(robot, joint):
         return ()
-    top, limit = scales.of(actuated_joint(joint)), heaviest(robot)
-    return tuple(
+    top = scales.of(actuated_joint(joint))
+    along = tuple(
         ({name: mass}, top + mass * most)
         for name, taper in TAPERS.items()
         if (most := _most_arm_load(robot, joint, taper))
-        for mass in _masses(top / most, limit, moments)
+        for mass in _masses(top / most, heaviest(robot), NEARER if sharp else MOMENTS)
     )
+    if not (hung := _most_hung_load(robot, joint)) or not _follows(robot, joint):
+        return along
+    moments = _masses(
+        top / hung, FARTHEST * robot.reach * heaviest(robot), BESIDE_NEARER if sharp else BESIDE
+    )
+    angles = [float(f"{2.0 * pi * k / DIRECTIONS:.4g}") for k in range(DIRECTIONS)]
+    return along + tuple(
+        ({BESIDE_AXIS: moment, TOWARDS: angle}, top + moment * hung) for moment in moments for angle in angles
+    )
+
+
+def odds(robot: Robot, shape: Shape) -> float:
+    """Prior weight of a shape: directions are ways to be one thing."""
+    return 1.0 / DIRECTIONS if TOWARDS in shape else 1.0
 
 
 def untold_weight(robot: Robot, joint: int) -> bool:
     """Whether the arm's weight may load a joint and the robot file does not tell by how much."""
-    return not any(link.mass for link in robot.links) and _most_arm_load(robot, joint, 0.0) > 0
+    if any(link.mass for link in robot.links):
+        return False
+    return _most_arm_load(robot, joint, 0.0) > 0 or _most_hung_load(robot, joint) > 0
+
+
+def _follows(robot: Robot, joint: int) -> bool:
+    """Whether the arm follows a joint's axis, so that what hangs beside it decides its load."""
+    return _most_arm_load(robot, joint, 0.0) < ALONG * robot.reach * float(GRAVITY)
 
 
 def _masses(unit: float, limit: float, moments: tuple[float, ...]) -> tuple[float, ...]:
@@ -151,14 +199,46 @@ def _hung(stretches: Sequence[float], strokes: Sequence[float], taper: float) ->
 
 
 @lru_cache(maxsize=256)
+def hung_load(robot: Robot, joint: int) -> tuple[sp.Expr, sp.Expr]:
+    """Load of one kilogram in a metre from a turning joint's axis, along its link's x axis and across [N·m]."""
+    if robot.joint[joint - 1].prismatic:
+        return sp.S.Zero, sp.S.Zero
+    chain = ElasticChain(robot)
+    upward = _upward(chain)
+    for i in range(1, joint):
+        upward = _about_x(_about_z(upward, chain.angle(i)), chain.rows[i - 1].alpha.sympy())
+    along, across, _ = _about_z(upward, chain.angle(joint))
+    return -GRAVITY * sp.diff(along, q(joint)), -GRAVITY * sp.diff(across, q(joint))
+
+
+@lru_cache(maxsize=256)
+def _most_hung_load(robot: Robot, joint: int) -> float:
+    """The largest size of ``hung_load`` in any direction, in random poses within the joints' limits [N·m]."""
+    found = np.hypot(*(_in_poses(robot, part) for part in hung_load(robot, joint)))
+    return _but_rounding(float(np.max(found)))
+
+
+@lru_cache(maxsize=256)
 def _most_arm_load(robot: Robot, joint: int, taper: float) -> float:
     """The largest size of ``arm_load`` in random poses within the joints' limits [N or N·m]; 0 for rounding."""
+    return _but_rounding(float(np.max(np.abs(_in_poses(robot, arm_load(robot, joint, taper))))))
+
+
+def _in_poses(robot: Robot, load: sp.Expr) -> np.ndarray:
+    """A load in random poses within the joints' limits."""
     names = [q(i + 1) for i in range(robot.dof)]
     low, high = np.array([j.range for j in robot.joint], dtype=float).T
     poses = np.random.default_rng(0).uniform(low, high, (_POSES, robot.dof))
-    load = sp.lambdify(names, arm_load(robot, joint, taper), "numpy")(*poses.T)
-    found = float(np.max(np.abs(load)))
-    return found if found > _NO_LOAD else 0.0
+    return np.asarray(sp.lambdify(names, load, "numpy")(*poses.T))
+
+
+def _but_rounding(load: float) -> float:
+    return load if load > _NO_LOAD else 0.0
+
+
+def _short(x: float) -> sp.Rational:
+    """A direction's cosine or sine."""
+    return exact(f"{x:.4f}")
 
 
 def _load_of_bodies(

@@ -8,7 +8,7 @@ then the gap is taken to be crossed by the load alone, or by the load and an arm
 
 from __future__ import annotations
 
-from symstiff.effects.arm import ASSUMED, NEARER, TOLD, assumed_arms, of_total_load, weighed
+from symstiff.effects.arm import ASSUMED, TOLD, assumed_arms, odds, of_total_load, weighed
 from symstiff.effects.base import Effect, Realisation, Scales, Shape, Where
 from symstiff.effects.common import BOTH, angle_unit, exact, joints, parameter, smooth_sign
 from symstiff.robot.schema import Robot
@@ -33,7 +33,7 @@ def _shapes(robot: Robot, where: Where, scales: Scales) -> tuple[Shape, ...]:
     joint = int(where["joint"])
     top = scales.of(actuated_joint(joint))
     found = tuple({"width": float(f"{f * top:.3g}"), **weighed(scales.kind)} for f in WIDTHS)
-    sharp = ({**found[SHARP], **arm} for arm, _ in assumed_arms(robot, joint, scales, NEARER))
+    sharp = ({**found[SHARP], **arm} for arm, _ in assumed_arms(robot, joint, scales, sharp=True))
     wide = (
         {"width": float(f"{WIDTHS[WIDE] * most:.3g}"), **arm}
         for arm, most in assumed_arms(robot, joint, scales)
@@ -56,4 +56,5 @@ EFFECT = Effect(
     "that is",
     told={"width": "turning over within ± {} LOAD", "weights": "", **TOLD},
     assumed=ASSUMED,
+    odds=odds,
 )

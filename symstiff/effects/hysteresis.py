@@ -7,7 +7,7 @@ with ``mass`` or ``tapered_mass`` that of an arm of so many kilograms where the 
 
 from __future__ import annotations
 
-from symstiff.effects.arm import ASSUMED, TAPERS, TOLD, assumed_arms, own_load, weight_load
+from symstiff.effects.arm import ASSUMED, TOLD, assumed_arms, odds, own_load, weight_load
 from symstiff.effects.base import Effect, Realisation, Scales, Shape, Where
 from symstiff.effects.common import (
     BOTH,
@@ -31,7 +31,7 @@ SHARP = 0.002
 def _realise(robot: Robot, where: Where, shape: Shape) -> Realisation:
     j = int(where["joint"])
     load, width = load_of(j), exact(shape.get("width", 5.0))
-    if shape.get("weights") or TAPERS.keys() & shape.keys():
+    if shape.get("weights") or ASSUMED.keys() & shape.keys():
         load = load + own_load(robot, j, shape)
     loop = parameter(NAME, where, "width", angle_unit(robot, j), 0.0, 5e-3, 5e-5)
     law = -BRANCH * smooth_sign(load, width) / 2
@@ -75,4 +75,5 @@ EFFECT = Effect(
         "loop": "closed at {} LOAD", "weights": "links' weight counted", **TOLD,
     },
     assumed=ASSUMED,
+    odds=odds,
 )  # fmt: skip

@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import sympy as sp
 
-from symstiff.effects.arm import ASSUMED, TOLD, assumed_arms, of_total_load, weighed, weight_load
+from symstiff.effects.arm import ASSUMED, TOLD, assumed_arms, odds, of_total_load, weighed, weight_load
 from symstiff.effects.base import Effect, Realisation, Scales, Shape, Where
 from symstiff.effects.common import (
     BOTH,
@@ -108,4 +108,5 @@ EFFECT = Effect(
         "saturation": "saturating beyond one", "weights": "", **TOLD,
     },
     assumed=ASSUMED,
+    odds=odds,
 )  # fmt: skip
