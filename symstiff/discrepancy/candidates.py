@@ -43,7 +43,7 @@ def candidates(
     """Every effect at every place, those that the data cannot show with the reason why."""
     table = situation.view.table
     scales = scales_of(situation.view)
-    taken = set(model.parameters)
+    taken = frozenset(model.parameters)
     there = [(e.effect, dict(e.where)) for e in model.effects]
     basis = column_space(problem.A / spread_of(situation.view)[:, None])
     for effect in effects:
@@ -56,16 +56,16 @@ def candidates(
                 reason = reason or "the table does not hold what it depends on"
                 yield _unavailable(effect, where, reason)
                 continue
-            members = [_member(effect, model.robot, where, shape, taken) for shape in shapes]
-            columns = _Columns(situation, effect, where, tuple(members))
+            columns = _Columns(situation, effect, where, taken)
+            members = [columns.member(shape) for shape in shapes]
             first = members[0].parameters
             if not first:
                 yield _unavailable(effect, where, "the model has all of its parameters")
             elif not any(columns(m.shape).any() for m in members):
                 yield _unavailable(effect, where, "nothing in these data moves it", first)
-            elif _inside(columns, basis, situation.view):
+            elif _inside(columns, members, basis, situation.view):
                 yield _unavailable(effect, where, "its columns are combinations of the model's", first)
-            elif _below_noise(columns, basis, situation.view):
+            elif _below_noise(columns, members, basis, situation.view):
                 yield _unavailable(effect, where, "its known size is below the noise", first)
             else:
                 alike = all(m.parameters == first for m in members)
@@ -78,6 +78,7 @@ def candidates(
                     _weights(effect, model.robot, shapes),
                     parameters_of=None if alike else columns.parameters,
                     driven=columns.driven,
+                    moved=columns.moved,
                 )
 
 
@@ -99,7 +100,7 @@ class _Member:
     parameters: tuple[Parameter, ...]
 
 
-def _member(effect: Effect, robot: Robot, where: Where, shape: Shape, taken: set[str]) -> _Member:
+def _member(effect: Effect, robot: Robot, where: Where, shape: Shape, taken: frozenset[str]) -> _Member:
     realised = effect.realise(robot, where, shape)
     own = tuple(
         Parameter(p.name, p.unit, p.low, p.high, p.typical)
@@ -122,32 +123,47 @@ class _Columns:
     situation: Situation
     effect: Effect
     where: Where
-    members: tuple[_Member, ...]
-    _seen: dict[int, Array] = field(default_factory=dict)
+    taken: frozenset[str]
+    """Parameters that the model has already."""
+    _made: dict[tuple[tuple[str, float], ...], _Member] = field(default_factory=dict)
+    _seen: dict[tuple[tuple[str, float], ...], Array] = field(default_factory=dict)
 
     def __call__(self, shape: Shape) -> Array:
-        number = self._number(shape)
-        if number not in self._seen:
-            self._seen[number] = self._computed(self.members[number])
-        return self._seen[number]
+        key = tuple(shape.items())
+        if key not in self._seen:
+            self._seen[key] = self._computed(self.member(shape))
+        return self._seen[key]
+
+    def member(self, shape: Shape) -> _Member:
+        """The effect with a shape."""
+        key = tuple(shape.items())
+        if key not in self._made:
+            self._made[key] = _member(self.effect, self._robot, self.where, shape, self.taken)
+        return self._made[key]
 
     def parameters(self, shape: Shape) -> tuple[Parameter, ...]:
         """The parameters of a shape's columns."""
-        return self.members[self._number(shape)].parameters
+        return self.member(shape).parameters
+
+    def moved(self, shape: Shape, key: str, steps: float) -> Shape | None:
+        """A shape with one value moved by some steps; None for what does not move."""
+        move = self.effect.moves(self._robot, shape).get(key)
+        return None if move is None else {**shape, key: move(shape[key], steps)}
 
     def driven(self, shape: Shape) -> frozenset[str] | None:
         """What a shape's law depends on beside loads; unknown for what is no law."""
         if self.effect.columns is not None:
             return None
-        terms = self.members[self._number(shape)].realised.terms
+        terms = self.member(shape).realised.terms
         symbols = {symbol for term in terms for symbol in term.factor.free_symbols}
-        bodies = range(self.situation.view.robot.dof + 1)
+        bodies = range(self._robot.dof + 1)
         angles = {q(k) for k in bodies} | {up(k, axis) for k in bodies for axis in (1, 2, 3)}
         found = {ANGLE: angles, CLOCK: {TIME, TEMPERATURE}, HISTORY: {BRANCH}}
         return frozenset(name for name, some in found.items() if symbols & some)
 
-    def _number(self, shape: Shape) -> int:
-        return next(k for k, m in enumerate(self.members) if m.shape == shape)
+    @property
+    def _robot(self) -> Robot:
+        return self.situation.view.robot
 
     def _computed(self, member: _Member) -> Array:
         names = tuple(p.name for p in member.parameters)
@@ -158,10 +174,10 @@ class _Columns:
         return np.asarray(block[:, chosen], dtype=float)
 
 
-def _inside(columns: _Columns, basis: Array, view: View) -> bool:
+def _inside(columns: _Columns, members: Sequence[_Member], basis: Array, view: View) -> bool:
     """Whether the current model's columns contain all of the candidate's."""
     weight = 1.0 / spread_of(view)
-    for member in columns.members:
+    for member in members:
         block = columns(member.shape) * weight[:, None]
         left = block - basis @ (basis.T @ block)
         if np.any(np.einsum("mk,mk->k", left, left) > _LEFT * np.einsum("mk,mk->k", block, block)):
@@ -169,10 +185,10 @@ def _inside(columns: _Columns, basis: Array, view: View) -> bool:
     return True
 
 
-def _below_noise(columns: _Columns, basis: Array, view: View) -> bool:
+def _below_noise(columns: _Columns, members: Sequence[_Member], basis: Array, view: View) -> bool:
     """Whether an effect of known size has too little of it outside the model to be seen."""
-    known = [m for m in columns.members if m.realised.nominal]
-    if len(known) < len(columns.members) or sigma_of(view) is None:
+    known = [m for m in members if m.realised.nominal]
+    if len(known) < len(members) or sigma_of(view) is None:
         return False
     weight = 1.0 / spread_of(view)
     for member in known:

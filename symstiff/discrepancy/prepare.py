@@ -11,6 +11,7 @@ from scipy import stats
 from symstiff.discrepancy import noise as noises
 from symstiff.discrepancy.bank import Bank, build
 from symstiff.discrepancy.beside import evidence_beside
+from symstiff.discrepancy.between import between, with_shapes
 from symstiff.discrepancy.laws import unnamed_laws
 from symstiff.discrepancy.problem import Array, Candidate, Problem
 from symstiff.discrepancy.scan import Scan, at_sharings, column_space, extend, likely, one_sharing, open_scan
@@ -42,20 +43,35 @@ def prepare(problem: Problem, candidates: Sequence[Candidate]) -> Prepared:
     """
     bank = build(problem, candidates, unnamed_laws(problem))
     first = _first_split(problem)
-    scan, clean = _opened(problem, bank, noises.start(problem, first), by_way=True)
+    bank, scan, clean = _looked(problem, bank, noises.start(problem, first))
     split = _split(problem, clean)
     for look in _LOOKS[1 if abs(split.own - first.own) < SAME_SHARE else 0 :]:
         noise, growth, by_marker = noises.refine(problem, _within_residual(clean), clean.freedom, split)
         if look != _COARSE:
             kept = [layer.sharing for layer in scan.layers]
             noise = replace(noise, sharings=near(noise.sharings, kept, look == _FINE))
-        scan, clean = _opened(problem, bank, noise, by_way=look != _FINE)
+        scan, clean, _ = _opened(problem, bank, noise, by_way=look != _FINE)
         split = _split(problem, clean) if look != _FINE else split
     report = noises.report(
         problem, noise, _within_residual(clean), clean.best.rss / max(clean.freedom, 1), clean.freedom,
         clean.best.sharing, growth, by_marker, _sharing_none(clean),
     )  # fmt: skip
     return Prepared(scan, bank, report, _data_residual(scan))
+
+
+def _looked(problem: Problem, bank: Bank, noise: noises.Noise) -> tuple[Bank, Scan, Scan]:
+    """The bank with shapes between for what stands out, and the scans with it."""
+    scan, clean, obvious = _opened(problem, bank, noise, by_way=True)
+    place = 0
+    while place < len(obvious):
+        more = between(scan, obvious[:place])
+        if not more:
+            place += 1
+            continue
+        bank = with_shapes(problem, bank, more)
+        scan, clean, obvious = _opened(problem, bank, noise, by_way=True)
+        place += 1
+    return bank, scan, clean
 
 
 def at_first(problem: Problem) -> noises.Noise:
@@ -67,17 +83,20 @@ def at_first(problem: Problem) -> noises.Noise:
     return one_sharing(open_scan(build(problem, (), ()), noise, problem.y, problem.A))
 
 
-def _opened(problem: Problem, bank: Bank, noise: noises.Noise, by_way: bool) -> tuple[Scan, Scan]:
-    """The scan, and the scan after what stands out, at the sharings that are likely in either.
+def _opened(
+    problem: Problem, bank: Bank, noise: noises.Noise, by_way: bool
+) -> tuple[Scan, Scan, tuple[int, ...]]:
+    """The scan, and the scan after what stands out, at the sharings that are likely in either; what that is.
 
     What all load cases of a pose share passes for approach error as long as it is not in the model.
     """
     whole = open_scan(bank, noise, problem.y, problem.A)
-    clean = _without_the_obvious(whole)
+    obvious = _obvious(whole)
+    clean = extend(whole, obvious)
     kept = likely(whole, by_way) | likely(clean, by_way)
     # none may be the likeliest once everything that is missing is in the model
     kept |= np.array([layer.sharing.ratio == 0 for layer in whole.layers])
-    return at_sharings(whole, kept), at_sharings(clean, kept)
+    return at_sharings(whole, kept), at_sharings(clean, kept), obvious
 
 
 def _sharing_none(scan: Scan) -> float:
@@ -90,8 +109,8 @@ def _sharing_none(scan: Scan) -> float:
     return min(1.0, float(0.5 * ways * stats.chi2.sf(2.0 * (np.max(value) - alone[0]), 1)))
 
 
-def _without_the_obvious(scan: Scan, most: int = 3, least: float = 4.0) -> Scan:
-    """The scan after the few candidates that stand out beyond doubt, named or not."""
+def _obvious(scan: Scan, most: int = 3, least: float = 4.0) -> tuple[int, ...]:
+    """The few candidates that stand out beyond doubt, named or not, each in its best shape beside those before it."""
     entries: tuple[int, ...] = ()
     for _ in range(most):
         found = evidence_beside(scan, entries)
@@ -100,7 +119,7 @@ def _without_the_obvious(scan: Scan, most: int = 3, least: float = 4.0) -> Scan:
         if not len(score) or score.max() < least:
             break
         entries = (*entries, int(found.best_entry[int(np.argmax(score))]))
-    return extend(scan, entries)
+    return entries
 
 
 def _data_residual(scan: Scan) -> Array:

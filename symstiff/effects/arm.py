@@ -16,7 +16,7 @@ import numpy as np
 import sympy as sp
 
 from symstiff.effects.base import Scales, Shape
-from symstiff.effects.common import GRAVITY, exact, load_of
+from symstiff.effects.common import GRAVITY, by_factor, by_sum, exact, load_of
 from symstiff.robot.schema import Robot
 from symstiff.symbolic.chain import ElasticChain
 from symstiff.symbolic.terms import actuated_joint, q
@@ -42,7 +42,7 @@ DENSEST = 50.0
 TAPERS = {"mass": 0.0, "tapered_mass": 1.0}
 """What a shape's arm of so many kilograms loses of its mass per length from frame 0 to the tool."""
 BESIDE_AXIS, TOWARDS = "beside_axis", "towards"
-"""Mass times distance [kg·m] of a body beside a joint's axis, and where it hangs from the x axis of the joint's link."""
+"""Mass times distance [kg·m] of a body beside a joint's axis, and where it is from the x axis of the joint's link."""
 TOLD = {
     "mass": "under an arm of {} kg",
     "tapered_mass": "under a tapering arm of {} kg",
@@ -60,6 +60,8 @@ ASSUMED = {
     "axis, its mass times its distance {} kg·m; masses in the file would tell what the joint carries",
 }
 """What these mean, and take for granted."""
+ARM_MOVES = {**dict.fromkeys((*TAPERS, BESIDE_AXIS), by_factor(1.7)), TOWARDS: by_sum(2.0 * pi / DIRECTIONS)}
+"""How these lie between the ones that are tried."""
 _SHORTEST = 1e-6
 """Length of an arm without lengths [m]."""
 _POSES = 500
@@ -97,7 +99,7 @@ def weighed(kind: str) -> dict[str, float]:
 def assumed_arms(
     robot: Robot, joint: int, scales: Scales, sharp: bool = False
 ) -> tuple[tuple[Shape, float], ...]:
-    """Weights to be tried where the file tells no mass, as parts of a shape, and the largest load on the joint under each.
+    """Weights to be tried where the file tells no mass, as parts of a shape, and the largest load on the joint under it.
 
     None where they do not load the joint; the heaviest that a robot can be in place of those that are heavier. More of
     them for ``sharp`` laws, which jump.

@@ -21,6 +21,8 @@ from symstiff.symbolic.terms import Term, VirtualJoint
 
 Where = Mapping[str, Any]
 Shape = Mapping[str, float]
+Move = Callable[[float, float], float]
+"""(value, steps) -> value: one step leads about to the next value of a profile."""
 
 
 @dataclass(frozen=True)
@@ -134,6 +136,10 @@ def _alike(robot: Robot, shape: Shape) -> float:
     return 1.0
 
 
+def _fixed(robot: Robot, shape: Shape) -> Mapping[str, Move]:
+    return {}
+
+
 @dataclass(frozen=True)
 class Effect:
     """An entry of the catalogue.
@@ -168,6 +174,8 @@ class Effect:
 
     Keys are alternatives: their shapes share the prior weight of one.
     """
+    moves: Callable[[Robot, Shape], Mapping[str, Move]] = _fixed
+    """How a shape's values, by key, are moved: what lies between those that are profiled."""
     odds: Callable[[Robot, Shape], float] = _alike
     """Prior weight of a shape; below one where the robot file tells otherwise."""
 

@@ -16,15 +16,15 @@ file's is taken to be right by ``TRUST`` to one, and a spring that pulls from el
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from functools import cache
 from itertools import pairwise
 
 import numpy as np
 import sympy as sp
 
-from symstiff.effects.base import Effect, Realisation, Scales, Shape, Where
-from symstiff.effects.common import BOTH, exact, load_of, parameter
+from symstiff.effects.base import Effect, Move, Realisation, Scales, Shape, Where
+from symstiff.effects.common import BOTH, by_factor, by_sum, exact, load_of, parameter
 from symstiff.robot.schema import Robot
 from symstiff.symbolic.chain import ElasticChain
 from symstiff.symbolic.program import Builder
@@ -156,6 +156,14 @@ def _odds(robot: Robot, shape: Shape) -> float:
     return (1.0 + 1.0 / TRUST) / len(DIRECTIONS) if "angle_1" in shape and _known(robot) else 1.0
 
 
+def _moves(robot: Robot, shape: Shape) -> Mapping[str, Move]:
+    """The spring's geometry is not moved where the robot file tells it."""
+    share: dict[str, Move] = {"ratio": by_sum(0.4)}
+    if _known(robot):
+        return share
+    return {**share, "L": by_factor(1.6), "s0": by_factor(1.3), "alpha": by_sum(DIRECTIONS[1])}
+
+
 def _places(robot: Robot) -> tuple[Where, ...]:
     if robot.gravity_compensator is not None:
         return ({"joint": robot.gravity_compensator.joint},)
@@ -185,4 +193,5 @@ EFFECT = Effect(
         "file's q may have its zero elsewhere, or count the other way"
     },
     odds=_odds,
+    moves=_moves,
 )  # fmt: skip

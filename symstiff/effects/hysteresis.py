@@ -7,12 +7,13 @@ with ``mass`` or ``tapered_mass`` that of an arm of so many kilograms where the 
 
 from __future__ import annotations
 
-from symstiff.effects.arm import ASSUMED, TOLD, assumed_arms, odds, own_load, weight_load
+from symstiff.effects.arm import ARM_MOVES, ASSUMED, TOLD, assumed_arms, odds, own_load, weight_load
 from symstiff.effects.base import Effect, Realisation, Scales, Shape, Where
 from symstiff.effects.common import (
     BOTH,
     NEAR_ZERO,
     angle_unit,
+    by_factor,
     exact,
     joints,
     load_of,
@@ -76,4 +77,5 @@ EFFECT = Effect(
     },
     assumed=ASSUMED,
     odds=odds,
+    moves=lambda robot, shape: {"width": by_factor(2.0), "loop": by_factor(1.2), **ARM_MOVES},
 )  # fmt: skip

@@ -11,11 +11,21 @@ from __future__ import annotations
 
 import sympy as sp
 
-from symstiff.effects.arm import ASSUMED, TOLD, assumed_arms, odds, of_total_load, weighed, weight_load
+from symstiff.effects.arm import (
+    ARM_MOVES,
+    ASSUMED,
+    TOLD,
+    assumed_arms,
+    odds,
+    of_total_load,
+    weighed,
+    weight_load,
+)
 from symstiff.effects.base import Effect, Realisation, Scales, Shape, Where
 from symstiff.effects.common import (
     BOTH,
     NEAR_ZERO,
+    by_factor,
     compliance_unit,
     exact,
     joints,
@@ -109,4 +119,5 @@ EFFECT = Effect(
     },
     assumed=ASSUMED,
     odds=odds,
+    moves=lambda robot, shape: {"load": by_factor(1.3), **ARM_MOVES},
 )  # fmt: skip

@@ -1,0 +1,136 @@
+"""Shapes between those that are profiled: what a grid of them misses of something that stands out would be seen too."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from symstiff.discrepancy.bank import Bank, build
+from symstiff.discrepancy.beside import evidence_beside
+from symstiff.discrepancy.problem import Array, Candidate, Problem, Shape
+from symstiff.discrepancy.scan import Evidence, Layer, Scan, column_space, directions, likeliest
+
+WORTH = 2.0
+"""Log likelihood that a shape between two has to gain."""
+RIVALS, FORMS = 10.0, 20.0
+"""Log evidence by which a candidate, or a law of it, may trail the leader and still be looked at."""
+STEPS = (0.5, 0.25, 0.125)
+"""Steps by which a value is moved, over those of its profile."""
+
+More = Mapping[int, Sequence[tuple[Shape, int]]]
+"""Further shapes by candidate, each with the number of the shape that it came from."""
+
+
+def between(scan: Scan, others: tuple[int, ...] = ()) -> More:
+    """Shapes that explain clearly more than those of the bank, of the leader beside ``others`` and of its rivals."""
+    bank, found = scan.bank, evidence_beside(scan, others)
+    score = np.where(bank.generic, -np.inf, found.score)
+    score[bank.owner[list(others)]] = -np.inf
+    more = {}
+    for candidate in np.flatnonzero(score > np.max(score, initial=-np.inf) - RIVALS):
+        shapes = [
+            (shape, int(bank.shape[entry]))
+            for entry in _forms(bank, found, int(candidate))
+            if (shape := _moved(scan, others, entry)) is not None
+        ]
+        if shapes:
+            more[int(candidate)] = shapes
+    return more
+
+
+def with_shapes(problem: Problem, bank: Bank, more: More) -> Bank:
+    """The bank with further shapes, each as likely as the one that it came from."""
+    grown = [_with(candidate, more.get(k, ())) for k, candidate in enumerate(bank.candidates)]
+    named = int(np.sum(~bank.generic))
+    return build(problem, grown[:named], grown[named:])
+
+
+def _with(candidate: Candidate, more: Sequence[tuple[Shape, int]]) -> Candidate:
+    new = {
+        repr(sorted(shape.items())): (shape, parent)
+        for shape, parent in more
+        if shape not in candidate.shapes
+    }
+    weights = candidate.weights or (1.0,) * len(candidate.shapes)
+    return replace(
+        candidate,
+        shapes=(*candidate.shapes, *(shape for shape, _ in new.values())),
+        weights=(*weights, *(weights[parent] for _, parent in new.values())),
+    )
+
+
+def _forms(bank: Bank, found: Evidence, candidate: int) -> list[int]:
+    """The best entry of each law of a candidate: shapes are one law where they differ by what can be moved."""
+    best: dict[str, int] = {}
+    for entry in np.flatnonzero(bank.owner == candidate):
+        shape = bank.shape_of(int(entry))
+        movable = _movable(bank.candidates[candidate], shape)
+        law = repr(sorted((key, key in movable or value) for key, value in shape.items()))
+        if movable and (law not in best or found.entry[entry] > found.entry[best[law]]):
+            best[law] = int(entry)
+    top = max((found.entry[e] for e in best.values()), default=0.0)
+    return [e for e in best.values() if found.entry[e] > top - FORMS]
+
+
+def _movable(candidate: Candidate, shape: Shape) -> list[str]:
+    return [key for key in shape if candidate.moved(shape, key, 0.0) is not None]
+
+
+def _moved(scan: Scan, others: tuple[int, ...], entry: int) -> Shape | None:
+    """An entry's shape, its values moved as far as that explains more; None where it is not worth it.
+
+    No value goes further than a step of its profile, so that a law stays what its name says.
+    """
+    bank = scan.bank
+    candidate, origin = bank.candidates[int(bank.owner[entry])], bank.shape_of(entry)
+    view = _View.of(scan, others, entry)
+    at = dict.fromkeys(_movable(candidate, origin), 0.0)
+    shape, start = origin, view.likelihood(bank.columns[:, bank.slice(entry)])
+    value = start
+    for step in STEPS:
+        for key in at:
+            for side in (step, -step):
+                while abs(at[key] + side) <= 1.0:
+                    steps = {**at, key: at[key] + side}
+                    tried = _by(candidate, origin, steps)
+                    gained = view.likelihood(candidate.columns(tried))
+                    if gained <= value:
+                        break
+                    shape, value, at = tried, gained, steps
+    return shape if value > start + WORTH else None
+
+
+def _by(candidate: Candidate, shape: Shape, steps: Mapping[str, float]) -> Shape:
+    for key, step in steps.items():
+        shape = candidate.moved(shape, key, step) or shape
+    return shape
+
+
+@dataclass(frozen=True, eq=False)
+class _View:
+    """What is left beside some entries, under the shared error that is likeliest with one more."""
+
+    scan: Scan
+    layer: Layer
+    beside: Array
+    """(M, p) orthonormal directions of the other entries."""
+
+    @classmethod
+    def of(cls, scan: Scan, others: tuple[int, ...], entry: int) -> _View:
+        layer = likeliest(scan, (*others, entry))
+        U = directions(scan.bank, layer, others)[0] if others else np.zeros((len(layer.y), 0))
+        return cls(scan, layer, U)
+
+    def likelihood(self, columns: Array) -> float:
+        """Log likelihood with further columns (M, k) in the model, the scale profiled."""
+        noise, layer = self.scan.noise, self.layer
+        if not np.all(np.isfinite(columns)):
+            return -np.inf
+        white = noise.apply(layer.whiten, columns / noise.spread[:, None])
+        for known in (layer.basis, self.beside):
+            white = white - known @ (known.T @ white)
+        found = np.hstack([self.beside, column_space(white, 1e-7)])
+        left = layer.rss - float(np.sum((found.T @ layer.y) ** 2))
+        return -0.5 * self.scan.freedom * float(np.log(max(left, 1e-300)))
