@@ -4,18 +4,19 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from itertools import product
 
 import numpy as np
 
 from symstiff.discrepancy.bank import Bank, build
 from symstiff.discrepancy.beside import evidence_beside
-from symstiff.discrepancy.problem import Array, Candidate, Problem, Shape
+from symstiff.discrepancy.problem import Array, Candidate, Index, Problem, Shape
 from symstiff.discrepancy.scan import Evidence, Layer, Scan, column_space, directions, likeliest
 
 WORTH = 2.0
 """Log likelihood that a shape between two has to gain."""
-RIVALS, FORMS = 10.0, 20.0
-"""Log evidence by which a candidate, or a law of it, may trail the leader and still be looked at."""
+TRAILS, SHARE = 10.0, 0.3
+"""Log evidence, and its share of the leader's, by which a candidate or a law of it may trail and still be looked at."""
 STEPS = (0.5, 0.25, 0.125)
 """Steps by which a value is moved, over those of its profile."""
 
@@ -29,11 +30,11 @@ def between(scan: Scan, others: tuple[int, ...] = ()) -> More:
     score = np.where(bank.generic, -np.inf, found.score)
     score[bank.owner[list(others)]] = -np.inf
     more = {}
-    for candidate in np.flatnonzero(score > np.max(score, initial=-np.inf) - RIVALS):
+    for candidate in np.flatnonzero(score > _trailing(float(np.max(score, initial=-np.inf)))):
         shapes = [
             (shape, int(bank.shape[entry]))
             for entry in _forms(bank, found, int(candidate))
-            if (shape := _moved(scan, others, entry)) is not None
+            if (shape := moved(scan, others, entry)) is not None
         ]
         if shapes:
             more[int(candidate)] = shapes
@@ -71,17 +72,22 @@ def _forms(bank: Bank, found: Evidence, candidate: int) -> list[int]:
         if movable and (law not in best or found.entry[entry] > found.entry[best[law]]):
             best[law] = int(entry)
     top = max((found.entry[e] for e in best.values()), default=0.0)
-    return [e for e in best.values() if found.entry[e] > top - FORMS]
+    return [e for e in best.values() if found.entry[e] > _trailing(float(top))]
+
+
+def _trailing(top: float) -> float:
+    return top - max(TRAILS, SHARE * top)
 
 
 def _movable(candidate: Candidate, shape: Shape) -> list[str]:
     return [key for key in shape if candidate.moved(shape, key, 0.0) is not None]
 
 
-def _moved(scan: Scan, others: tuple[int, ...], entry: int) -> Shape | None:
-    """An entry's shape, its values moved as far as that explains more; None where it is not worth it.
+def moved(scan: Scan, others: tuple[int, ...], entry: int, rows: Index | slice = slice(None)) -> Shape | None:
+    """An entry's shape, its values moved as far as that explains more beside ``others``; None where it is not worth it.
 
-    No value goes further than a step of its profile, so that a law stays what its name says.
+    No value goes further than a step of its profile, so that a law stays what its name says. ``rows`` are those of the
+    problem that the scan holds.
     """
     bank = scan.bank
     candidate, origin = bank.candidates[int(bank.owner[entry])], bank.shape_of(entry)
@@ -89,16 +95,14 @@ def _moved(scan: Scan, others: tuple[int, ...], entry: int) -> Shape | None:
     at = dict.fromkeys(_movable(candidate, origin), 0.0)
     shape, start = origin, view.likelihood(bank.columns[:, bank.slice(entry)])
     value = start
-    for step in STEPS:
-        for key in at:
-            for side in (step, -step):
-                while abs(at[key] + side) <= 1.0:
-                    steps = {**at, key: at[key] + side}
-                    tried = _by(candidate, origin, steps)
-                    gained = view.likelihood(candidate.columns(tried))
-                    if gained <= value:
-                        break
-                    shape, value, at = tried, gained, steps
+    for step, key, way in product(STEPS, tuple(at), (1.0, -1.0)):
+        while abs(at[key] + way * step) <= 1.0:
+            steps = {**at, key: at[key] + way * step}
+            tried = _by(candidate, origin, steps)
+            gained = view.likelihood(candidate.columns(tried)[rows])
+            if gained <= value:
+                break
+            shape, value, at = tried, gained, steps
     return shape if value > start + WORTH else None
 
 

@@ -150,6 +150,8 @@ class Candidate:
     """What a shape's law depends on beside loads, of ``ANGLE``, ``CLOCK``, ``HISTORY``; None if not known."""
     moved: Callable[[Shape, str, float], Shape | None] = lambda shape, key, steps: None
     """A shape with the value of a key moved by so many steps of its profile; None where it cannot be."""
+    between: int = 0
+    """How many of the last ``shapes`` are not of the profile: they were moved to what the data ask for."""
     unavailable: str = ""
     """Why these data cannot show the effect (a column is missing, another kind of data); empty if they can."""
 

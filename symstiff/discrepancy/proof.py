@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from symstiff.discrepancy.bank import Bank
+from symstiff.discrepancy.between import moved
 from symstiff.discrepancy.noise import Noise
 from symstiff.discrepancy.problem import Array, Index, Options, Problem
 from symstiff.discrepancy.scan import evidence, extend, open_scan
@@ -59,7 +60,7 @@ def held_out(
     poses = np.unique(problem.pose)
     if len(poses) < 4:
         return None
-    few, entries = _named_only(bank), sets[0] if sets else ()
+    few, entries = _profile(bank), sets[0] if sets else ()
     # few poses leave little to learn from: more folds; many poses make every fold dear
     folds = min(options.folds, len(poses)) if len(poses) <= 20 else min(options.folds, 5)
     number = np.searchsorted(poses, problem.pose)
@@ -67,30 +68,35 @@ def held_out(
     fold = order[number] % folds
     translation = problem.axis < 3 if np.any(problem.axis < 3) else np.ones(problem.rows, bool)
     error = {name: np.zeros(problem.rows) for name in ("before", "after", "fixed")}
+    fixed = [bank.columns[:, bank.slice(e)] for e in entries]
     selected = []
     for k in range(folds):
         train, test = np.flatnonzero(fold != k), np.flatnonzero(fold == k)
-        chosen = _select(problem, few, noise, train, allowed, len(entries))
-        selected.append(tuple(few.candidates[int(few.owner[e])].key for e in chosen))
-        for name, used in (("before", ()), ("after", chosen), ("fixed", entries)):
-            error[name][test] = _predict(problem, bank, noise, train, test, used)
+        names, chosen = _select(problem, few, noise, train, allowed, len(entries))
+        selected.append(names)
+        for name, used in (("before", ()), ("after", chosen), ("fixed", fixed)):
+            error[name][test] = _predict(problem, noise, train, test, used)
     rms = {name: float(np.sqrt(np.mean(e[translation] ** 2))) for name, e in error.items()}
-    admitted = [sorted(few.candidates[int(few.owner[e])].key for e in found) for found in sets or [()]]
+    admitted = [sorted(bank.candidates[int(bank.owner[e])].key for e in found) for found in sets or [()]]
     again = float(np.mean([sorted(fold) in admitted for fold in selected]))
     return HeldOut(rms["before"], rms["after"], rms["fixed"], sigma, tuple(selected), again)
 
 
-def _named_only(bank: Bank) -> Bank:
-    """The bank without the unnamed laws, which stand at its end: entry and column numbers stay the same."""
-    entries = int(np.sum(~bank.generic[bank.owner]))
-    columns = int(np.sum(bank.width[:entries]))
+def _profile(bank: Bank) -> Bank:
+    """The bank without unnamed laws, which stand at its end, and without shapes that all data have moved."""
+    named = int(np.sum(~bank.generic))
+    profiled = np.array([len(c.shapes) - c.between for c in bank.candidates])
+    kept = np.flatnonzero((bank.owner < named) & (bank.shape < profiled[bank.owner]))
+    own = np.concatenate(
+        [np.arange(bank.start[e], bank.start[e] + bank.width[e]) for e in kept] or [bank.start[:0]]
+    )
+    width, owner = bank.width[kept], bank.owner[kept]
+    whole = np.bincount(owner, bank.share[kept], named)
     return replace(
-        bank, columns=bank.columns[:, :columns], scale=bank.scale[:columns], start=bank.start[:entries],
-        width=bank.width[:entries], owner=bank.owner[:entries], shape=bank.shape[:entries],
-        candidates=bank.candidates[: int(np.sum(~bank.generic))], generic=bank.generic[~bank.generic],
-        usual=bank.usual[:columns], sized=bank.sized[:entries], share=bank.share[:entries],
-        log_prior=bank.log_prior[~bank.generic],
-        place=bank.place[: int(np.sum(~bank.generic))],
+        bank, candidates=bank.candidates[:named], generic=bank.generic[:named], log_prior=bank.log_prior[:named],
+        place=bank.place[:named], columns=bank.columns[:, own], scale=bank.scale[own], usual=bank.usual[own],
+        start=np.cumsum(width) - width, width=width, owner=owner, shape=bank.shape[kept], sized=bank.sized[kept],
+        share=bank.share[kept] / whole[owner],
     )  # fmt: skip
 
 
@@ -114,32 +120,33 @@ def _inside(place: Index, batches: Roots) -> Roots:
 
 def _select(
     problem: Problem, bank: Bank, noise: Noise, rows: Index, allowed: Array, count: int
-) -> tuple[int, ...]:
-    """Forward selection of some of the named candidates on some rows."""
+) -> tuple[tuple[str, ...], list[Array]]:
+    """Forward selection of some of the named candidates on some rows: their keys, and the columns (M, k) of each."""
+    names: list[str] = []
+    blocks: list[Array] = []
     if count == 0:
-        return ()
+        return (), blocks
     part = replace(bank, columns=bank.columns[rows])
     scan = open_scan(part, _rows(noise, rows), problem.y[rows], problem.A[rows])
     mask = np.array(allowed, dtype=bool)[: len(bank.candidates)]
-    chosen: tuple[int, ...] = ()
     for _ in range(count):
         found = evidence(scan)
         score = np.where(mask, found.score, -np.inf)
         best = int(np.argmax(score)) if len(score) else -1
         if best < 0 or not np.isfinite(score[best]):
             break
-        entry = int(found.best_entry[best])
-        chosen = (*chosen, entry)
+        candidate, entry = bank.candidates[best], int(found.best_entry[best])
+        shape = moved(scan, (), entry, rows)
+        blocks.append(bank.columns[:, bank.slice(entry)] if shape is None else candidate.columns(shape))
+        names.append(candidate.key)
         mask[best] = False
         scan = extend(scan, (entry,))
-    return chosen
+    return tuple(names), blocks
 
 
-def _predict(
-    problem: Problem, bank: Bank, noise: Noise, train: Index, test: Index, entries: tuple[int, ...]
-) -> Array:
-    """Prediction error on left-out rows (n,)."""
-    X = np.hstack([problem.A, *(bank.columns[:, bank.slice(e)] for e in entries)])
+def _predict(problem: Problem, noise: Noise, train: Index, test: Index, blocks: Sequence[Array]) -> Array:
+    """Prediction error on left-out rows (n,), with the model and further columns (M, k) fitted on the others."""
+    X = np.hstack([problem.A, *blocks])
     inner = _rows(noise, train)
     root = inner.root(noise.sharings[0], -0.5)
     W = inner.apply(root, np.column_stack([problem.y[train], X[train]]) / inner.spread[:, None])

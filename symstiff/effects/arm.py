@@ -99,7 +99,7 @@ def weighed(kind: str) -> dict[str, float]:
 def assumed_arms(
     robot: Robot, joint: int, scales: Scales, sharp: bool = False
 ) -> tuple[tuple[Shape, float], ...]:
-    """Weights to be tried where the file tells no mass, as parts of a shape, and the largest load on the joint under it.
+    """Weights to try where the file tells no mass, as parts of a shape, and the largest load on the joint under each.
 
     None where they do not load the joint; the heaviest that a robot can be in place of those that are heavier. More of
     them for ``sharp`` laws, which jump.
@@ -161,6 +161,12 @@ def weight_load(robot: Robot, joint: int) -> sp.Expr:
     heavy = {i: link for i, link in enumerate(robot.links) if link.mass}
     bodies = {i: (exact(link.mass), tuple(map(exact, link.com))) for i, link in heavy.items()}
     return _load_of_bodies(ElasticChain(robot), joint, bodies)
+
+
+@lru_cache(maxsize=256)
+def most_weight_load(robot: Robot, joint: int) -> float:
+    """The largest size of ``weight_load`` in random poses within the joints' limits [N or N·m]; 0 for rounding."""
+    return _but_rounding(float(np.max(np.abs(_in_poses(robot, weight_load(robot, joint))))))
 
 
 @lru_cache(maxsize=256)

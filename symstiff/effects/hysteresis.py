@@ -7,7 +7,7 @@ with ``mass`` or ``tapered_mass`` that of an arm of so many kilograms where the 
 
 from __future__ import annotations
 
-from symstiff.effects.arm import ARM_MOVES, ASSUMED, TOLD, assumed_arms, odds, own_load, weight_load
+from symstiff.effects.arm import ARM_MOVES, ASSUMED, TOLD, assumed_arms, most_weight_load, odds, own_load
 from symstiff.effects.base import Effect, Realisation, Scales, Shape, Where
 from symstiff.effects.common import (
     BOTH,
@@ -51,9 +51,10 @@ def _shapes(robot: Robot, where: Where, scales: Scales) -> tuple[Shape, ...]:
     found: list[Shape] = [{"width": s, "load": top, "power": p} for s in widths for p in POWERS]
     narrow = found[: len(POWERS)]
     found.append({"width": float(f"{SHARP * top:.3g}"), "load": top, "power": 0.0})
-    if scales.kind == "deflection" and weight_load(robot, joint) != 0:
-        found += [{**s, "weights": 1.0} for s in found]
     closed = {"width": widths[0]}
+    if scales.kind == "deflection" and (most := most_weight_load(robot, joint)):
+        loop = {**closed, "loop": float(f"{1.05 * (top + most):.3g}")}
+        found += [{**s, "weights": 1.0} for s in (*found, loop)]
     found.append({**closed, "loop": float(f"{1.05 * top:.3g}")})
     for arm, most in assumed_arms(robot, joint, scales):
         found += [{**s, **arm} for s in (*narrow, {**closed, "loop": float(f"{1.05 * most:.3g}")})]
