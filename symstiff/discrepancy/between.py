@@ -49,25 +49,23 @@ def with_shapes(problem: Problem, bank: Bank, more: More) -> Bank:
 
 
 def _with(candidate: Candidate, more: Sequence[tuple[Shape, int]]) -> Candidate:
-    new = {
-        repr(sorted(shape.items())): (shape, parent)
-        for shape, parent in more
-        if shape not in candidate.shapes
-    }
+    new = [(shape, parent) for shape, parent in more if shape not in candidate.shapes]
     weights = candidate.weights or (1.0,) * len(candidate.shapes)
     return replace(
         candidate,
-        shapes=(*candidate.shapes, *(shape for shape, _ in new.values())),
-        weights=(*weights, *(weights[parent] for _, parent in new.values())),
+        shapes=(*candidate.shapes, *(shape for shape, _ in new)),
+        weights=(*weights, *(weights[parent] for _, parent in new)),
+        between=candidate.between + len(new),
     )
 
 
 def _forms(bank: Bank, found: Evidence, candidate: int) -> list[int]:
-    """The best entry of each law of a candidate: shapes are one law where they differ by what can be moved."""
+    """The best entry of each law in a candidate's profile: shapes that differ by what can be moved are one law."""
     best: dict[str, int] = {}
-    for entry in np.flatnonzero(bank.owner == candidate):
+    known = bank.candidates[candidate]
+    for entry in np.flatnonzero((bank.owner == candidate) & (bank.shape < known.profiled)):
         shape = bank.shape_of(int(entry))
-        movable = _movable(bank.candidates[candidate], shape)
+        movable = _movable(known, shape)
         law = repr(sorted((key, key in movable or value) for key, value in shape.items()))
         if movable and (law not in best or found.entry[entry] > found.entry[best[law]]):
             best[law] = int(entry)

@@ -160,6 +160,11 @@ class Candidate:
         return self.parameters if self.parameters_of is None else self.parameters_of(shape)
 
     @property
+    def profiled(self) -> int:
+        """Number of the shapes that are of the profile; they come first."""
+        return len(self.shapes) - self.between
+
+    @property
     def key(self) -> str:
         """Stable text that identifies effect and place."""
         return self.effect + "@" + ",".join(f"{k}={self.where[k]}" for k in sorted(self.where))

@@ -85,7 +85,7 @@ def held_out(
 def _profile(bank: Bank) -> Bank:
     """The bank without unnamed laws, which stand at its end, and without shapes that all data have moved."""
     named = int(np.sum(~bank.generic))
-    profiled = np.array([len(c.shapes) - c.between for c in bank.candidates])
+    profiled = np.array([c.profiled for c in bank.candidates])
     kept = np.flatnonzero((bank.owner < named) & (bank.shape < profiled[bank.owner]))
     own = np.concatenate(
         [np.arange(bank.start[e], bank.start[e] + bank.width[e]) for e in kept] or [bank.start[:0]]

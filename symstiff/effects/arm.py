@@ -31,7 +31,7 @@ BESIDE = (0.15, 0.4, 1.0)
 """Largest moment of a body beside a joint's axis, over that of the loads."""
 BESIDE_NEARER = (0.1, 0.2, 0.4, 0.7, 1.2)
 """The same for laws that jump."""
-DIRECTIONS = 8
+DIRECTIONS = 6
 """Directions in which it is taken to hang."""
 ALONG = 0.05
 """Lever of an arm's weight about an axis, over the reach, below which the arm follows the axis."""

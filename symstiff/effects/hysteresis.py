@@ -78,5 +78,5 @@ EFFECT = Effect(
     },
     assumed=ASSUMED,
     odds=odds,
-    moves=lambda robot, shape: {"width": by_factor(2.0), "loop": by_factor(1.2), **ARM_MOVES},
+    moves=lambda robot, shape: {"width": by_factor(2.7), "loop": by_factor(1.2), **ARM_MOVES},
 )  # fmt: skip

@@ -14,6 +14,7 @@ import sympy as sp
 from symstiff.effects.arm import (
     ARM_MOVES,
     ASSUMED,
+    BESIDE_AXIS,
     TOLD,
     assumed_arms,
     odds,
@@ -93,11 +94,17 @@ def _shapes(robot: Robot, where: Where, scales: Scales) -> tuple[Shape, ...]:
 
 
 def _under(arm: Shape, most: float) -> tuple[Shape, ...]:
-    """The shapes under an arm whose masses are not known, and the largest load on the joint under it."""
+    """The shapes under an arm whose masses are not known, and the largest load on the joint under it.
+
+    Bodies beside the axis are many, and have fewer of them.
+    """
     most = float(f"{most:.3g}")
+    knees, saturations = (
+        (KNEES[2:3], SATURATIONS[1:2]) if BESIDE_AXIS in arm else (KNEES[::3], SATURATIONS[::2])
+    )
     found = [{"load": most, "power": p} for p in POWERS[::2]]
-    found += [{"load": float(f"{f * most:.3g}"), "knee": 1.0} for f in KNEES[::3]]
-    found += [{"load": float(f"{f * most:.3g}"), "saturation": 1.0} for f in SATURATIONS[::2]]
+    found += [{"load": float(f"{f * most:.3g}"), "knee": 1.0} for f in knees]
+    found += [{"load": float(f"{f * most:.3g}"), "saturation": 1.0} for f in saturations]
     return tuple({**shape, **arm} for shape in found)
 
 
@@ -119,5 +126,5 @@ EFFECT = Effect(
     },
     assumed=ASSUMED,
     odds=odds,
-    moves=lambda robot, shape: {"load": by_factor(1.3), **ARM_MOVES},
+    moves=lambda robot, shape: {"load": by_factor(1.6), **ARM_MOVES},
 )  # fmt: skip
