@@ -76,6 +76,22 @@ class Bank:
         own, other = (self.candidates[int(self.owner[e])].driven(self.shape_of(e)) for e in (entry, of))
         return own is None or other is None or own <= other
 
+    def contradict(self, entry: int, others: Sequence[int]) -> bool:
+        """Whether an entry takes something else for granted than another law of its virtual joint."""
+        owner, place = int(self.owner[entry]), self.place[int(self.owner[entry])]
+        return any(
+            place == self.place[int(self.owner[other])] != ""
+            and self.candidates[owner].assumed == self.candidates[int(self.owner[other])].assumed
+            and self._granted(entry) != self._granted(other)
+            for other in others
+        )
+
+    def _granted(self, entry: int) -> Shape:
+        """What an entry's shape takes for granted."""
+        keys = self.candidates[int(self.owner[entry])].assumed
+        shape = self.shape_of(entry)
+        return {key: value for key, value in shape.items() if key in keys}
+
     def slice(self, entry: int) -> slice:
         """Columns of an entry."""
         return slice(int(self.start[entry]), int(self.start[entry] + self.width[entry]))

@@ -78,6 +78,7 @@ def candidates(
                     _weights(effect, model.robot, shapes),
                     parameters_of=None if alike else columns.parameters,
                     driven=columns.driven,
+                    assumed=frozenset(effect.assumed),
                     moved=columns.moved,
                 )
 

@@ -148,6 +148,8 @@ class Candidate:
     """Virtual joint of which it is a law alone, empty for none; where this is None, its columns tell."""
     driven: Callable[[Shape], frozenset[str] | None] = lambda shape: None
     """What a shape's law depends on beside loads, of ``ANGLE``, ``CLOCK``, ``HISTORY``; None if not known."""
+    assumed: frozenset[str] = frozenset()
+    """Keys of shapes that take for granted what nobody told, such as the arm's mass: it is one thing for all laws."""
     moved: Callable[[Shape, str, float], Shape | None] = lambda shape, key, steps: None
     """A shape with the value of a key moved by so many steps of its profile; None where it cannot be."""
     between: int = 0

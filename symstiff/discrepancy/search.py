@@ -120,17 +120,29 @@ def proposals(shop: Workshop, bases: list[Proposal], breadth: int = 24) -> list[
     made: dict[frozenset[int], Proposal] = {}
     for base in bases:
         score = shop.score(base.members, base.entries, False)
-        best = shop.evidence(base.entries).best_entry
         for candidate in np.argsort(score)[::-1][:breadth]:
             if not np.isfinite(score[candidate]):
                 break
+            entry, own = _entry(shop, int(candidate), base.entries)
             members = (*base.members, int(candidate))
-            more = float(score[candidate]) + (ONE_MORE if base.members else 0.0)
-            total = base.score + base.lost + more
+            total = base.score + base.lost + own + (ONE_MORE if base.members else 0.0)
             key = frozenset(members)
-            if key not in made or made[key].score < total:
-                made[key] = Proposal(members, (*base.entries, int(best[candidate])), total)
+            if np.isfinite(own) and (key not in made or made[key].score < total):
+                made[key] = Proposal(members, (*base.entries, entry), total)
     return sorted(made.values(), key=lambda p: -p.score)
+
+
+def _entry(shop: Workshop, member: int, others: tuple[int, ...]) -> tuple[int, float]:
+    """A candidate's best shape beside others that does not contradict what they take for granted, and its score."""
+    bank, found = shop.start.bank, shop.evidence(others)
+    best = int(found.best_entry[member])
+    if not bank.contradict(best, others):
+        return best, float(found.score[member])
+    own = [int(e) for e in np.flatnonzero(bank.owner == member) if not bank.contradict(int(e), others)]
+    if not own:
+        return best, -np.inf
+    entry = max(own, key=lambda e: float(found.entry[e] + np.log(max(bank.share[e], 1e-300))))
+    return entry, _at(found, member, entry)
 
 
 def polish(shop: Workshop, proposal: Proposal) -> Proposal:
@@ -140,7 +152,8 @@ def polish(shop: Workshop, proposal: Proposal) -> Proposal:
     entries = list(proposal.entries)
     for place, member in enumerate(proposal.members):
         others = tuple(e for i, e in enumerate(entries) if i != place)
-        entries[place] = int(shop.evidence(others).best_entry[member])
+        entry, own = _entry(shop, member, others)
+        entries[place] = entry if np.isfinite(own) else entries[place]
     score = proposal.score
     for place, member in enumerate(proposal.members):
         others = tuple(e for i, e in enumerate(entries) if i != place)
