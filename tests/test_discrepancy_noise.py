@@ -14,7 +14,7 @@ from symstiff.discrepancy.problem import Array, Problem
 from symstiff.discrepancy.scan import evidence, likeliest
 from symstiff.discrepancy.sharing import EACH, JOINTS, sizes
 from symstiff.discrepancy.strata import strata
-from tests.test_discrepancy_engine import QUICK, SIGMA, arm, measured, saturating, scaled
+from tests.test_discrepancy_engine import QUICK, SIGMA, arm, catalogue, measured, saturating, scaled
 
 
 @pytest.mark.parametrize("size", [2.0, 12.0])
@@ -23,6 +23,45 @@ def test_an_approach_error_common_to_a_poses_load_cases_raises_no_alarm(size: fl
     found = [diagnose(measured(a.problem, 0.0, s, size * SIGMA), a.candidates, QUICK) for s in range(10)]
     assert [d.verdict for d in found].count("nothing_missing") >= 9
     assert np.median([d.noise.approach for d in found]) == pytest.approx(size * SIGMA, rel=0.5)
+
+
+def repeated(problem: Problem, times: int) -> Problem:
+    """Every row measured several times."""
+    names = ("y", "A", "pose", "case", "channel", "axis", "load", "J", "tau", "q", "time", "branch")
+    more = {name: np.concatenate([getattr(problem, name)] * times) for name in names}
+    return replace(problem, **more, turn=np.repeat(np.arange(times), problem.rows))
+
+
+def approached(problem: Problem, size: float, seed: int, anew: bool) -> Problem:
+    """The repeats with noise and an error of every approach, or of every pose, by ``size`` [m]."""
+    assert problem.turn is not None
+    rng = np.random.default_rng(300 + seed)
+    shared = size * rng.normal(size=(problem.poses, problem.turn.max() + 1, 2))
+    error = shared[problem.pose, problem.turn if anew else 0, problem.axis]
+    return replace(problem, y=problem.y + error + SIGMA * rng.normal(size=problem.rows))
+
+
+@pytest.mark.parametrize("anew", [True, False])
+def test_a_robot_that_comes_back_for_every_repeat_or_stays_raises_no_alarm(anew: bool) -> None:
+    a = arm(12, levels=(0.5, 1.0))
+    again = repeated(a.problem, 3)
+    candidates = catalogue(again)
+    found = [diagnose(approached(again, 3.0 * SIGMA, s, anew), candidates, QUICK) for s in range(8)]
+    assert [d.verdict for d in found].count("nothing_missing") >= 7
+    assert np.median([d.noise.sigma for d in found]) == pytest.approx(SIGMA, rel=0.1)
+    assert np.median([d.noise.approach for d in found]) == pytest.approx(3.0 * SIGMA, rel=0.25)
+    # what a robot misses its pose by every time anew is in its repeats, and the readings' noise is not told by them
+    assert {d.noise.source for d in found} == {"residual" if anew else "repeats"}
+
+
+def test_what_is_missing_is_named_where_every_repeat_is_an_approach() -> None:
+    again = repeated(arm(12, levels=(0.33, 0.67, 1.0)).problem, 3)
+    signal = scaled(again, saturating(again, 1), 900.0)
+    found = diagnose(
+        approached(replace(again, y=again.y + signal), 2.0 * SIGMA, 1, True), catalogue(again), QUICK
+    )
+    assert found.verdict == "named"
+    assert [(e.effect, e.where) for e in found.effects] == [("bend", {"joint": 2})]
 
 
 def test_the_reading_without_load_that_a_poses_load_cases_share_is_found() -> None:
@@ -73,7 +112,7 @@ def test_the_variances_of_the_joints_errors_are_found() -> None:
     y = joints_elsewhere(problem, list(size), 1) + SIGMA * np.random.default_rng(2).normal(size=problem.rows)
     spread = np.full(problem.rows, SIGMA)
     ratio = float(np.var(y)) / SIGMA**2 - 1.0
-    found = np.array(sizes(problem, y, spread, 1.0, ratio))[:3]
+    found = np.array(sizes(problem, y, spread, 1.0, ratio, problem.pose))[:3]
     assert found / found[0] == pytest.approx((size / size[0]) ** 2, rel=0.45)
 
 
@@ -89,7 +128,7 @@ def test_what_each_marker_has_alone_is_told_from_the_joints_errors() -> None:
         y, np.ones((len(pose), 1)), pose, case, channel, channel % 3, J=J, tau=np.zeros_like(J),
         virtual_joints=tuple(f"joint {j + 1}" for j in range(joints)), joint_of=tuple(range(joints)),
     )  # fmt: skip
-    found = np.array(sizes(problem, y, np.ones(len(y)), 1.0, 0.5))
+    found = np.array(sizes(problem, y, np.ones(len(y)), 1.0, 0.5, problem.pose))
     assert found[:joints] == pytest.approx(np.mean(angle**2, axis=0), rel=0.3)
     assert found[joints] < 0.03
     assert found[-1] == pytest.approx(0.3, rel=0.25)

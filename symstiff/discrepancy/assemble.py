@@ -118,6 +118,7 @@ def _problem(situation: Situation, current: Current) -> Problem:
         time=_context(table.time, state),
         temperature=_context(table.temperature, state),
         branch=_context(table.branch, state),
+        turn=np.unique(np.nan_to_num(table.repeat), return_inverse=True)[1].reshape(-1)[state],
         differences=table.kind == "deflection",
         spread=_spreads(view),
     )

@@ -53,6 +53,8 @@ class Noise:
     """K of each way: (n, m) row numbers of equal-sized blocks, their eigenvectors (n, m, k) and eigenvalues (n, k)."""
     each: tuple[float, ...] = ()
     """The variances that the way ``EACH`` has learned."""
+    anew: float = 0.0
+    """Part of the shared error that each repeat of a pose has alone."""
 
     def root(self, sharing: Sharing, power: float) -> Roots:
         """(I + ratio K)^power, less the identity."""
@@ -139,7 +141,7 @@ def start(problem: Problem, split: Split) -> Noise:
 
 def _noise(problem: Problem, spread: Array, split: Split) -> Noise:
     ways = patterns(problem, spread, split)
-    return Noise(spread, at_first(problem, ways), ways, split.each)
+    return Noise(spread, at_first(problem, ways), ways, split.each, split.anew)
 
 
 def refine(
@@ -216,7 +218,8 @@ def report(
         for _, _, value in noise.ways[sharing.way]
     )
     source, found, freedom = "residual", scale2, max(dof - taken, 1.0)
-    if repeats >= 20:
+    # what a robot that comes back misses its pose by is in the repeats as well
+    if repeats >= 20 and (noise.anew < 0.5 or sharing.ratio == 0.0):
         source, found, freedom = "repeats", square / repeats, float(repeats)
     sigma = float(np.sqrt(found * np.mean(noise.spread[rows] ** 2)))
     stated = None if problem.sigma is None else float(np.sqrt(np.mean(problem.sigma[rows] ** 2)))

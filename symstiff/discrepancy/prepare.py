@@ -15,10 +15,19 @@ from symstiff.discrepancy.between import between, with_shapes
 from symstiff.discrepancy.laws import unnamed_laws
 from symstiff.discrepancy.problem import Array, Candidate, Problem
 from symstiff.discrepancy.scan import Scan, at_sharings, column_space, extend, likely, one_sharing, open_scan
-from symstiff.discrepancy.sharing import JOINTS, RATIOS, Split, near, several_markers, sizes
+from symstiff.discrepancy.sharing import (
+    JOINTS,
+    RATIOS,
+    Split,
+    approaches,
+    near,
+    repeated,
+    several_markers,
+    sizes,
+)
 
 SAME_SHARE = 0.1
-"""Change of the markers' own share of the approach error up to which the coarse grid is not looked at again."""
+"""Change of the markers' or the repeats' own part of a shared error up to which the coarse grid is not seen again."""
 _LOOKS = _COARSE, _NEAR, _FINE = "coarse", "near", "fine"
 """How the size of the shared error is looked for."""
 
@@ -45,7 +54,8 @@ def prepare(problem: Problem, candidates: Sequence[Candidate]) -> Prepared:
     first = _first_split(problem)
     bank, scan, clean = _looked(problem, bank, noises.start(problem, first))
     split = _split(problem, clean)
-    for look in _LOOKS[1 if abs(split.own - first.own) < SAME_SHARE else 0 :]:
+    changed = max(abs(split.own - first.own), abs(split.anew - first.anew))
+    for look in _LOOKS[1 if changed < SAME_SHARE else 0 :]:
         noise, growth, by_marker = noises.refine(problem, _within_residual(clean), clean.freedom, split)
         if look != _COARSE:
             kept = [layer.sharing for layer in scan.layers]
@@ -136,30 +146,47 @@ def _within_residual(scan: Scan) -> Array:
 
 def _first_split(problem: Problem) -> Split:
     """How a shared error looks split before anything else is known of the noise."""
-    if not several_markers(problem):
+    if not several_markers(problem) and not repeated(problem):
         return Split()
     spread = noises.stated(problem)
     basis = column_space(problem.A / spread[:, None])
     y = problem.y / spread
-    return Split(_own_share(problem, y - basis @ (basis.T @ y)))
+    left = y - basis @ (basis.T @ y)
+    anew = _anew_share(problem, left)
+    return Split(_own_share(problem, left, anew), anew)
 
 
 def _split(problem: Problem, clean: Scan) -> Split:
-    own = _own_share(problem, _data_residual(clean) / clean.noise.spread)
+    residual = _data_residual(clean)
+    z = residual / clean.noise.spread
+    anew = _anew_share(problem, z)
+    own = _own_share(problem, z, anew)
     ratio = clean.best.sharing.ratio
     if ratio == 0.0 or all(layer.sharing.way != JOINTS for layer in clean.layers):
-        return Split(own)
+        return Split(own, anew)
     scale2 = clean.best.rss / max(clean.freedom, 1)
-    each = sizes(problem, _data_residual(clean), clean.noise.spread, scale2, ratio)
-    return Split(own, each if max(each) > RATIOS[0] else ())
+    each = sizes(problem, residual, clean.noise.spread, scale2, ratio, approaches(problem, anew))
+    return Split(own, anew, each if max(each) > RATIOS[0] else ())
 
 
-def _own_share(problem: Problem, z: Array) -> float:
+def _anew_share(problem: Problem, z: Array) -> float:
+    """Part of the shared error that each repeat of a pose has for itself, by moments of the residual (M,) in a pose."""
+    if not repeated(problem):
+        return 0.0
+    within, pairs = _products(z, approaches(problem, 1.0) * (problem.axis.max() + 1) + problem.axis)
+    every, all_pairs = _products(z, problem.pose * (problem.axis.max() + 1) + problem.axis)
+    alone = within / max(pairs, 1.0)
+    common = (every - within) / max(all_pairs - pairs, 1.0)
+    return float(np.clip(1.0 - common / max(alone, 1e-12), 0.0, 1.0))
+
+
+def _own_share(problem: Problem, z: Array, anew: float) -> float:
     """Part of the shared error that each marker has for itself, by moments of the residual (M,) within a pose."""
     if not several_markers(problem):
         return 0.0
-    same, pairs = _products(z, problem.pose * (problem.channel.max() + 1) + problem.channel)
-    every, all_pairs = _products(z, problem.pose * (problem.axis.max() + 1) + problem.axis)
+    label = approaches(problem, anew)
+    same, pairs = _products(z, label * (problem.channel.max() + 1) + problem.channel)
+    every, all_pairs = _products(z, label * (problem.axis.max() + 1) + problem.axis)
     alone = same / max(pairs, 1.0)
     common = (every - same) / max(all_pairs - pairs, 1.0)
     return float(np.clip(1.0 - common / max(alone, 1e-12), 0.0, 1.0))

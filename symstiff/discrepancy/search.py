@@ -141,7 +141,7 @@ def _entry(shop: Workshop, member: int, others: tuple[int, ...]) -> tuple[int, f
     own = [int(e) for e in np.flatnonzero(bank.owner == member) if not bank.contradict(int(e), others)]
     if not own:
         return best, -np.inf
-    entry = max(own, key=lambda e: float(found.entry[e] + np.log(max(bank.share[e], 1e-300))))
+    entry = own[int(np.argmax(found.entry[own] + np.log(np.maximum(bank.share[own], 1e-300))))]
     return entry, _at(found, member, entry)
 
 

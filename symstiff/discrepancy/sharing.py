@@ -45,6 +45,8 @@ class Split:
 
     own: float = 0.0
     """Part of the axes' error that each marker has alone."""
+    anew: float = 0.0
+    """Part of the shared error that each repeat of a pose has alone: the robot came back to it."""
     each: tuple[float, ...] = ()
     """Variances over the noise's: of each joint's errors, of the axes' and, of several markers, of what each has alone;
     none where they were not learned."""
@@ -62,6 +64,11 @@ def at_first(problem: Problem, ways: Mapping[str, Roots]) -> tuple[Sharing, ...]
 def several_markers(problem: Problem) -> bool:
     """Whether more than one point was measured."""
     return len(np.unique(problem.channel)) > len(np.unique(problem.axis))
+
+
+def repeated(problem: Problem) -> bool:
+    """Whether poses were measured more than once."""
+    return problem.turn is not None and bool(np.any(problem.turn))
 
 
 def shares(problem: Problem, way: str) -> bool:
@@ -99,16 +106,34 @@ def patterns(problem: Problem, spread: Array, split: Split) -> dict[str, Roots]:
     markers = _markers(problem, split.own)
     alone = [np.sqrt(split.own) * u * marker for marker in markers]
     factor = np.column_stack([np.sqrt(1.0 - split.own) * u, *alone])
-    ways = {AXES: _blocks(axis, factor)}
+
+    def blocks(label: Index, factor: Array) -> Roots:
+        return _blocks(label, _by_turn(problem, split.anew, factor))
+
+    ways = {AXES: blocks(axis, factor)}
     if np.any(problem.axis < 3) and np.any(problem.axis >= 3):
-        ways[SHIFT] = _blocks(axis, factor * (problem.axis < 3)[:, None])
+        ways[SHIFT] = blocks(axis, factor * (problem.axis < 3)[:, None])
     if problem.J is not None and any(j >= 0 for j in problem.joint_of):
-        ways[JOINTS] = _blocks(problem.pose, of_joints(problem, common) / spread[:, None])
+        ways[JOINTS] = blocks(problem.pose, of_joints(problem, common) / spread[:, None])
     if split.each:
-        ways[EACH] = _blocks(
-            problem.pose, _every(problem, spread) * np.sqrt(_spread_out(problem, split.each))
-        )
+        learned = np.sqrt(_spread_out(problem, split.each))
+        ways[EACH] = blocks(problem.pose, _every(problem, spread) * learned)
     return ways
+
+
+def _by_turn(problem: Problem, anew: float, factor: Array) -> Array:
+    """A shared error's factor (M, k) with the part that each repeat of a pose has alone in columns of its own."""
+    if problem.turn is None or anew == 0.0:
+        return factor
+    alone = [np.sqrt(anew) * factor * (problem.turn == turn)[:, None] for turn in np.unique(problem.turn)]
+    return np.hstack([np.sqrt(1.0 - anew) * factor, *alone])
+
+
+def approaches(problem: Problem, anew: float) -> Index:
+    """(M,) a number for what shares an error: the pose, or its repeat where most of the error is each repeat's own."""
+    if problem.turn is None or anew < 0.5:
+        return problem.pose
+    return np.asarray(problem.pose * (problem.turn.max() + 1) + problem.turn, dtype=np.intp)
 
 
 def _markers(problem: Problem, own: float) -> list[Array]:
@@ -160,16 +185,18 @@ def _spread_out(problem: Problem, each: Sequence[float]) -> Array:
     return np.repeat(each, [1] * joints + counts)
 
 
-def sizes(problem: Problem, residual: Array, spread: Array, scale2: float, ratio: float) -> tuple[float, ...]:
+def sizes(
+    problem: Problem, residual: Array, spread: Array, scale2: float, ratio: float, label: Index
+) -> tuple[float, ...]:
     """Variances over the noise's, by expectation-maximisation: of each joint's errors, the axes' and the markers' own.
 
     ``residual`` (M,) in the data's unit with the shared error in it, of variance ratio·scale2 against scale2. The
-    joints' variances are drawn towards equal ones.
+    joints' variances are drawn towards equal ones. Rows of one ``label`` (M,) share an error.
     """
     F, z = _every(problem, spread), residual / (spread * np.sqrt(scale2))
-    poses = np.unique(problem.pose)
-    blocks = [F[problem.pose == p] for p in poses]
-    seen = np.stack([f.T @ z[problem.pose == p] for f, p in zip(blocks, poses, strict=True)])
+    poses = np.unique(label)
+    blocks = [F[label == p] for p in poses]
+    seen = np.stack([f.T @ z[label == p] for f, p in zip(blocks, poses, strict=True)])
     gram = np.stack([f.T @ f for f in blocks])
     counts = [len(np.unique(label)) for label in _alike(problem)]
     n = F.shape[1] - sum(counts)
