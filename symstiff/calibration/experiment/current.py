@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from symstiff.calibration.experiment.placement import placed, placement_columns
+from symstiff.calibration.experiment.placement import placed, placement_columns, turns_of
 from symstiff.calibration.experiment.rounding import without_rounding
 from symstiff.calibration.experiment.situation import (
     Floats,
@@ -237,5 +237,18 @@ def spread_of(view: View) -> Floats:
 
 
 def sigma_of(view: View) -> Floats | None:
-    """(M,) stated sigma; gaps take the median of their kind, None where a kind has none."""
-    return stated_sigma(view.table, view.state, view.component)
+    """(M,) stated sigma; gaps take the median of their kind, None where a kind has none.
+
+    A row of an attitude is a small turn of the tool: of the stated sigma of a rotation vector's components, which
+    count for less the further it turns, that turn's.
+    """
+    known = stated_sigma(view.table, view.state, view.component)
+    turned = view.component >= 3
+    if known is None or view.table.kind != "absolute" or not turned.any():
+        return known
+    each = np.full((len(view.table), 3), np.median(known[turned]))
+    each[view.state[turned], view.component[turned] - 3] = known[turned]
+    gain = turns_of(np.nan_to_num(view.table.values[:, 3:]))
+    found = np.sqrt(np.einsum("nij,nj->ni", gain**2, each**2))
+    known[turned] = found[view.state[turned], view.component[turned] - 3]
+    return known

@@ -9,6 +9,9 @@ import numpy as np
 from symstiff.calibration.experiment.situation import Floats, Laws, View
 from symstiff.errors import UserError
 
+_NO_TURN = 1e-4
+"""Angle [rad] below which a turn's Jacobian is that of none, to its square."""
+
 
 def placed(view: View, laws: Laws) -> tuple[View, Floats]:
     """The view in the device's axes, and what its rows read beyond the rigid robot (M,).
@@ -56,6 +59,20 @@ def _attitudes(view: View, turn: Floats) -> Floats:
     seen = Rotation.from_rotvec(values).as_matrix()
     rigid = turn @ view.found.R[:, -1]
     return np.asarray(Rotation.from_matrix(seen @ rigid.transpose(0, 2, 1)).as_rotvec())
+
+
+def turns_of(vectors: Floats) -> Floats:
+    """(N, 3, 3) small turns by small changes of rotation vectors (N, 3): the left Jacobian of SO(3)."""
+    angle = np.linalg.norm(vectors, axis=1)
+    size = np.where(angle > _NO_TURN, angle, 1.0)
+    far = angle > _NO_TURN
+    first = np.where(far, (1.0 - np.cos(size)) / size**2, 0.5)
+    second = np.where(far, (size - np.sin(size)) / size**3, 1.0 / 6.0)
+    cross = np.zeros((len(vectors), 3, 3))
+    for row, column, k, sign in ((0, 1, 2, -1), (0, 2, 1, 1), (1, 2, 0, -1)):
+        cross[:, row, column] = sign * vectors[:, k]
+        cross[:, column, row] = -sign * vectors[:, k]
+    return np.eye(3) + first[:, None, None] * cross + second[:, None, None] * (cross @ cross)
 
 
 def placement_columns(view: View) -> Floats:
