@@ -11,6 +11,8 @@ import pytest
 
 from symstiff.calibration.experiment.placement import closest
 from symstiff.calibration.experiment.situation import Situation, look
+from symstiff.calibration.identify import identify
+from symstiff.calibration.measurements import Measurements
 from symstiff.calibration.simulation import Device, Truth, nominal_truth
 from symstiff.discrepancy import numbers
 from symstiff.discrepancy.assemble import assemble
@@ -218,6 +220,54 @@ def test_a_bad_pose_needs_no_other_pose_to_confirm_it() -> None:
     assert found.named[0].confidence > 0.9
     assert found.rms.held_out_before is None
     assert any(r.startswith(f"pose {table.labels[4]}: measure it again") for r in found.remarks)
+
+
+def test_a_bad_pose_is_not_among_the_poses_that_prove_another_effect() -> None:
+    """Nothing in the other poses can tell how far its marker slipped: the gap of all others is what closes."""
+    table = measured(HARDENING, poses=16)
+    values = table.values.copy()
+    values[:, 0] += 1e-3 * (table.pose == 4)
+    found = run(Task(load(ROBOT), replace(table, values=values)))
+    assert {e.effect for e in found.named} == {"bad_poses", "nonlinear_stiffness"}
+    rms = found.rms
+    assert rms.held_out_before is not None
+    assert rms.held_out_after is not None
+    assert rms.held_out_after < 1.3 * 2e-5 < rms.held_out_before
+    assert found.last.held_out is not None
+    assert found.last.held_out.again > 0.9
+    assert any(r.startswith(f"pose {table.labels[4]}: measure it again") for r in found.remarks)
+
+
+def test_an_error_that_exceeds_the_noise_is_told_whatever_is_named() -> None:
+    table = measured(HARDENING, poses=16)
+    values = table.values.copy()
+    values[:, :3] += 6e-5 * np.random.default_rng(2).normal(size=(16, 3))[table.pose]
+    found = run(Task(load(ROBOT), replace(table, values=values)))
+    assert [e.effect for e in found.named] == ["nonlinear_stiffness"]
+    assert any("share an error" in r for r in found.remarks)
+
+
+def thrice(table: Measurements, noise: float) -> Measurements:
+    """Every row with two repeats, of noise of their own [m] or, without, copies."""
+    rows = np.tile(np.arange(len(table)), 3)
+    values = table.values[rows] + noise * np.random.default_rng(5).normal(size=(len(rows), 6))
+    return replace(table.select(rows), values=values, repeat=np.repeat([1.0, 2.0, 3.0], len(table)))
+
+
+def test_repeats_that_are_copies_say_nothing_of_the_noise() -> None:
+    once = measured(HARDENING)
+    once = replace(once, sigma=np.full_like(once.sigma, np.nan))
+    copied = thrice(once, 0.0)
+    alone, found = (run(Task(load(ROBOT), table)) for table in (once, copied))
+    assert (found.verdict, found.rms) == (alone.verdict, alone.rms)
+    (told,) = [r for r in found.remarks if "copies" in r]
+    assert told.startswith(f"{2 * len(once)} of {2 * len(once)} repeats")
+    fitted = identify(load(ROBOT), copied)
+    assert fitted.fit.dof == identify(load(ROBOT), once).fit.dof
+    assert told in fitted.remarks
+    honest = run(Task(load(ROBOT), thrice(once, 2e-5)))
+    assert honest.last.noise.source == "repeats"
+    assert not any("copies" in r for r in honest.remarks)
 
 
 def test_times_that_some_rows_lack_are_not_used_and_that_is_said() -> None:

@@ -71,6 +71,23 @@ def _first_equal(keys: np.ndarray) -> np.ndarray:
     return np.asarray(first[inverse.ravel()])
 
 
+def without_copies(table: Measurements) -> tuple[Measurements, list[str]]:
+    """The table without repeats that are copies of a reading, and a remark, where most repeats are.
+
+    Repeats of honest readings differ, unless these are coarser than the noise; either way they say nothing of it.
+    """
+    state = np.column_stack([table.pose, table.point, table.w, table.branch, table.load_step])
+    rows = np.arange(len(table))
+    repeats = _first_equal(state) != rows
+    copies = _first_equal(np.column_stack([state, table.values])) != rows
+    if 2 * np.sum(copies) <= np.sum(repeats):
+        return table, []
+    return table.select(~copies), [
+        f"{np.sum(copies)} of {np.sum(repeats)} repeats read the same to the last digit as an earlier one: copies, or "
+        "readings coarser than the noise. They say nothing of the noise and are left out"
+    ]
+
+
 def check_robot(table: Measurements, robot: Robot) -> list[str]:
     """Check a table against a robot: joints, their kinds, markers; return warnings, one line each.
 

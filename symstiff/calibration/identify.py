@@ -11,6 +11,7 @@ import scipy.stats
 
 from symstiff.calibration.absolute import fit_absolute
 from symstiff.calibration.axes import axis_hint_refit
+from symstiff.calibration.checks import without_copies
 from symstiff.calibration.constrained import ConstrainedEstimate, constrain
 from symstiff.calibration.estimate import Estimate, estimate
 from symstiff.calibration.experiment.rounding import without_rounding
@@ -141,7 +142,8 @@ def identify(
         raise UserError(f"--held-out {held_out:g}: give a share of the poses from 0 to below 1, e.g. 0.2")
     if table.kind == "absolute":
         _refuse_for_absolute({"--robust": robust, "--physical": physical, "--held-out": held_out > 0})
-    table = as_loading(table)
+    table, copies = without_copies(as_loading(table))
+    remarks += copies
     seen = experiment_of(table, robot)
     remarks += [*_of_loads(table, seen.loads), *_repeated(table)]
     experiment = ExperimentClass(loads or seen.loads, measure or seen.measure, seen.fixed)

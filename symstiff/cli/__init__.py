@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import errno
 import signal
 import sys
 import threading
 from typing import Any
 
 _INTERRUPTED = 130
+_FULL = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)
 
 
 def main() -> None:
@@ -33,6 +35,12 @@ def main() -> None:
         import os
         import traceback
 
+        if isinstance(error, OSError) and error.errno in _FULL:
+            os.dup2(
+                os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno()
+            )  # nothing is left to be written at exit
+            print(f"symstiff: {error.strerror}: make room where the output goes", file=sys.stderr)
+            raise SystemExit(2) from None
         if os.environ.get("SYMSTIFF_DEBUG"):
             traceback.print_exc()
         text = " ".join(str(error).split())[:300]

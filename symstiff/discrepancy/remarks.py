@@ -14,7 +14,7 @@ from symstiff.discrepancy.numbers import quantity
 from symstiff.discrepancy.result import Diagnosis, Estimate
 from symstiff.discrepancy.sharing import JOINTS
 from symstiff.discrepancy.speech import named as named_at
-from symstiff.discrepancy.verdict import INSUFFICIENT, NAMED, NOTHING, UNEXPLAINED
+from symstiff.discrepancy.verdict import INSUFFICIENT, NAMED, NOTHING, UNEXPLAINED, UNTESTABLE
 from symstiff.effects.arm import untold_weight
 
 if TYPE_CHECKING:
@@ -68,7 +68,8 @@ def _of_sigma(noise: NoiseReport) -> list[str]:
 def _of_approach(table: Measurements, last: Diagnosis) -> list[str]:
     """In deflections a pose's rows share the reading without load, which is no larger than the noise."""
     noise = last.noise
-    if last.verdict != NOTHING or not (noise.approach_p < SURE or noise.mostly_shared):
+    sure = noise.approach_p < SURE and last.verdict == NOTHING
+    if last.verdict == UNTESTABLE or not (sure or noise.mostly_shared):
         return []
     size = f"a pose's rows share an error {noise.approach / noise.sigma:.1f} times the noise"
     of_joints = " as joints make it that stand elsewhere" if noise.shared == JOINTS else ""
@@ -108,11 +109,12 @@ def _of_poses(table: Measurements, last: Diagnosis) -> list[str]:
 
 
 def _of_single(last: Diagnosis) -> list[str]:
-    if last.verdict != NAMED or last.rms.held_out_before is not None:
+    if last.verdict != NAMED:
         return []
     rows = [name.where.get("rows", ()) for name, _, _ in last.leading]
     names = ", ".join(str(pose) for labels in rows if isinstance(labels, list | tuple) for pose in labels)
-    return [f"pose {names}: measure it again, or leave it out; no other pose can confirm it"] if names else []
+    said = f"pose {names}: measure it again, or leave it out; no other pose confirms it or can be predicted by it"
+    return [said] if names else []
 
 
 def _of_proof(last: Diagnosis) -> list[str]:

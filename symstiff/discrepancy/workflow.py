@@ -14,7 +14,7 @@ from typing import Any
 
 import numpy as np
 
-from symstiff.calibration.checks import check_robot
+from symstiff.calibration.checks import check_robot, without_copies
 from symstiff.calibration.identify import ExperimentClass, experiment_of, start_model
 from symstiff.calibration.loading import as_loading
 from symstiff.calibration.measurements import Measurements
@@ -134,7 +134,8 @@ def run(task: Task, tell: Tell = lambda stage: None) -> Finding:
     task = replace(task, table=as_loading(task.table))
     table, remarks = _thinned(task)
     table, gaps = known_throughout(table)
-    remarks = [*warnings, *remarks, *gaps]
+    table, copies = without_copies(table)
+    remarks = [*warnings, *remarks, *gaps, *copies]
     tell("model")
     experiment = experiment_of(table, task.robot)
     experiment = ExperimentClass(

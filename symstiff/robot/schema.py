@@ -96,6 +96,13 @@ def _free_length(value: Any) -> float:
     return number
 
 
+def _lever(value: Any) -> float:
+    number = _metres(value)
+    if number <= 0:
+        raise UserError(f"a spring's lever is longer than nothing, found {number:g}")
+    return number
+
+
 def _metres(value: Any) -> float:
     return float(_length(value))
 
@@ -157,6 +164,7 @@ Angle = Annotated[Exact, BeforeValidator(_angle)]
 Number = Annotated[float, BeforeValidator(_finite)]
 Metres = Annotated[float, BeforeValidator(_metres)]
 FreeLength = Annotated[float, BeforeValidator(_free_length)]
+Lever = Annotated[float, BeforeValidator(_lever)]
 Mass = Annotated[float, BeforeValidator(_mass)]
 Compliance = Annotated[float, BeforeValidator(_compliance)]
 Entry = Annotated[float, BeforeValidator(_entry)]
@@ -264,7 +272,7 @@ class GravityCompensator(_Frozen):
     """A spring between two links that acts on one joint; its geometry [m] and rate [N/m] where known."""
 
     joint: Annotated[int, Field(ge=1, strict=True)]
-    L: Metres | None = None
+    L: Lever | None = None
     ax: Metres | None = None
     ay: Metres | None = None
     s0: FreeLength | None = None
