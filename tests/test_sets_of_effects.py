@@ -239,3 +239,78 @@ def test_the_catalogues_laws_tell_what_they_go_by() -> None:
     }
     assert by["backlash", False] == by["nonlinear_stiffness", False] == frozenset()
     assert by["backlash", True] == by["gravity_compensator", False] == frozenset({ANGLE})
+
+
+def blocks(problem: Problem) -> tuple[Candidate, ...]:
+    """A candidate of six columns, and two that have four and two of them."""
+    assert problem.J is not None
+    assert problem.q is not None
+    angles = [np.cos(problem.q[:, (v + 1) % 3]) for v in range(3)]
+    columns = np.stack(
+        [of_sign(problem, v) * f for v in range(3) for f in (np.ones(problem.rows), angles[v])], axis=1
+    )
+    unit = tuple(Parameter(f"size {k}", "rad") for k in range(6))
+
+    def block(name: str, chosen: slice) -> Candidate:
+        return Candidate(name, {"link": 0}, unit[chosen], lambda s: columns[:, chosen])
+
+    return block("whole", slice(0, 6)), block("most", slice(0, 4)), block("rest", slice(4, 6))
+
+
+def test_blocks_that_together_are_another_one_are_no_other_explanation(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    bare = arm(30).problem
+    candidates = (*blocks(bare), *catalogue(bare))
+    whole = candidates[0].columns({})
+    signal = sum(scaled(bare, whole[:, k], 900.0) for k in range(6))
+    problem = measured(bare, signal, 2)
+    found = diagnose(problem, candidates, QUICK)
+    assert found.verdict == "named"
+    assert [e.effect for e in found.effects] == ["whole"]
+    monkeypatch.setattr(verdict, "_same_columns", lambda scan, one, other: False)
+    assert {e.effect for e in diagnose(problem, candidates, QUICK).effects} == {"most", "rest"}
+
+
+def weighed(problem: Problem, name: str, law: Any) -> Candidate:
+    """A law of the second joint under one of three assumed weights, which add to its load."""
+    assert problem.J is not None
+    assert problem.tau is not None
+    J, t, top = problem.J[:, 1], problem.tau[:, 1], np.max(np.abs(problem.tau[:, 1]))
+
+    def columns(shape: Any) -> Array:
+        own = shape["mass"] * top * np.cos(problem.q[:, 1])  # type: ignore[index]
+        return np.asarray(J * (law((t + own) / top) - law(own / top)))[:, None]
+
+    shapes = tuple({"mass": m} for m in (0.1, 0.4, 1.6))
+    return Candidate(name, {"joint": 2}, UNIT, columns, shapes, assumed=frozenset({"mass"}))
+
+
+def test_two_laws_of_one_joint_take_the_same_weight_for_granted() -> None:
+    bare = arm(30, levels=(0.25, 0.5, 0.75, 1.0)).problem
+    jump = weighed(bare, "jump", lambda x: np.tanh(x / 0.04))
+    bow = weighed(bare, "bow", lambda x: x * np.abs(x))
+    unlike = scaled(bare, jump.columns({"mass": 0.4})[:, 0], 900.0) + scaled(
+        bare, bow.columns({"mass": 1.6})[:, 0], 300.0
+    )
+    alike = scaled(bare, jump.columns({"mass": 0.4})[:, 0], 900.0) + scaled(
+        bare, bow.columns({"mass": 0.4})[:, 0], 900.0
+    )
+    scan = prepare(measured(bare, unlike, 1), (jump, bow)).scan
+    entry = {(int(scan.bank.owner[e]), scan.bank.shape_of(e)["mass"]): e for e in range(6)}
+    assert scan.bank.contradict(entry[1, 1.6], (entry[0, 0.4],))
+    assert not scan.bank.contradict(entry[1, 0.4], (entry[0, 0.4],))
+    shop = Workshop(scan, np.ones(len(scan.bank.candidates), bool), QUICK)
+    base = Proposal((0,), (entry[0, 0.4],), 0.0)
+    (both,) = [p for p in search.proposals(shop, [base]) if set(p.members) == {0, 1}]
+    assert both.entries == (entry[0, 0.4], entry[1, 0.4])
+    found = {
+        name: diagnose(measured(bare, y, 1), (jump, bow), QUICK)
+        for name, y in (("unlike", unlike), ("alike", alike))
+    }
+    for one in found.values():
+        masses = {e.shape["mass"] for e in one.effects if e.set_number == 0}
+        assert len(masses) <= 1
+    assert found["alike"].verdict == "named"
+    assert {e.effect for e in found["alike"].effects} == {"jump", "bow"}
+    assert found["unlike"].verdict != "named"

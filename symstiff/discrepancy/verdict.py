@@ -9,7 +9,7 @@ import numpy as np
 from scipy.special import expit, logsumexp
 
 from symstiff.discrepancy.problem import Array, Options
-from symstiff.discrepancy.scan import Evidence, Null, Scan
+from symstiff.discrepancy.scan import Evidence, Null, Scan, directions
 from symstiff.discrepancy.search import ONE_MORE, Judged, Proposal, Workshop, judge, polish, proposals
 from symstiff.discrepancy.strata import Stratum
 
@@ -39,6 +39,9 @@ AS_MUCH = 1.0
 
 BEYOND = 2.0
 """Log likelihood that a set may lose by its sizes' physical range: two standard deviations of one size."""
+
+_SAME = 1e-6
+"""Distance from other directions at which directions are the same."""
 
 Beyond = Callable[[Proposal], float]
 """What a set loses of its log likelihood where a size is moved into its physical range."""
@@ -160,12 +163,19 @@ def _ranked(
 def _others(shop: Workshop, leader: Judged, bases: list[Proposal], beyond: Beyond) -> list[Judged]:
     """Sets of one effect more that hold without the leading set: each accounts for the data in its own way.
 
-    What would only join the leading set is what its sufficiency is about.
+    What would only join the leading set is what its sufficiency is about, and blocks that together are the same columns
+    are the same way.
     """
     but = _set(leader, shop.start.bank.twin)
-    ranked = _ranked(shop, bases, beyond, but)[:4]
+    ranked = [p for p in _ranked(shop, bases, beyond, but) if not _same_columns(shop.start, p, leader)][:4]
     judged = [judge(shop, p) for p in ranked if p.score > leader.score - CLOSE]
     return [j for j in judged if _admissible(j, shop.options)]
+
+
+def _same_columns(scan: Scan, one: Proposal, other: Judged) -> bool:
+    """Whether two sets add the same directions to the model."""
+    a, b = (directions(scan.bank, scan.best, s.entries)[0] for s in (one, other))
+    return a.shape == b.shape and bool(np.linalg.norm(a - b @ (b.T @ a)) < _SAME * np.sqrt(a.shape[1]))
 
 
 def _admissible(judged: Judged, options: Options, clearly: bool = True) -> bool:
