@@ -17,8 +17,7 @@ from symstiff.discrepancy.diagnose import diagnose
 from symstiff.discrepancy.prepare import prepare
 from symstiff.discrepancy.problem import Array, Candidate, Options, Parameter, Problem, Shape
 from symstiff.discrepancy.workflow import Task, run
-from symstiff.effects.base import Scales, catalogue
-from symstiff.effects.common import by_factor, by_sum
+from symstiff.effects.base import Move, Scales, catalogue
 from symstiff.robot import load
 from symstiff.symbolic.terms import actuated_joint
 from tests.test_discrepancy_engine import QUICK, arm, measured, scaled
@@ -37,17 +36,17 @@ def bending(problem: Problem, knee: float, joint: int = 1) -> Array:
 
 
 def bend(problem: Problem, moves: bool = True) -> Candidate:
-    step = by_factor(1.8)
-
-    def moved(shape: Shape, key: str, steps: float) -> Shape | None:
-        return {key: step(shape[key], steps)} if moves and key == "knee" else None
-
     def columns(shape: Shape) -> Array:
         return bending(problem, shape["knee"])[:, None]
 
     shapes = tuple({"knee": k} for k in KNEES)
     return Candidate(
-        "bend", {"joint": 2}, (Parameter("size", "rad", -1e-1, 1e-1),), columns, shapes, moved=moved
+        "bend",
+        {"joint": 2},
+        (Parameter("size", "rad", -1e-1, 1e-1),),
+        columns,
+        shapes,
+        moves=lambda shape: {"knee": Move(1.8)} if moves else {},
     )
 
 
@@ -63,7 +62,7 @@ def test_the_shape_that_the_data_ask_for_is_found_between_those_of_the_profile(k
     found = diagnose(problem, (candidate,), QUICK)
     assert found.verdict == "named"
     assert found.effects[0].shape["knee"] == pytest.approx(knee, rel=0.07)
-    coarse = diagnose(problem, (replace(candidate, moved=lambda shape, key, steps: None),), QUICK)
+    coarse = diagnose(problem, (replace(candidate, moves=lambda shape: {}),), QUICK)
     assert coarse.verdict != "named"
     assert found.rms.after < coarse.rms.after
 
@@ -74,11 +73,22 @@ def test_nothing_lies_between_where_the_profile_holds_the_truth_or_nothing_stand
         assert all(c.between == 0 for c in prepare(problem, (candidate,)).bank.candidates)
 
 
-def test_no_value_goes_further_than_a_step() -> None:
+@pytest.mark.parametrize(
+    ("shapes", "end"), [(({"knee": 0.6},), 0.6 / 1.8), (({"knee": 0.6}, {"knee": 0.45}), 0.45)]
+)
+def test_no_value_goes_further_than_a_step_or_out_of_its_profile(
+    shapes: tuple[Shape, ...], end: float
+) -> None:
     problem, candidate = made(0.05, 3000.0)
-    bank = prepare(problem, (candidate,)).bank
-    shapes = bank.candidates[0].shapes
-    assert min(s["knee"] for s in shapes) == pytest.approx(KNEES[0] / 1.8, rel=0.01)
+    bank = prepare(problem, (replace(candidate, shapes=shapes),)).bank
+    assert min(s["knee"] for s in bank.candidates[0].shapes) == pytest.approx(end, rel=0.01)
+
+
+def test_an_angle_has_no_ends() -> None:
+    problem, candidate = made(0.05, 3000.0)
+    around = replace(candidate, moves=lambda shape: {"knee": Move(0.2, added=True, around=True)})
+    bank = prepare(problem, (around,)).bank
+    assert min(s["knee"] for s in bank.candidates[0].shapes) < 0.1 < min(KNEES)
 
 
 def test_a_shape_between_is_as_likely_as_the_one_that_it_came_from_and_the_shares_sum_to_one() -> None:
@@ -95,7 +105,7 @@ def test_a_shape_between_is_as_likely_as_the_one_that_it_came_from_and_the_share
 
 def test_a_shape_that_the_bank_has_is_not_added_again() -> None:
     problem, candidate = made(0.34, 2000.0)
-    scan = prepare(problem, (replace(candidate, moved=lambda shape, key, steps: None),)).scan
+    scan = prepare(problem, (replace(candidate, moves=lambda shape: {}),)).scan
     again = with_shapes(problem, scan.bank, {0: [({"knee": KNEES[0]}, 1), ({"knee": 0.3}, 1)]})
     assert again.candidates[0].shapes == (*({"knee": k} for k in KNEES), {"knee": 0.3})
     assert again.candidates[0].between == 1
@@ -126,11 +136,11 @@ def test_the_folds_of_the_proof_do_not_know_the_shape_that_all_data_ask_for(
 
 
 @settings(max_examples=50, deadline=None)
-@given(st.floats(1e-3, 1e4), st.floats(-1, 1), st.floats(1.1, 3.0))
-def test_steps_there_and_back_are_none(value: float, steps: float, step: float) -> None:
-    for move in (by_factor(step), by_sum(step)):
-        assert move(move(value, steps), -steps) == pytest.approx(value, rel=0.02, abs=0.02)
-        assert move(value, 0.0) == pytest.approx(value, rel=5e-3)
+@given(st.floats(1e-3, 1e4), st.floats(-1, 1), st.floats(1.1, 3.0), st.booleans())
+def test_steps_there_and_back_are_none(value: float, steps: float, step: float, added: bool) -> None:
+    move = Move(step, added)
+    assert move(move(value, steps), -steps) == pytest.approx(value, rel=0.02, abs=0.02)
+    assert move(value, 0.0) == pytest.approx(value, rel=5e-3)
 
 
 def test_whatever_moves_is_in_a_shape_of_its_effect_and_leaves_a_shape_of_it() -> None:

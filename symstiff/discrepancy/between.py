@@ -10,7 +10,7 @@ import numpy as np
 
 from symstiff.discrepancy.bank import Bank, build
 from symstiff.discrepancy.beside import evidence_beside
-from symstiff.discrepancy.problem import Array, Candidate, Index, Problem, Shape
+from symstiff.discrepancy.problem import Array, Candidate, Index, Move, Problem, Shape
 from symstiff.discrepancy.scan import Evidence, Layer, Scan, column_space, directions, likeliest
 
 WORTH = 2.0
@@ -65,9 +65,9 @@ def _forms(bank: Bank, found: Evidence, candidate: int) -> list[int]:
     known = bank.candidates[candidate]
     for entry in np.flatnonzero((bank.owner == candidate) & (bank.shape < known.profiled)):
         shape = bank.shape_of(int(entry))
-        movable = _movable(known, shape)
-        law = repr(sorted((key, key in movable or value) for key, value in shape.items()))
-        if movable and (law not in best or found.entry[entry] > found.entry[best[law]]):
+        moves = _moves(known, shape)
+        law = repr(sorted((key, key in moves or value) for key, value in shape.items()))
+        if moves and (law not in best or found.entry[entry] > found.entry[best[law]]):
             best[law] = int(entry)
     top = max((found.entry[e] for e in best.values()), default=0.0)
     return [e for e in best.values() if found.entry[e] > _trailing(float(top))]
@@ -77,26 +77,26 @@ def _trailing(top: float) -> float:
     return top - max(TRAILS, SHARE * top)
 
 
-def _movable(candidate: Candidate, shape: Shape) -> list[str]:
-    return [key for key in shape if candidate.moved(shape, key, 0.0) is not None]
-
-
 def moved(scan: Scan, others: tuple[int, ...], entry: int, rows: Index | slice = slice(None)) -> Shape | None:
     """An entry's shape, its values moved as far as that explains more beside ``others``; None where it is not worth it.
 
-    No value goes further than a step of its profile, so that a law stays what its name says. ``rows`` are those of the
-    problem that the scan holds.
+    No value goes further than a step, or out of those of its profile, so that a law stays what its name says. ``rows``
+    are those of the problem that the scan holds.
     """
     bank = scan.bank
     candidate, origin = bank.candidates[int(bank.owner[entry])], bank.shape_of(entry)
     view = _View.of(scan, others, entry)
-    at = dict.fromkeys(_movable(candidate, origin), 0.0)
+    moves = _moves(candidate, origin)
+    within = {key: _within(candidate, origin, key, move) for key, move in moves.items()}
+    at = dict.fromkeys(moves, 0.0)
     shape, start = origin, view.likelihood(bank.columns[:, bank.slice(entry)])
     value = start
     for step, key, way in product(STEPS, tuple(at), (1.0, -1.0)):
         while abs(at[key] + way * step) <= 1.0:
             steps = {**at, key: at[key] + way * step}
-            tried = _by(candidate, origin, steps)
+            tried = {**origin, **{k: moves[k](origin[k], s) for k, s in steps.items() if s}}
+            if not within[key][0] <= tried[key] <= within[key][1]:
+                break
             gained = view.likelihood(candidate.columns(tried)[rows])
             if gained <= value:
                 break
@@ -104,10 +104,16 @@ def moved(scan: Scan, others: tuple[int, ...], entry: int, rows: Index | slice =
     return shape if value > start + WORTH else None
 
 
-def _by(candidate: Candidate, shape: Shape, steps: Mapping[str, float]) -> Shape:
-    for key, step in steps.items():
-        shape = candidate.moved(shape, key, step) or shape
-    return shape
+def _moves(candidate: Candidate, shape: Shape) -> dict[str, Move]:
+    return {key: move for key, move in candidate.moves(shape).items() if key in shape}
+
+
+def _within(candidate: Candidate, shape: Shape, key: str, move: Move) -> tuple[float, float]:
+    """The ends of a value's profile: of the shapes that differ from this one by nothing else."""
+    rest = {k: v for k, v in shape.items() if k != key}
+    alike = [s for s in candidate.shapes[: candidate.profiled] if s.keys() == shape.keys()]
+    values = [s[key] for s in alike if {k: v for k, v in s.items() if k != key} == rest]
+    return (min(values), max(values)) if len(values) > 1 and not move.around else (-np.inf, np.inf)
 
 
 @dataclass(frozen=True, eq=False)

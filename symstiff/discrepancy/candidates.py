@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -23,7 +23,7 @@ from symstiff.discrepancy.problem import (
     Shape,
 )
 from symstiff.discrepancy.scan import column_space
-from symstiff.effects.base import Effect, Realisation, Scales, Where
+from symstiff.effects.base import Effect, Move, Realisation, Scales, Where
 from symstiff.model import StiffnessModel
 from symstiff.robot.schema import Robot
 from symstiff.symbolic.terms import BRANCH, TEMPERATURE, TIME, q, up
@@ -79,7 +79,7 @@ def candidates(
                     parameters_of=None if alike else columns.parameters,
                     driven=columns.driven,
                     assumed=frozenset(effect.assumed),
-                    moved=columns.moved,
+                    moves=columns.moves,
                 )
 
 
@@ -146,10 +146,9 @@ class _Columns:
         """The parameters of a shape's columns."""
         return self.member(shape).parameters
 
-    def moved(self, shape: Shape, key: str, steps: float) -> Shape | None:
-        """A shape with one value moved by some steps; None for what does not move."""
-        move = self.effect.moves(self._robot, shape).get(key)
-        return None if move is None else {**shape, key: move(shape[key], steps)}
+    def moves(self, shape: Shape) -> Mapping[str, Move]:
+        """How a shape's values are moved."""
+        return self.effect.moves(self._robot, shape)
 
     def driven(self, shape: Shape) -> frozenset[str] | None:
         """What a shape's law depends on beside loads; unknown for what is no law."""

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
+from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -129,6 +130,16 @@ ANGLE, CLOCK, HISTORY = "angle", "clock", "history"
 """What laws may depend on beside loads: the joints' variables; time, temperature or order; where the load came from."""
 
 
+class Move(Protocol):
+    """How a value of a shape is moved by steps of its profile; what goes ``around`` is an angle without ends."""
+
+    @property
+    def around(self) -> bool: ...  # noqa: D102
+
+    def __call__(self, value: float, steps: float, /) -> float:
+        """The value that lies so many steps from another."""
+
+
 @dataclass(frozen=True)
 class Candidate:
     """An effect at a place, as columns that would be added to the model."""
@@ -152,8 +163,8 @@ class Candidate:
     """What a shape's law depends on beside loads, of ``ANGLE``, ``CLOCK``, ``HISTORY``; None if not known."""
     assumed: frozenset[str] = frozenset()
     """Keys of shapes that take for granted what nobody told, such as the arm's mass: it is one thing for all laws."""
-    moved: Callable[[Shape, str, float], Shape | None] = lambda shape, key, steps: None
-    """A shape with the value of a key moved by so many steps of its profile; None where it cannot be."""
+    moves: Callable[[Shape], Mapping[str, Move]] = lambda shape: {}
+    """How a shape's values, by key, are moved to what lies between those of the profile."""
     between: int = 0
     """How many of the last ``shapes`` are not of the profile: they were moved to what the data ask for."""
     unavailable: str = ""

@@ -15,8 +15,8 @@ from math import cos, pi, sin
 import numpy as np
 import sympy as sp
 
-from symstiff.effects.base import Scales, Shape
-from symstiff.effects.common import GRAVITY, by_factor, by_sum, exact, load_of
+from symstiff.effects.base import Move, Scales, Shape
+from symstiff.effects.common import GRAVITY, exact, load_of
 from symstiff.robot.schema import Robot
 from symstiff.symbolic.chain import ElasticChain
 from symstiff.symbolic.terms import actuated_joint, q
@@ -35,8 +35,8 @@ DIRECTIONS = 6
 """Directions in which it is taken to hang."""
 ALONG = 0.05
 """Lever of an arm's weight about an axis, over the reach, below which the arm follows the axis."""
-FARTHEST = 0.02
-"""What hangs beside an axis is no more than the heaviest body so far from it, over the reach."""
+FARTHEST = 0.006
+"""What hangs beside an axis is no more than the heaviest body so far from it, over the reach: 36 kg·m of a KR 270."""
 DENSEST = 50.0
 """No body of a robot is heavier than this [kg/m³] times the cube of its reach: a UR10 has 8 in all, a KR 270 35."""
 TAPERS = {"mass": 0.0, "tapered_mass": 1.0}
@@ -60,7 +60,10 @@ ASSUMED = {
     "axis, its mass times its distance {} kg·m; masses in the file would tell what the joint carries",
 }
 """What these mean, and take for granted."""
-ARM_MOVES = {**dict.fromkeys((*TAPERS, BESIDE_AXIS), by_factor(1.7)), TOWARDS: by_sum(2.0 * pi / DIRECTIONS)}
+ARM_MOVES = {
+    **dict.fromkeys((*TAPERS, BESIDE_AXIS), Move(1.7)),
+    TOWARDS: Move(2.0 * pi / DIRECTIONS, added=True, around=True),
+}
 """How these lie between the ones that are tried."""
 _SHORTEST = 1e-6
 """Length of an arm without lengths [m]."""

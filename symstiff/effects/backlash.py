@@ -9,8 +9,8 @@ then the gap is taken to be crossed by the load alone, or by the load and an arm
 from __future__ import annotations
 
 from symstiff.effects.arm import ARM_MOVES, ASSUMED, TOLD, assumed_arms, odds, of_total_load, weighed
-from symstiff.effects.base import Effect, Realisation, Scales, Shape, Where
-from symstiff.effects.common import BOTH, angle_unit, by_factor, exact, joints, parameter, smooth_sign
+from symstiff.effects.base import Effect, Move, Realisation, Scales, Shape, Where
+from symstiff.effects.common import BOTH, angle_unit, exact, joints, parameter, smooth_sign
 from symstiff.robot.schema import Robot
 from symstiff.symbolic.terms import Term, actuated_joint
 
@@ -57,5 +57,5 @@ EFFECT = Effect(
     told={"width": "turning over within ± {} LOAD", "weights": "", **TOLD},
     assumed=ASSUMED,
     odds=odds,
-    moves=lambda robot, shape: {"width": by_factor(2.0), **ARM_MOVES},
+    moves=lambda robot, shape: {"width": Move(2.0), **ARM_MOVES},
 )

@@ -21,8 +21,23 @@ from symstiff.symbolic.terms import Term, VirtualJoint
 
 Where = Mapping[str, Any]
 Shape = Mapping[str, float]
-Move = Callable[[float, float], float]
-"""(value, steps) -> value: one step leads about to the next value of a profile."""
+
+
+@dataclass(frozen=True)
+class Move:
+    """How a value of a shape is moved between those that are profiled: by steps that multiply it, or are added.
+
+    One step leads about to the next value of the profile; what goes ``around`` is an angle without ends.
+    """
+
+    step: float
+    added: bool = False
+    around: bool = False
+
+    def __call__(self, value: float, steps: float) -> float:
+        """The value that lies so many steps from another."""
+        moved = value + self.step * steps if self.added else value * self.step**steps
+        return float(f"{moved:.4g}" if self.added else f"{moved:.3g}")
 
 
 @dataclass(frozen=True)

@@ -8,7 +8,7 @@ from typing import Any
 
 import sympy as sp
 
-from symstiff.effects.base import EffectParameter, Move, Where, place_name
+from symstiff.effects.base import EffectParameter, Where, place_name
 from symstiff.robot.schema import Robot
 from symstiff.symbolic.chain import ElasticChain
 from symstiff.symbolic.program import Builder
@@ -63,16 +63,6 @@ def smooth_sign(x: sp.Expr, width: sp.Expr) -> sp.Expr:
 def size(x: sp.Expr) -> sp.Expr:
     """|x|, left as it stands: SymPy's questions about a weight's sign take seconds."""
     return sp.Abs(x, evaluate=False)
-
-
-def by_factor(step: float) -> Move:
-    """A value that is a size: steps multiply it."""
-    return lambda value, steps: float(f"{value * step**steps:.3g}")
-
-
-def by_sum(step: float) -> Move:
-    """A value that is an angle: steps are added."""
-    return lambda value, steps: float(f"{value + step * steps:.4g}")
 
 
 def load_of(joint: int) -> sp.Symbol:

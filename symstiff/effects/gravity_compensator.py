@@ -24,7 +24,7 @@ import numpy as np
 import sympy as sp
 
 from symstiff.effects.base import Effect, Move, Realisation, Scales, Shape, Where
-from symstiff.effects.common import BOTH, by_factor, by_sum, exact, load_of, parameter
+from symstiff.effects.common import BOTH, exact, load_of, parameter
 from symstiff.robot.schema import Robot
 from symstiff.symbolic.chain import ElasticChain
 from symstiff.symbolic.program import Builder
@@ -158,10 +158,10 @@ def _odds(robot: Robot, shape: Shape) -> float:
 
 def _moves(robot: Robot, shape: Shape) -> Mapping[str, Move]:
     """The spring's geometry is not moved where the robot file tells it."""
-    share: dict[str, Move] = {"ratio": by_sum(0.4)}
+    share: dict[str, Move] = {"ratio": Move(0.4, added=True)}
     if _known(robot):
         return share
-    return {**share, "L": by_factor(1.6), "s0": by_factor(1.3), "alpha": by_sum(DIRECTIONS[1])}
+    return {**share, "L": Move(1.6), "s0": Move(1.3), "alpha": Move(DIRECTIONS[1], added=True, around=True)}
 
 
 def _places(robot: Robot) -> tuple[Where, ...]:

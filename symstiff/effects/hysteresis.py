@@ -8,12 +8,11 @@ with ``mass`` or ``tapered_mass`` that of an arm of so many kilograms where the 
 from __future__ import annotations
 
 from symstiff.effects.arm import ARM_MOVES, ASSUMED, TOLD, assumed_arms, most_weight_load, odds, own_load
-from symstiff.effects.base import Effect, Realisation, Scales, Shape, Where
+from symstiff.effects.base import Effect, Move, Realisation, Scales, Shape, Where
 from symstiff.effects.common import (
     BOTH,
     NEAR_ZERO,
     angle_unit,
-    by_factor,
     exact,
     joints,
     load_of,
@@ -78,5 +77,5 @@ EFFECT = Effect(
     },
     assumed=ASSUMED,
     odds=odds,
-    moves=lambda robot, shape: {"width": by_factor(2.7), "loop": by_factor(1.2), **ARM_MOVES},
+    moves=lambda robot, shape: {"width": Move(2.7), "loop": Move(1.2), **ARM_MOVES},
 )  # fmt: skip

@@ -22,11 +22,10 @@ from symstiff.effects.arm import (
     weighed,
     weight_load,
 )
-from symstiff.effects.base import Effect, Realisation, Scales, Shape, Where
+from symstiff.effects.base import Effect, Move, Realisation, Scales, Shape, Where
 from symstiff.effects.common import (
     BOTH,
     NEAR_ZERO,
-    by_factor,
     compliance_unit,
     exact,
     joints,
@@ -126,5 +125,5 @@ EFFECT = Effect(
     },
     assumed=ASSUMED,
     odds=odds,
-    moves=lambda robot, shape: {"load": by_factor(1.6), **ARM_MOVES},
+    moves=lambda robot, shape: {"load": Move(1.6), **ARM_MOVES},
 )  # fmt: skip

@@ -11,8 +11,8 @@ import math
 
 import sympy as sp
 
-from symstiff.effects.base import Effect, Realisation, Scales, Shape, Where
-from symstiff.effects.common import BOTH, XYZ, by_factor, exact, link_axes, links, parameter
+from symstiff.effects.base import Effect, Move, Realisation, Scales, Shape, Where
+from symstiff.effects.common import BOTH, XYZ, exact, link_axes, links, parameter
 from symstiff.robot.schema import Robot
 from symstiff.symbolic.terms import TEMPERATURE, TIME, Term, VirtualJoint
 
@@ -69,5 +69,5 @@ EFFECT = Effect(
     told={
         "temperature": "per {} K", "reference": "from {} °C", "time": "over {} s", "T": "time constant {} s",
     },
-    moves=lambda robot, shape: {"T": by_factor(2.0)},
+    moves=lambda robot, shape: {"T": Move(2.0)},
 )  # fmt: skip
