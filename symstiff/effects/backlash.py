@@ -3,7 +3,8 @@
 The sign is smooth near zero. Deflection data show the difference to the unloaded state,
 gap/2·(sign(τ_weight + τ) − sign(τ_weight)). Where the robot file has no masses the unloaded state is unknown:
 then the gap is taken to be crossed by the load alone, or by the load and an arm of one of a few masses (a shape's
-``mass`` or ``tapered_mass``); where the weight keeps the gap closed nothing is seen. Masses in the robot file decide.
+``mass`` or ``tapered_mass``) or a body beside the joint's axis (``beside_axis``); where the weight keeps the gap
+closed nothing is seen. Masses in the robot file decide.
 """
 
 from __future__ import annotations

@@ -2,7 +2,7 @@
 
 h is a smooth sign of the load, times |τ/τ₀|^power, or times 1 − (τ/τ₀)² where the loop closes at its ends. The load
 is the one that the experiment adds, or with ``weights`` in the shape the total one, the links' weight included, or
-with ``mass`` or ``tapered_mass`` that of an arm of so many kilograms where the file tells no masses.
+with ``mass``, ``tapered_mass`` or ``beside_axis`` that of an assumed arm or body where the file tells no masses.
 """
 
 from __future__ import annotations

@@ -4,7 +4,8 @@ Without a shape the polynomial with c₂ and c₃. Profiled shapes have one para
 with h = sign(x)|x|^power (smooth near zero), x − clip(x, −1, 1) beyond a knee at τ₀, or tanh x; c is a slope
 in rad/(N·m) whatever the shape. Where masses are known, τ is the total load and what its weight does alone is
 taken away; with ``weights = 0`` in the shape τ is the load that the experiment adds, with ``mass`` or
-``tapered_mass`` that load and the weight of an arm of so many kilograms.
+``tapered_mass`` that load and the weight of an arm of so many kilograms, with ``beside_axis`` that of a body beside
+the joint's axis.
 """
 
 from __future__ import annotations
