@@ -74,12 +74,9 @@ def _looked(problem: Problem, bank: Bank, noise: noises.Noise) -> tuple[Bank, Sc
     scan, clean, obvious = _opened(problem, bank, noise, by_way=True)
     place = 0
     while place < len(obvious):
-        more = between(scan, obvious[:place])
-        if not more:
-            place += 1
-            continue
-        bank = with_shapes(problem, bank, more)
-        scan, clean, obvious = _opened(problem, bank, noise, by_way=True)
+        if more := between(scan, obvious[:place]):
+            bank = with_shapes(problem, bank, more)
+            scan, clean, obvious = _opened(problem, bank, noise, by_way=True)
         place += 1
     return bank, scan, clean
 
