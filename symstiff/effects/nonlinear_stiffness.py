@@ -5,7 +5,8 @@ with h = sign(x)|x|^power (smooth near zero), x − clip(x, −1, 1) beyond a kn
 in rad/(N·m) whatever the shape. Where masses are known, τ is the total load and what its weight does alone is
 taken away; with ``weights = 0`` in the shape τ is the load that the experiment adds, with ``mass`` or
 ``tapered_mass`` that load and the weight of an arm of so many kilograms, with ``beside_axis`` that of a body beside
-the joint's axis.
+the joint's axis. Between the shapes of the profile only that load is moved, and where a body hangs, not its weight:
+a knee or a saturation far below the largest load is backlash.
 """
 
 from __future__ import annotations
@@ -17,6 +18,7 @@ from symstiff.effects.arm import (
     ASSUMED,
     BESIDE_AXIS,
     TOLD,
+    TOWARDS,
     assumed_arms,
     odds,
     of_total_load,
@@ -126,5 +128,5 @@ EFFECT = Effect(
     },
     assumed=ASSUMED,
     odds=odds,
-    moves=lambda robot, shape: {"load": Move(1.6), **ARM_MOVES},
+    moves=lambda robot, shape: {"load": Move(1.6), TOWARDS: ARM_MOVES[TOWARDS]},
 )  # fmt: skip
