@@ -5,6 +5,8 @@ from __future__ import annotations
 import errno
 import json
 import os
+import subprocess
+import sys
 from pathlib import Path
 
 import pytest
@@ -134,6 +136,22 @@ def test_a_json_file_that_cannot_be_written_is_one_line(run: Run, tmp_path: Path
     (tmp_path / "file").write_text("mine")
     assert_users_mistake(run("robots", "--json", tmp_path / place), "cannot write")
     assert [p.name for p in tmp_path.iterdir()] == ["file"]
+
+
+def test_output_that_finds_no_room_is_no_fault_of_ours() -> None:
+    full = Path("/dev/full")
+    if not full.is_char_device():
+        pytest.skip("no /dev/full on this machine")
+    with full.open("w") as out:
+        done = subprocess.run(
+            [sys.executable, "-m", "symstiff", "robots"],
+            stdout=out,
+            stderr=subprocess.PIPE,
+            text=True,
+            check=False,
+        )
+    assert done.returncode == 2
+    assert done.stderr == "symstiff: No space left on device: make room where the output goes\n"
 
 
 def test_a_device_is_written_to_and_never_replaced(run: Run, tmp_path: Path) -> None:

@@ -140,6 +140,18 @@ def test_the_hysteresis_of_a_quill_is_named_though_nobody_tells_what_it_weighs(m
     assert found.rms.after == pytest.approx(SIGMA, rel=0.1)
 
 
+def found_under(
+    told: Mapping[int, tuple[float, tuple[float, ...]]],
+    effect: str,
+    joint: int,
+    shape: str,
+    sizes: dict[str, Any],
+) -> workflow.Finding:
+    """What is found of a KR 270's gear where the file does not tell its weights."""
+    bare = load("kuka_kr270")
+    return run(Task(bare, experiment(effect, joint, shape, sizes, 1500.0, weighing(bare, told))))
+
+
 @pytest.mark.parametrize(
     ("effect", "joint", "shape", "sizes"),
     [
@@ -152,18 +164,13 @@ def test_an_arm_that_is_heavy_at_its_base_has_its_gears_named(
     effect: str, joint: int, shape: str, sizes: dict[str, Any]
 ) -> None:
     """Motors near the base, a light wrist: an even rod hangs too much of it at the elbow."""
-    bare = load("kuka_kr270")
-    robot = weighing(
-        bare,
-        {
-            1: (250.0, (-0.2, 0.0, 0.0)),
-            2: (200.0, (-0.9, 0.0, 0.0)),
-            3: (130.0, (0.0, 0.0, 0.1)),
-            4: (15.0, (0.0,) * 3),
-        },
-    )
-    found = run(Task(bare, experiment(effect, joint, shape, sizes, 1500.0, robot)))
-    assert_named(found, effect, joint)
+    told = {
+        1: (250.0, (-0.2, 0.0, 0.0)),
+        2: (200.0, (-0.9, 0.0, 0.0)),
+        3: (130.0, (0.0, 0.0, 0.1)),
+        4: (15.0, (0.0,) * 3),
+    }
+    assert_named(found_under(told, effect, joint, shape, sizes), effect, joint)
 
 
 @pytest.mark.parametrize(
@@ -178,17 +185,13 @@ def test_the_gears_of_a_wrist_are_named_though_its_weight_hangs_beside_their_axe
     effect: str, joint: int, shape: str, sizes: dict[str, Any]
 ) -> None:
     """An arm along the axes loads them hardly; a forearm's motors and a valve block beside them do."""
-    bare = load("kuka_kr270")
-    robot = weighing(
-        bare,
-        {
-            2: (200.0, (-0.6, 0, 0)),
-            3: (80.0, (0, 0, 0.1)),
-            4: (150.0, (0, 0.15, 0.15)),
-            5: (60.0, (0.1, 0.05, 0)),
-        },
-    )
-    found = run(Task(bare, experiment(effect, joint, shape, sizes, 1500.0, robot)))
+    told = {
+        2: (200.0, (-0.6, 0, 0)),
+        3: (80.0, (0, 0, 0.1)),
+        4: (150.0, (0, 0.15, 0.15)),
+        5: (60.0, (0.1, 0.05, 0)),
+    }
+    found = found_under(told, effect, joint, shape, sizes)
     assert_named(found, effect, joint)
     assert {"beside_axis", "towards"} <= found.named[0].shape.keys()
     assert any("a body that hangs beside the joint's axis" in remark for remark in found.remarks)

@@ -36,9 +36,8 @@ def main() -> None:
         import traceback
 
         if isinstance(error, OSError) and error.errno in _FULL:
-            os.dup2(
-                os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno()
-            )  # nothing is left to be written at exit
+            # what is left to be written would fail again at exit
+            os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
             print(f"symstiff: {error.strerror}: make room where the output goes", file=sys.stderr)
             raise SystemExit(2) from None
         if os.environ.get("SYMSTIFF_DEBUG"):

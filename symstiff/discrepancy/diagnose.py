@@ -15,7 +15,7 @@ from symstiff.discrepancy.localise import FittedLaw, Localisation, best_law, dev
 from symstiff.discrepancy.noise import CONTRADICTED, REPEATABILITY, NoiseReport
 from symstiff.discrepancy.prepare import Prepared, prepare
 from symstiff.discrepancy.problem import Array, Candidate, Options, Problem
-from symstiff.discrepancy.proof import HeldOut, held_out
+from symstiff.discrepancy.proof import HeldOut, held_out, poses_of_their_own
 from symstiff.discrepancy.result import Diagnosis, Name, Rms
 from symstiff.discrepancy.scan import Scan, coefficients, column_space, one_sharing
 from symstiff.discrepancy.search import Proposal
@@ -158,7 +158,9 @@ def _proof(
 ) -> HeldOut | None:  # fmt: skip
     """How the poses that are left out are predicted; None where no other pose can tell."""
     sets = [judged.entries for judged in outcome.admissible]
-    if not options.held_out or _of_single_poses(problem, ready.bank, sets[0] if sets else ()):
+    found = sets[0] if sets else ()
+    # what is in one pose each no other pose can prove
+    if not options.held_out or 0 < len(found) == len(poses_of_their_own(problem, ready.bank, found)):
         return None
     tell("proof")
     noise = one_sharing(outcome.admissible[0].scan if sets else ready.scan)
@@ -173,12 +175,6 @@ def refuted(outcome: Outcome) -> Outcome:
     return replace(
         outcome, verdict=INSUFFICIENT, reason=REFUTED, admissible=outcome.admissible[:1], confidence=half
     )
-
-
-def _of_single_poses(problem: Problem, bank: Bank, entries: Sequence[int]) -> bool:
-    """Whether all that was found is in one pose each: then no other pose can prove it."""
-    touched = [np.any(bank.columns[:, bank.slice(e)], axis=1) for e in entries]
-    return bool(touched) and all(len(np.unique(problem.pose[rows])) == 1 for rows in touched)
 
 
 def _law(problem: Problem, scan: Scan, place: Localisation) -> FittedLaw | None:

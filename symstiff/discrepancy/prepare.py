@@ -13,7 +13,7 @@ from symstiff.discrepancy.bank import Bank, build
 from symstiff.discrepancy.beside import evidence_beside
 from symstiff.discrepancy.between import between, with_shapes
 from symstiff.discrepancy.laws import unnamed_laws
-from symstiff.discrepancy.problem import Array, Candidate, Problem
+from symstiff.discrepancy.problem import Array, Candidate, Index, Problem
 from symstiff.discrepancy.scan import Scan, at_sharings, column_space, extend, likely, one_sharing, open_scan
 from symstiff.discrepancy.sharing import (
     JOINTS,
@@ -170,11 +170,9 @@ def _anew_share(problem: Problem, z: Array) -> float:
     """Part of the shared error that each repeat of a pose has for itself, by moments of the residual (M,) in a pose."""
     if not repeated(problem):
         return 0.0
-    within, pairs = _products(z, approaches(problem, 1.0) * (problem.axis.max() + 1) + problem.axis)
-    every, all_pairs = _products(z, problem.pose * (problem.axis.max() + 1) + problem.axis)
-    alone = within / max(pairs, 1.0)
-    common = (every - within) / max(all_pairs - pairs, 1.0)
-    return float(np.clip(1.0 - common / max(alone, 1e-12), 0.0, 1.0))
+    axes = int(problem.axis.max()) + 1
+    each, whole = (label * axes + problem.axis for label in (approaches(problem, 1.0), problem.pose))
+    return _alone(z, each, whole)
 
 
 def _own_share(problem: Problem, z: Array, anew: float) -> float:
@@ -182,14 +180,20 @@ def _own_share(problem: Problem, z: Array, anew: float) -> float:
     if not several_markers(problem):
         return 0.0
     label = approaches(problem, anew)
-    same, pairs = _products(z, label * (problem.channel.max() + 1) + problem.channel)
-    every, all_pairs = _products(z, label * (problem.axis.max() + 1) + problem.axis)
+    each, whole = (label * (int(part.max()) + 1) + part for part in (problem.channel, problem.axis))
+    return _alone(z, each, whole)
+
+
+def _alone(z: Array, each: Index, whole: Index) -> float:
+    """Part of the error that rows of one label ``whole`` share which those of each label within it have alone."""
+    same, pairs = _products(z, each)
+    every, all_pairs = _products(z, whole)
     alone = same / max(pairs, 1.0)
     common = (every - same) / max(all_pairs - pairs, 1.0)
     return float(np.clip(1.0 - common / max(alone, 1e-12), 0.0, 1.0))
 
 
-def _products(z: Array, label: Array) -> tuple[float, float]:
+def _products(z: Array, label: Index) -> tuple[float, float]:
     """Sum of products of different rows of the same label, and how many there are."""
     _, number = np.unique(label, return_inverse=True)
     total = np.bincount(number.reshape(-1), z)

@@ -82,7 +82,7 @@ def held_out(
         again.append(sorted(names) in [_names(bank, found) for found in there])
         for name, used in (("before", ()), ("after", chosen), ("fixed", fixed)):
             error[name][test] = _predict(problem, noise, train, test, used)
-    told = translation & ~np.isin(problem.pose, _alone(problem, bank, entries))
+    told = translation & ~np.isin(problem.pose, poses_of_their_own(problem, bank, entries))
     rms = {name: float(np.sqrt(np.mean(e[told] ** 2))) for name, e in error.items()}
     return HeldOut(rms["before"], rms["after"], rms["fixed"], sigma, tuple(selected), float(np.mean(again)))
 
@@ -91,8 +91,8 @@ def _names(bank: Bank, entries: Sequence[int]) -> list[str]:
     return sorted(bank.candidates[int(bank.owner[e])].key for e in entries)
 
 
-def _alone(problem: Problem, bank: Bank, entries: Sequence[int]) -> list[int]:
-    """Poses that have an effect of their own: no other pose can tell it."""
+def poses_of_their_own(problem: Problem, bank: Bank, entries: Sequence[int]) -> list[int]:
+    """The poses of effects that are in one pose alone: no other pose can tell them."""
     touched = [np.unique(problem.pose[np.any(bank.columns[:, bank.slice(e)], axis=1)]) for e in entries]
     return [int(poses[0]) for poses in touched if len(poses) == 1]
 

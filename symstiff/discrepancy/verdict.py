@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from itertools import islice
 
 import numpy as np
 from scipy.special import expit, logsumexp
@@ -167,8 +168,9 @@ def _others(shop: Workshop, leader: Judged, bases: list[Proposal], beyond: Beyon
     are the same way.
     """
     but = _set(leader, shop.start.bank.twin)
-    ranked = [p for p in _ranked(shop, bases, beyond, but) if not _same_columns(shop.start, p, leader)][:4]
-    judged = [judge(shop, p) for p in ranked if p.score > leader.score - CLOSE]
+    close = (p for p in _ranked(shop, bases, beyond, but)[:LEADING] if p.score > leader.score - CLOSE)
+    others = (p for p in close if not _same_columns(shop.start, p, leader))
+    judged = [judge(shop, p) for p in islice(others, 4)]
     return [j for j in judged if _admissible(j, shop.options)]
 
 

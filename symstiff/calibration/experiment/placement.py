@@ -68,10 +68,7 @@ def turns_of(vectors: Floats) -> Floats:
     far = angle > _NO_TURN
     first = np.where(far, (1.0 - np.cos(size)) / size**2, 0.5)
     second = np.where(far, (size - np.sin(size)) / size**3, 1.0 / 6.0)
-    cross = np.zeros((len(vectors), 3, 3))
-    for row, column, k, sign in ((0, 1, 2, -1), (0, 2, 1, 1), (1, 2, 0, -1)):
-        cross[:, row, column] = sign * vectors[:, k]
-        cross[:, column, row] = -sign * vectors[:, k]
+    cross = np.cross(vectors[:, None, :], np.eye(3)).transpose(0, 2, 1)
     return np.eye(3) + first[:, None, None] * cross + second[:, None, None] * (cross @ cross)
 
 
