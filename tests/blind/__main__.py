@@ -5,6 +5,7 @@ from __future__ import annotations
 import argparse
 import json
 import os
+from dataclasses import replace
 from pathlib import Path
 
 for name in ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS"):
@@ -21,6 +22,9 @@ def main() -> None:
     parser.add_argument("--jobs", type=int, default=1, help="processes")
     parser.add_argument("--seed", type=int, default=4, help="another seed draws other cases")
     parser.add_argument("--kind", choices=CLASSES, help="only cases of one class")
+    parser.add_argument(
+        "--mild", action="store_true", help="robots repeat well and weigh what their files tell"
+    )
     parser.add_argument("--alone", action="store_true", help="leave out BIC, AIC, lasso and cross-validation")
     parser.add_argument("--json", type=Path, help="keep cases and results")
     parser.add_argument("--pool", type=Path, nargs="+", help="no new cases: the table of results kept before")
@@ -28,9 +32,9 @@ def main() -> None:
     if given.pool:
         print(report([row for path in given.pool for row in json.loads(path.read_text())["cases"]]))
         return
-    options = Options(seed=given.seed)
+    options = Options(seed=given.seed, mild=given.mild)
     if given.kind:
-        options = Options(seed=given.seed, classes=(given.kind,), shares=(1.0,))
+        options = replace(options, classes=(given.kind,), shares=(1.0,))
     numbers = range(given.first, given.first + given.n)
     rows = benchmark(numbers, options, given.jobs, not given.alone, lambda text: print(text, flush=True))
     print("\n" + report(rows))

@@ -18,21 +18,26 @@ JOINTS = (0.0, 0.0, 0.0, 1.0, 3.0)
 """The same as of joints that stand elsewhere, root mean square at the tool."""
 UNLOADED = (0.0, 0.35, 1.0)
 """The same as of each point's reading without load: one of several repeats, or as good as any other."""
+MILD = 0.35
+"""The largest of these where a robot repeats well."""
 HEAVY = (2.0, 5.0)
 """What an arm weighs, over the force that it is made for."""
 _STEP = 1e-5
 
 
-def drawn(robot: Robot, table: Measurements, rng: np.random.Generator) -> Noise:
-    """The noise of a case."""
+def drawn(robot: Robot, table: Measurements, rng: np.random.Generator, mild: bool = False) -> Noise:
+    """The noise of a case; ``mild`` where the robot repeats to a third of it."""
     sigma = float(np.exp(rng.uniform(np.log(0.01), np.log(0.1))))
     x, y, z = (float(v) for v in sigma * np.exp(0.12 * rng.normal(size=3)))
-    shared, joints = float(rng.choice(APPROACH)), float(rng.choice(JOINTS))
+    approach, stands, unloaded = (
+        [x for x in of if x <= MILD or not mild] for of in (APPROACH, JOINTS, UNLOADED)
+    )
+    shared, joints = float(rng.choice(approach)), float(rng.choice(stands))
     angle = 0.0
     if joints:
         per_unit = np.sqrt(np.mean(np.sum(readings_of_joints(robot, table) ** 2, axis=2)))
         angle = joints * sigma / float(per_unit)  # mm over m/rad: mrad
-    before = float(rng.choice(UNLOADED)) if table.kind == "deflection" else 0.0
+    before = float(rng.choice(unloaded)) if table.kind == "deflection" else 0.0
     return Noise(
         (x, y, z), growth_ppm=float(rng.uniform(0, 80 * sigma)), approach_mm=(shared * sigma,) * 3,
         approach_mrad=angle, unloaded_mm=(before * sigma,) * 3, quantum_mm=0.001,
