@@ -86,6 +86,11 @@ class Bank:
             for other in others
         )
 
+    def alike(self, entry: int) -> list[int]:
+        """The entries of its candidate that take the same for granted."""
+        own = np.flatnonzero(self.owner == self.owner[entry])
+        return [int(e) for e in own if self._granted(int(e)) == self._granted(entry)]
+
     def _granted(self, entry: int) -> Shape:
         """What an entry's shape takes for granted."""
         keys = self.candidates[int(self.owner[entry])].assumed

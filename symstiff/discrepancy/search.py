@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
+from itertools import combinations
 
 import numpy as np
 
@@ -149,7 +150,7 @@ def polish(shop: Workshop, proposal: Proposal) -> Proposal:
     """Choose each member's shape again, given the others, and count the evidence along the better path."""
     if len(proposal.members) < 2:
         return proposal
-    entries = list(proposal.entries)
+    entries = list(_of_one_joint(shop, proposal))
     for place, member in enumerate(proposal.members):
         others = tuple(e for i, e in enumerate(entries) if i != place)
         entry, own = _entry(shop, member, others)
@@ -166,6 +167,26 @@ def polish(shop: Workshop, proposal: Proposal) -> Proposal:
             )
             score = max(score, path)
     return Proposal(proposal.members, tuple(entries), score)
+
+
+def _of_one_joint(shop: Workshop, proposal: Proposal) -> tuple[int, ...]:
+    """The entries, shapes of laws of one virtual joint chosen together: after the other, each fits a part of both."""
+    bank, entries = shop.start.bank, list(proposal.entries)
+    for a, b in combinations(range(len(entries)), 2):
+        if (
+            bank.place[proposal.members[a]] != bank.place[proposal.members[b]]
+            or not bank.place[proposal.members[a]]
+        ):
+            continue
+        others = tuple(e for k, e in enumerate(entries) if k not in (a, b))
+        first, second = proposal.members[a], proposal.members[b]
+        alone, best = shop.evidence(others), -np.inf
+        for entry in bank.alike(entries[a]):
+            partner, own = _entry(shop, second, (*others, entry))
+            value = _at(alone, first, entry) + own
+            if value > best:
+                best, entries[a], entries[b] = value, entry, partner
+    return tuple(entries)
 
 
 def _at(found: Evidence, candidate: int, entry: int) -> float:

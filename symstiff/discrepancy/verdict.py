@@ -35,6 +35,9 @@ LEADING = 6
 CLOSE = 3.0
 """Log evidence by which a set that is refused may lead one that is not, for that one still to be spoken of."""
 
+CLEARLY = 10.0
+"""Log evidence by which two laws of one joint have to lead one that accounts for the data as well."""
+
 AS_MUCH = 1.0
 """Log evidence within which two sets explain the same."""
 
@@ -164,14 +167,34 @@ def _ranked(
 def _others(shop: Workshop, leader: Judged, bases: list[Proposal], beyond: Beyond) -> list[Judged]:
     """Sets of one effect more that hold without the leading set: each accounts for the data in its own way.
 
-    What would only join the leading set is what its sufficiency is about, and blocks that together are the same columns
-    are the same way.
+    What would only join the leading set is what its sufficiency is about, other laws of its joints excepted, and blocks
+    that together are the same columns are the same way. One law bends to most of two of the same joint, and two bend
+    to one whose shape is not at hand: they have to explain clearly more.
     """
     but = _set(leader, shop.start.bank.twin)
-    close = (p for p in _ranked(shop, bases, beyond, but)[:LEADING] if p.score > leader.score - CLOSE)
+    found = [*_joined(shop, leader, beyond), *_ranked(shop, bases, beyond, but)[:LEADING]]
+    close = (p for p in found if p.score > leader.score + _needed_lead(shop, p, leader))
     others = (p for p in close if not _same_columns(shop.start, p, leader))
     judged = [judge(shop, p) for p in islice(others, 4)]
     return [j for j in judged if _admissible(j, shop.options)]
+
+
+def _joined(shop: Workshop, leader: Judged, beyond: Beyond) -> list[Proposal]:
+    """The leading set and another law of one of its joints, where what it misses passes for a shape only close."""
+    if min(leader.p_left_named, leader.p_left_unnamed) >= shop.options.alpha_sufficient:
+        return []
+    place, base = shop.start.bank.place, Proposal(leader.members, leader.entries, leader.score)
+    joints = {place[m] for m in leader.members} - {""}
+    more = (polish(shop, p) for p in proposals(shop, [base]) if place[p.members[-1]] in joints)
+    return [kept for p in more if (kept := _in_range(p, beyond)) is not None]
+
+
+def _needed_lead(shop: Workshop, found: Proposal, leader: Judged) -> float:
+    """Log evidence by which a set has to lead another to be judged beside it: more where it has more laws a joint."""
+    place = shop.start.bank.place
+    own, other = ([place[m] for m in members] for members in (found.members, leader.members))
+    same = set(own) == set(other) and own.count("") == other.count("")
+    return CLEARLY if same and len(own) > len(other) else -CLOSE
 
 
 def _same_columns(scan: Scan, one: Proposal, other: Judged) -> bool:
