@@ -1,4 +1,4 @@
-"""What has no name and no virtual joint: force sensor, device, markers, loads read late, what lifts or slips."""
+"""What has no name and no virtual joint: force sensor, device, markers, loads read late, what lifts, slips or moves."""
 
 from __future__ import annotations
 
@@ -22,6 +22,9 @@ _GROWTH = (1, 2)
 _TURNS = (1, 2)
 """Waves per turn of an encoder of the measuring device that runs out of true."""
 
+_CUTS = 20
+"""Moments of a session at which something may have moved, at most."""
+
 _LIFTS = (0.3, 0.5, 0.7)
 """Shares of the largest tilting moment from which a foot lifts, and of the largest force from which a flange slips."""
 
@@ -33,10 +36,12 @@ def device_laws(situation: Situation) -> tuple[DeviceLaw, ...]:
         *_gains(situation),
         *_crosstalk(situation),
         *_pulls(situation),
+        *_beside(situation),
         *_markers(view),
         *_late(situation),
         *_foot(view),
         *_slips(view),
+        *_moved_once(view),
     ]
     if view.table.kind == "absolute":
         found += _readings(view)
@@ -91,6 +96,21 @@ def _pulls(situation: Situation) -> Iterator[DeviceLaw]:
         Parameter(f"pull towards a fixed point: {n} at the base's origin", "N") for n in _WRENCH[:3]
     )
     yield DeviceLaw(SENSOR, "pull towards a fixed point", columns, _pushed(situation, [pull, *fixed]))
+
+
+def _beside(situation: Situation) -> Iterator[DeviceLaw]:
+    """A load that acts beside the point of the table, in the tool's axes or in the base's: a hook, a sling."""
+    view = situation.view
+    force, share = view.table.w[:, :3], np.abs(load_factor(view.table))
+    axes = {"the tool's axes": view.found.R[:, -1], "the base's axes": np.tile(np.eye(3), (len(force), 1, 1))}
+    for title, frame in axes.items():
+        wrenches = [np.hstack([0.0 * force, np.cross(frame[:, :, k], force)]) for k in range(3)]
+        block = _pushed(situation, wrenches)
+        for grown in (False, True) if np.ptp(share) > 0 else (False,):
+            name = f"lever of the load in {title}" + (" at the largest one, growing with it" if grown else "")
+            columns = tuple(Parameter(f"{name}: {axis}", "m") for axis in "xyz")
+            growth = share[view.state][:, None] if grown else 1.0
+            yield DeviceLaw(SENSOR, "lever of the load", columns, growth * block)
 
 
 def _pushed(situation: Situation, wrenches: list[Array]) -> Array:
@@ -195,6 +215,22 @@ def _slips(view: View) -> Iterator[DeviceLaw]:
         slipped = (size > share * np.max(size, initial=0.0)) * force / np.maximum(size, 1e-300)
         title = f"slip beyond {100 * share:.0f} % of the largest force"
         yield DeviceLaw(FLANGE, title, (Parameter(title, "m"),), _read(view, slipped)[:, None])
+
+
+def _moved_once(view: View) -> Iterator[DeviceLaw]:
+    """Targets, or the device, that moved once and stayed there."""
+    table = view.table
+    clock = table.time if np.isfinite(table.time).all() else np.arange(len(table), dtype=float)
+    begin = np.sort([clock[table.pose == p].min() for p in np.unique(table.pose)])[1:]
+    tool = view.turn @ view.found.R[:, -1]
+    fixed = np.tile(np.eye(3), (len(clock), 1, 1))
+    for cut in begin[:: max(1, round(len(begin) / _CUTS))]:
+        since = (clock >= cut)[:, None]
+        for place, frame in ((FLANGE, tool), (DEVICE, fixed)):
+            name = f"shift from {100 * np.mean(clock < cut):.0f} % of the session on"
+            columns = tuple(Parameter(f"{name}: {axis}", "m") for axis in "xyz")
+            block = np.column_stack([_read(view, since * frame[:, :, k]) for k in range(3)])
+            yield DeviceLaw(place, "shift from some time on", columns, block)
 
 
 def _readings(view: View) -> Iterator[DeviceLaw]:

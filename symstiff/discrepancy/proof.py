@@ -165,7 +165,8 @@ def _predict(problem: Problem, noise: Noise, train: Index, test: Index, blocks: 
     inner = _rows(noise, train)
     root = inner.root(noise.sharings[0], -0.5)
     W = inner.apply(root, np.column_stack([problem.y[train], X[train]]) / inner.spread[:, None])
-    length = np.linalg.norm(W[:, 1:], axis=0)
+    # of all poses: what the training poses hardly show is small beside what it is elsewhere
+    length = np.linalg.norm(X / noise.spread[:, None], axis=0)
     length[length == 0] = 1.0
     U, s, Vt = np.linalg.svd(W[:, 1:] / length, full_matrices=False)
     keep = s > 1e-9 * s[0]

@@ -35,8 +35,8 @@ LEADING = 6
 CLOSE = 3.0
 """Log evidence by which a set that is refused may lead one that is not, for that one still to be spoken of."""
 
-CLEARLY = 10.0
-"""Log evidence by which two laws of one joint have to lead one that accounts for the data as well."""
+CLEARLY, CLEAR_SHARE = 10.0, 0.1
+"""Log evidence, and its share of the leader's, by which two laws of one joint have to lead one that suffices."""
 
 AS_MUCH = 1.0
 """Log evidence within which two sets explain the same."""
@@ -194,7 +194,7 @@ def _needed_lead(shop: Workshop, found: Proposal, leader: Judged) -> float:
     place = shop.start.bank.place
     own, other = ([place[m] for m in members] for members in (found.members, leader.members))
     same = set(own) == set(other) and own.count("") == other.count("")
-    return CLEARLY if same and len(own) > len(other) else -CLOSE
+    return max(CLEARLY, CLEAR_SHARE * leader.score) if same and len(own) > len(other) else -CLOSE
 
 
 def _same_columns(scan: Scan, one: Proposal, other: Judged) -> bool:
