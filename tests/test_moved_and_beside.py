@@ -1,0 +1,84 @@
+"""A target that moved once, and a load that does not act where the table says: neither has a name, both are found."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from symstiff.calibration.measurements import Measurements
+from symstiff.calibration.simulation.experiment import simulate
+from symstiff.calibration.simulation.truth import truth_from_table
+from symstiff.discrepancy.prepare import prepare
+from symstiff.discrepancy.problem import Array
+from symstiff.discrepancy.proof import _predict
+from symstiff.discrepancy.workflow import Finding, Task, run
+from symstiff.report import words
+from symstiff.robot import load
+from tests.diagnosis_data import ROBOT, design, measured
+from tests.test_discrepancy_engine import arm
+from tests.test_discrepancy_engine import measured as noisy
+
+SHIFT = np.array([6e-5, -4e-5, 5e-5])
+
+
+def diagnosed(table: Measurements) -> Finding:
+    return run(Task(load(ROBOT), table))
+
+
+def in_tool(table: Measurements, vector: Array) -> Array:
+    """(N, 3) a vector of the planar arm's tool in base axes: its joints turn about one axis."""
+    c, s = np.cos(table.q.sum(axis=1)), np.sin(table.q.sum(axis=1))
+    return np.column_stack([c * vector[0] - s * vector[1], s * vector[0] + c * vector[1], 0 * c + vector[2]])
+
+
+@pytest.mark.parametrize("flange", [True, False])
+def test_what_moved_once_is_accused_with_its_time_and_way(flange: bool) -> None:
+    """The targets on the flange, between two poses; or the device."""
+    table = measured(poses=14)
+    moved = in_tool(table, SHIFT) if flange else np.tile(SHIFT, (len(table), 1))
+    values = table.values.copy()
+    values[:, :3] += (table.pose >= 6)[:, None] * moved
+    found = diagnosed(replace(table, values=values))
+    assert found.verdict == "unexplained"
+    law = found.last.device_law
+    assert law is not None
+    assert law.place == ("flange" if flange else "measuring device")
+    assert [value for _, value, _, _ in law.terms] == pytest.approx(SHIFT, abs=1.5e-5)
+    assert "a shift from 43 % of the session on" in words.sentence(found)
+
+
+@pytest.mark.parametrize("of_tool", [True, False])
+@pytest.mark.parametrize("grows", [True, False])
+def test_a_load_beside_its_point_is_accused_with_its_lever(of_tool: bool, grows: bool) -> None:
+    told, lever = design(poses=14), np.array([0.02, 0.05, -0.03])
+    share = np.linalg.norm(told.w[:, :3], axis=1)
+    share /= share.max()
+    arms = (in_tool(told, lever) if of_tool else np.tile(lever, (len(told), 1))) * (
+        share[:, None] if grows else 1.0
+    )
+    w = told.w + np.hstack([0 * arms, np.cross(arms, told.w[:, :3])])
+    truth = truth_from_table({"format": 1, "robot": ROBOT, "noise": {"sigma_mm": 0.02}})
+    found = diagnosed(replace(simulate(truth, replace(told, w=w), 3), w=told.w))
+    assert found.verdict == "unexplained"
+    law = found.last.device_law
+    assert law is not None
+    assert law.place == "force sensor"
+    assert ("tool's" if of_tool else "base's") in law.terms[0][0]
+    assert ("growing" in law.terms[0][0]) == grows
+    for (_, value, deviation, _), hidden in zip(law.terms, lever, strict=True):
+        assert abs(value - hidden) < 3 * deviation < 0.06
+
+
+def test_poses_that_hardly_show_an_effect_predict_nothing_of_it() -> None:
+    """A column of rounding errors in the poses that are used, and of its full size in the others."""
+    bare = arm(12).problem
+    problem = noisy(bare, np.zeros(bare.rows))
+    column = np.where(problem.pose < 8, 1e-14 * np.sin(np.arange(problem.rows)), 1.0)[:, None]
+    noise = prepare(problem, ()).scan.noise
+    train, test = np.flatnonzero(problem.pose < 8), np.flatnonzero(problem.pose >= 8)
+    alone = _predict(problem, noise, train, test, [])
+    assert _predict(problem, noise, train, test, [column]) == pytest.approx(
+        alone, abs=1e-3 * np.abs(alone).max()
+    )
