@@ -71,6 +71,19 @@ def test_a_load_beside_its_point_is_accused_with_its_lever(of_tool: bool, grows:
         assert abs(value - hidden) < 3 * deviation < 0.06
 
 
+def test_a_device_that_reads_too_much_along_its_beam_is_accused_with_its_gain() -> None:
+    table, beam = measured(poses=14), np.array([0.6, 0.64, 0.48])
+    values = table.values.copy()
+    values[:, :3] += 0.06 * (values[:, :3] @ beam)[:, None] * beam
+    found = diagnosed(replace(table, values=values))
+    assert found.verdict == "unexplained"
+    law = found.last.device_law
+    assert law is not None
+    assert law.place == "measuring device"
+    gain = dict(zip(("xx", "xy", "xz", "yy", "yz", "zz"), law.terms, strict=True))
+    assert gain["xy"][1] == pytest.approx(100 * 0.06 * beam[0] * beam[1], abs=3 * gain["xy"][2])
+
+
 def test_poses_that_hardly_show_an_effect_predict_nothing_of_it() -> None:
     """A column of rounding errors in the poses that are used, and of its full size in the others."""
     bare = arm(12).problem

@@ -34,6 +34,7 @@ def device_laws(situation: Situation) -> tuple[DeviceLaw, ...]:
     view = situation.view
     found = [
         *_gains(situation),
+        *_strains(situation),
         *_crosstalk(situation),
         *_pulls(situation),
         *_beside(situation),
@@ -68,6 +69,23 @@ def _gains(situation: Situation) -> Iterator[DeviceLaw]:
         for name, column in zip(places, block.T, strict=True):
             yield DeviceLaw(name, "gain*load", grown, (share * column)[:, None])
         yield DeviceLaw(SENSOR, "gain*load", grown, (share * block[:, : len(AXES)].sum(axis=1))[:, None])
+
+
+def _strains(situation: Situation) -> Iterator[DeviceLaw]:
+    """A device that reads too much along some direction, as along its beam: any symmetric gain."""
+    read = np.unique(situation.view.component[situation.view.component < 3]) + 1
+    terms = {
+        (int(a), int(b)): Term(f"{a}{b}", VirtualJoint("measure", 0, int(a)), deflection(int(b)))
+        for a in read
+        for b in read
+    }
+    block = situation.columns(list(terms.values()), [t.parameter for t in terms.values()])
+    column = dict(zip(terms, _PERCENT * block.T, strict=True))
+    pairs = [(a, b) for a, b in terms if a <= b]
+    names = tuple(Parameter(f"gain along a direction: {'xyz'[a - 1]}{'xyz'[b - 1]}", "%") for a, b in pairs)
+    if len(read) > 1:
+        gains = [column[a, b] + (column[b, a] if a != b else 0.0) for a, b in pairs]
+        yield DeviceLaw(DEVICE, "gain along a direction", names, np.column_stack(gains))
 
 
 def _crosstalk(situation: Situation) -> Iterator[DeviceLaw]:
