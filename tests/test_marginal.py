@@ -135,12 +135,10 @@ def test_what_the_catalogue_lacks_is_described_by_a_law_without_a_name(effect: E
     for candidate in unnamed_laws(problem):
         block = candidate.columns({})
         own = column_space(block - basis @ (basis.T @ block), 1e-7)
-        left[candidate.where["at"], candidate.where["law"]] = float(
-            np.sum((signal - own @ (own.T @ signal)) ** 2) / (signal @ signal)
-        )
-    best = min(left, key=lambda key: left[key])
-    assert best[1] == law
-    assert left[best] < 1e-3
+        share = float(np.sum((signal - own @ (own.T @ signal)) ** 2) / (signal @ signal))
+        if share < 1e-3:  # wider laws may hold it too
+            left[candidate.where["law"]] = (own.shape[1], share)
+    assert min(left, key=lambda key: left[key]) == law
 
 
 def test_a_law_of_a_link_that_turns_about_a_joints_axis_has_the_joints_place() -> None:

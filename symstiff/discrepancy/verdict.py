@@ -36,7 +36,7 @@ CLOSE = 3.0
 """Log evidence by which a set that is refused may lead one that is not, for that one still to be spoken of."""
 
 CLEARLY, CLEAR_SHARE = 10.0, 0.1
-"""Log evidence, and its share of the leader's, by which two laws of one joint have to lead one that suffices."""
+"""Log evidence by which two laws of one joint have to lead one that suffices; its share if they leave something too."""
 
 AS_MUCH = 1.0
 """Log evidence within which two sets explain the same."""
@@ -169,19 +169,27 @@ def _others(shop: Workshop, leader: Judged, bases: list[Proposal], beyond: Beyon
 
     What would only join the leading set is what its sufficiency is about, other laws of its joints excepted, and blocks
     that together are the same columns are the same way. One law bends to most of two of the same joint, and two bend
-    to one whose shape is not at hand: they have to explain clearly more.
+    to one whose shape is not at hand: they have to explain clearly more, and to leave nothing unless
+    it is much more.
     """
     but = _set(leader, shop.start.bank.twin)
     found = [*_joined(shop, leader, beyond), *_ranked(shop, bases, beyond, but)[:LEADING]]
-    close = (p for p in found if p.score > leader.score + _needed_lead(shop, p, leader))
+    lead = [CLEARLY if _of_same_joints(shop, p, leader) else -CLOSE for p in found]
+    close = (p for p, by in zip(found, lead, strict=True) if p.score > leader.score + by)
     others = (p for p in close if not _same_columns(shop.start, p, leader))
     judged = [judge(shop, p) for p in islice(others, 4)]
-    return [j for j in judged if _admissible(j, shop.options)]
+    return [j for j in judged if _admissible(j, shop.options) and _earned(shop, j, leader)]
+
+
+def _earned(shop: Workshop, judged: Judged, leader: Judged) -> bool:
+    """Whether a set with further laws of the leading one's joints leaves nothing, or much less."""
+    much = judged.score > (1.0 + CLEAR_SHARE) * leader.score
+    return much or not _of_same_joints(shop, judged, leader) or not _leaves_something(judged, shop.options)
 
 
 def _joined(shop: Workshop, leader: Judged, beyond: Beyond) -> list[Proposal]:
     """The leading set and another law of one of its joints, where what it misses passes for a shape only close."""
-    if min(leader.p_left_named, leader.p_left_unnamed) >= shop.options.alpha_sufficient:
+    if not _leaves_something(leader, shop.options):
         return []
     place, base = shop.start.bank.place, Proposal(leader.members, leader.entries, leader.score)
     joints = {place[m] for m in leader.members} - {""}
@@ -189,12 +197,16 @@ def _joined(shop: Workshop, leader: Judged, beyond: Beyond) -> list[Proposal]:
     return [kept for p in more if (kept := _in_range(p, beyond)) is not None]
 
 
-def _needed_lead(shop: Workshop, found: Proposal, leader: Judged) -> float:
-    """Log evidence by which a set has to lead another to be judged beside it: more where it has more laws a joint."""
+def _leaves_something(judged: Judged, options: Options) -> bool:
+    """Whether a set that suffices leaves something that passes for a shape only close."""
+    return min(judged.p_left_named, judged.p_left_unnamed) < options.alpha_sufficient
+
+
+def _of_same_joints(shop: Workshop, found: Proposal | Judged, leader: Judged) -> bool:
+    """Whether a set has more laws than another, and of the same joints alone."""
     place = shop.start.bank.place
     own, other = ([place[m] for m in members] for members in (found.members, leader.members))
-    same = set(own) == set(other) and own.count("") == other.count("")
-    return max(CLEARLY, CLEAR_SHARE * leader.score) if same and len(own) > len(other) else -CLOSE
+    return len(own) > len(other) and set(own) == set(other) and own.count("") == other.count("")
 
 
 def _same_columns(scan: Scan, one: Proposal, other: Judged) -> bool:
