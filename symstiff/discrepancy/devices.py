@@ -8,6 +8,7 @@ import numpy as np
 
 from symstiff.calibration.experiment.situation import Situation, View, has_weights, under_weights
 from symstiff.calibration.loading import load_factor
+from symstiff.calibration.measurements import Measurements
 from symstiff.discrepancy.problem import Array, DeviceLaw, Parameter
 from symstiff.symbolic.terms import AXES, Term, VirtualJoint, deflection, link_joint, w
 
@@ -192,7 +193,7 @@ def _late(situation: Situation) -> Iterator[DeviceLaw]:
     table = view.table
     made = np.einsum("nrv,nv->nr", view.at_point, situation.laws(view.tau + view.more))
     before = np.zeros_like(made) if table.kind == "deflection" else made.copy()
-    clock = table.time if np.isfinite(table.time).all() else np.arange(len(table), dtype=float)
+    clock = _clock(table)
     for pose in np.unique(table.pose):
         for point in np.unique(table.point[table.pose == pose]):
             rows = np.flatnonzero((table.pose == pose) & (table.point == point))
@@ -238,7 +239,7 @@ def _slips(view: View) -> Iterator[DeviceLaw]:
 def _moved_once(view: View) -> Iterator[DeviceLaw]:
     """Targets, or the device, that moved once and stayed there."""
     table = view.table
-    clock = table.time if np.isfinite(table.time).all() else np.arange(len(table), dtype=float)
+    clock = _clock(table)
     begin = np.sort([clock[table.pose == p].min() for p in np.unique(table.pose)])[1:]
     tool = view.turn @ view.found.R[:, -1]
     fixed = np.tile(np.eye(3), (len(clock), 1, 1))
@@ -282,6 +283,11 @@ def _readings(view: View) -> Iterator[DeviceLaw]:
         for n in _TURNS:
             waves = (f(n * angle)[:, None] * way for f in (np.sin, np.cos))
             yield law(DEVICE, f"{name} error, {n} per turn", "rad", *waves)
+
+
+def _clock(table: Measurements) -> Array:
+    """(N,) when each row was measured: by time where it is told, else in the order of the rows."""
+    return table.time if np.isfinite(table.time).all() else np.arange(len(table), dtype=float)
 
 
 def _force(view: View) -> Array:

@@ -173,13 +173,10 @@ def _of_one_joint(shop: Workshop, proposal: Proposal) -> tuple[int, ...]:
     """The entries, shapes of laws of one virtual joint chosen together: after the other, each fits a part of both."""
     bank, entries = shop.start.bank, list(proposal.entries)
     for a, b in combinations(range(len(entries)), 2):
-        if (
-            bank.place[proposal.members[a]] != bank.place[proposal.members[b]]
-            or not bank.place[proposal.members[a]]
-        ):
+        first, second = proposal.members[a], proposal.members[b]
+        if bank.place[first] != bank.place[second] or not bank.place[first]:
             continue
         others = tuple(e for k, e in enumerate(entries) if k not in (a, b))
-        first, second = proposal.members[a], proposal.members[b]
         alone, best = shop.evidence(others), -np.inf
         for entry in bank.alike(entries[a]):
             partner, own = _entry(shop, second, (*others, entry))

@@ -169,8 +169,7 @@ def _others(shop: Workshop, leader: Judged, bases: list[Proposal], beyond: Beyon
 
     What would only join the leading set is what its sufficiency is about, other laws of its joints excepted, and blocks
     that together are the same columns are the same way. One law bends to most of two of the same joint, and two bend
-    to one whose shape is not at hand: they have to explain clearly more, and to leave nothing unless
-    it is much more.
+    to one whose shape is not at hand: they have to explain clearly more, and to leave nothing unless it is much more.
     """
     but = _set(leader, shop.start.bank.twin)
     found = [*_joined(shop, leader, beyond), *_ranked(shop, bases, beyond, but)[:LEADING]]
