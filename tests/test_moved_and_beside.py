@@ -46,7 +46,8 @@ def test_what_moved_once_is_accused_with_its_time_and_way(flange: bool) -> None:
     assert law is not None
     assert law.place == ("flange" if flange else "measuring device")
     assert [value for _, value, _, _ in law.terms] == pytest.approx(SHIFT, abs=1.5e-5)
-    assert "a shift from 43 % of the session on" in words.sentence(found)
+    axes = "tool" if flange else "device"
+    assert f"a shift from 43 % of the session on in the {axes}'s axes" in words.sentence(found)
 
 
 @pytest.mark.parametrize("of_tool", [True, False])

@@ -245,8 +245,8 @@ def _moved_once(view: View) -> Iterator[DeviceLaw]:
     fixed = np.tile(np.eye(3), (len(clock), 1, 1))
     for cut in begin[:: max(1, round(len(begin) / _CUTS))]:
         since = (clock >= cut)[:, None]
-        for place, frame in ((FLANGE, tool), (DEVICE, fixed)):
-            name = f"shift from {100 * np.mean(clock < cut):.0f} % of the session on"
+        for place, frame, axes in ((FLANGE, tool, "tool"), (DEVICE, fixed, "device")):
+            name = f"shift from {100 * np.mean(clock < cut):.0f} % of the session on in the {axes}'s axes"
             columns = tuple(Parameter(f"{name}: {axis}", "m") for axis in "xyz")
             block = np.column_stack([_read(view, since * frame[:, :, k]) for k in range(3)])
             yield DeviceLaw(place, "shift from some time on", columns, block)
