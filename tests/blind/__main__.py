@@ -23,6 +23,9 @@ def main() -> None:
     parser.add_argument("--seed", type=int, default=4, help="another seed draws other cases")
     parser.add_argument("--kind", choices=CLASSES, help="only cases of one class")
     parser.add_argument(
+        "--size", type=float, nargs="+", metavar="λ", help="only effects of these sizes, such as 25 60"
+    )
+    parser.add_argument(
         "--mild", action="store_true", help="robots repeat well and weigh what their files tell"
     )
     parser.add_argument("--alone", action="store_true", help="leave out BIC, AIC, lasso and cross-validation")
@@ -35,6 +38,8 @@ def main() -> None:
     options = Options(seed=given.seed, mild=given.mild)
     if given.kind:
         options = replace(options, classes=(given.kind,), shares=(1.0,))
+    if given.size:
+        options = replace(options, lambdas=tuple(given.size))
     numbers = range(given.first, given.first + given.n)
     rows = benchmark(numbers, options, given.jobs, not given.alone, lambda text: print(text, flush=True))
     print("\n" + report(rows))
