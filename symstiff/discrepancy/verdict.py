@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from itertools import islice
 
 import numpy as np
@@ -177,7 +178,16 @@ def _others(shop: Workshop, leader: Judged, bases: list[Proposal], beyond: Beyon
     close = (p for p, by in zip(found, lead, strict=True) if p.score > leader.score + by)
     others = (p for p in close if not _same_columns(shop.start, p, leader))
     judged = [judge(shop, p) for p in islice(others, 4)]
-    return [j for j in judged if _admissible(j, shop.options) and _earned(shop, j, leader)]
+    good = [j for j in judged if _admissible(j, shop.options) and _earned(shop, j, leader)]
+    best = max((j.score for j in good), default=-np.inf)
+    return [*good, *_as_many(shop, leader, best, beyond)] if best > leader.score else good
+
+
+def _as_many(shop: Workshop, leader: Judged, best: float, beyond: Beyond) -> list[Judged]:
+    """The leading set and one effect more, where sets as large explain more than it: they are its equals."""
+    base = Proposal(leader.members, leader.entries, leader.score)
+    near = (p for p in _ranked(shop, [base], beyond)[:LEADING] if p.score > best - CLOSE)
+    return [j for j in map(partial(judge, shop), islice(near, 2)) if _admissible(j, shop.options)]
 
 
 def _earned(shop: Workshop, judged: Judged, leader: Judged) -> bool:

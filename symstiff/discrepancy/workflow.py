@@ -8,7 +8,7 @@ on from there. So joints → links → what is missing from both comes out of th
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -173,7 +173,8 @@ def _diagnosed(
     """The diagnosis of a model; where it finds loads, other laws are looked for once more under the sum.
 
     A wrong payload or a biased sensor loads the gears too. The second look stands where it says the same with
-    better shapes, does without some of the effects, or where the first did not account for the data.
+    better shapes, does without some of the effects, or where the first did not account for the data; never without
+    the effects whose loads it takes for granted, and what stood against their names in the first look still does.
     """
     tell("columns")
     assembly = first_assembly(model, table)
@@ -189,7 +190,22 @@ def _diagnosed(
     again = diagnose(under.problem, under.candidates, options, tell, given)
     enough = again.verdict == NAMED and not Counter(_names(again)) - Counter(_names(found))
     stands = enough if found.verdict == NAMED else again.verdict in (NAMED, AMBIGUOUS)
-    return (under, again) if stands else (assembly, found)
+    kept = {named_at(n.effect, n.where) for n in given} <= set(_names(again))
+    return (under, _no_surer(again, found, given)) if stands and kept else (assembly, found)
+
+
+def _no_surer(again: Diagnosis, found: Diagnosis, given: Sequence[Name]) -> Diagnosis:
+    """The second look, of the effects that it took for granted no surer than the first one was."""
+    if found.verdict != NAMED:
+        return again
+    taken = {named_at(n.effect, n.where) for n in given}
+    first = {named_at(e.effect, e.where): e.confidence for e in found.effects if e.set_number == 0}
+    limit = {name: first[name] for name in taken & set(first)}
+    effects = (
+        replace(e, confidence=min(e.confidence, limit.get(named_at(e.effect, e.where), 1.0)))
+        for e in again.effects
+    )
+    return replace(again, effects=tuple(effects))
 
 
 def _names(found: Diagnosis) -> list[str]:
