@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 from scipy import stats
@@ -11,7 +11,6 @@ from scipy import stats
 from symstiff.discrepancy.problem import Array, Problem
 from symstiff.discrepancy.sharing import (
     AXES,
-    EACH,
     JOINTS,
     PRICE,
     Roots,
@@ -51,8 +50,8 @@ class Noise:
     sharings: tuple[Sharing, ...]
     ways: Mapping[str, Roots]
     """K of each way: (n, m) row numbers of equal-sized blocks, their eigenvectors (n, m, k) and eigenvalues (n, k)."""
-    each: tuple[float, ...] = ()
-    """The variances that the way ``EACH`` has learned."""
+    learned: Mapping[str, tuple[float, ...]] = field(default_factory=dict)
+    """The variances of the ways that were learned."""
     anew: float = 0.0
     """Part of the shared error that each repeat of a pose has alone."""
 
@@ -81,7 +80,7 @@ class Noise:
 
     def log_determinant(self, sharing: Sharing) -> float:
         """log |I + ratio K|, and twice the price of what was learned."""
-        price = 2.0 * PRICE * (len(self.each) - 1) if sharing.way == EACH else 0.0
+        price = 2.0 * PRICE * max(len(self.learned.get(sharing.way, ())) - 1, 0)
         return price + float(
             sum(np.log1p(sharing.ratio * value).sum() for _, _, value in self.ways[sharing.way])
         )
@@ -141,7 +140,7 @@ def start(problem: Problem, split: Split) -> Noise:
 
 def _noise(problem: Problem, spread: Array, split: Split) -> Noise:
     ways = patterns(problem, spread, split)
-    return Noise(spread, at_first(problem, ways), ways, split.each, split.anew)
+    return Noise(spread, at_first(problem, ways), ways, split.learned, split.anew)
 
 
 def refine(
@@ -238,9 +237,15 @@ def report(
         sigma, stated, relative, interval, misstated, freedom, source, by_axis,
         _homogeneity(problem, residual, dof), growth, by_marker,
         float(np.sqrt(found * np.mean((noise.spread**2 * _diagonal(noise, sharing))[rows]))),
-        approach_p, mostly(problem, noise.spread, noise.each) if sharing.way == EACH else sharing.way,
+        approach_p, _mostly(problem, noise, sharing),
         not shares(problem, AXES),
     )  # fmt: skip
+
+
+def _mostly(problem: Problem, noise: Noise, sharing: Sharing) -> str:
+    """What a pose's rows share, mostly."""
+    learned = noise.learned.get(sharing.way)
+    return mostly(problem, noise.spread, learned) if learned else sharing.way
 
 
 def off(interval: tuple[float, float]) -> bool:

@@ -14,9 +14,19 @@ from symstiff.discrepancy.beside import evidence_beside
 from symstiff.discrepancy.between import between, with_shapes
 from symstiff.discrepancy.laws import unnamed_laws
 from symstiff.discrepancy.problem import Array, Candidate, Index, Problem
-from symstiff.discrepancy.scan import Scan, at_sharings, column_space, extend, likely, one_sharing, open_scan
+from symstiff.discrepancy.scan import (
+    Scan,
+    at_sharings,
+    column_space,
+    evidence,
+    extend,
+    likely,
+    one_sharing,
+    open_scan,
+)
 from symstiff.discrepancy.sharing import (
     JOINTS,
+    LEARNED,
     RATIOS,
     Split,
     approaches,
@@ -161,9 +171,24 @@ def _split(problem: Problem, clean: Scan) -> Split:
     ratio = clean.best.sharing.ratio
     if ratio == 0.0 or all(layer.sharing.way != JOINTS for layer in clean.layers):
         return Split(own, anew)
-    scale2 = clean.best.rss / max(clean.freedom, 1)
-    each = sizes(problem, residual, clean.noise.spread, scale2, ratio, approaches(problem, anew))
-    return Split(own, anew, each if max(each) > RATIOS[0] else ())
+    left = (clean, _with_one_more(clean))
+    learned = {way: _sizes(problem, scan, anew) for way, scan in zip(LEARNED, left, strict=True)}
+    return Split(own, anew, {way: found for way, found in learned.items() if max(found) > RATIOS[0]})
+
+
+def _sizes(problem: Problem, scan: Scan, anew: float) -> tuple[float, ...]:
+    """What was learned of a pose's errors from what a scan leaves."""
+    best, scale2 = scan.best, scan.best.rss / max(scan.freedom, 1)
+    label = approaches(problem, anew)
+    return sizes(problem, _data_residual(scan), scan.noise.spread, scale2, best.sharing.ratio, label)
+
+
+def _with_one_more(scan: Scan) -> Scan:
+    """The scan after the effect of the catalogue that has most evidence, however little."""
+    found = evidence(scan)
+    score = np.where(scan.bank.generic, -np.inf, found.score)
+    best = int(np.argmax(score)) if len(score) else -1
+    return extend(scan, (int(found.best_entry[best]),)) if best >= 0 and np.isfinite(score[best]) else scan
 
 
 def _anew_share(problem: Problem, z: Array) -> float:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from bisect import bisect_left
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -13,9 +13,12 @@ from symstiff.discrepancy.problem import Array, Index, Problem
 RATIOS = (0.03, 0.1, 0.35, 1.0, 3.0, 10.0, 35.0, 120.0, 400.0)
 """Grid of (variance of the approach error) / (variance of the noise); every second one is looked at first."""
 
-AXES, SHIFT, JOINTS, EACH = "axes", "shift", "joints", "each"
+AXES, SHIFT, JOINTS, EACH, BESIDE = "axes", "shift", "joints", "each", "beside"
 """What a pose's rows share: an error of every measured axis, of the translations alone, of the joints' angles, all
-alike, or one of every joint, of the axes and of each marker beside, of sizes that were learned."""
+alike, or one of every joint, of the axes and of each marker beside, of sizes that were learned from what is left
+after all that stands out, or after one effect more."""
+LEARNED = (EACH, BESIDE)
+"""An effect of one joint passes for the size of its errors where that is learned without the effect."""
 
 _ALIKE = 4.0
 """Poses that the belief in joints with like errors counts for."""
@@ -47,17 +50,17 @@ class Split:
     """Part of the axes' error that each marker has alone."""
     anew: float = 0.0
     """Part of the shared error that each repeat of a pose has alone: the robot came back to it."""
-    each: tuple[float, ...] = ()
-    """Variances over the noise's: of each joint's errors, of the axes' and, of several markers, of what each has alone;
-    none where they were not learned."""
+    learned: Mapping[str, tuple[float, ...]] = field(default_factory=dict)
+    """Variances over the noise's by the way that was learned: of each joint's errors, of the axes' and, of several
+    markers, of what each has alone."""
 
 
 def at_first(problem: Problem, ways: Mapping[str, Roots]) -> tuple[Sharing, ...]:
     """None, and the coarse grid of every way that the rows can tell; about its size what was learned."""
-    told = [way for way in ways if way == EACH or shares(problem, way)]
+    told = [way for way in ways if way in LEARNED or shares(problem, way)]
     return (
         Sharing(),
-        *(Sharing(way, ratio) for way in told for ratio in (NEAR if way == EACH else RATIOS[::2])),
+        *(Sharing(way, ratio) for way in told for ratio in (NEAR if way in LEARNED else RATIOS[::2])),
     )
 
 
@@ -82,7 +85,7 @@ def near(sharings: Sequence[Sharing], kept: Sequence[Sharing], finer: bool = Fal
     if len(sharings) == 1:
         return tuple(sharings)
     out = [Sharing()]
-    for way in dict.fromkeys(s.way for s in sharings if s.ratio > 0 and s.way != EACH):
+    for way in dict.fromkeys(s.way for s in sharings if s.ratio > 0 and s.way not in LEARNED):
         there = sorted({s.ratio for s in kept if s.way == way and s.ratio > 0})
         first = bisect_left(RATIOS, there[0]) if there else 0
         last = bisect_left(RATIOS, there[-1]) if there else 0
@@ -92,13 +95,13 @@ def near(sharings: Sequence[Sharing], kept: Sequence[Sharing], finer: bool = Fal
         else:
             # none is a neighbour of the smallest, also where another way than this one is likely
             out += [Sharing(way, r) for r in RATIOS[max(first - 1, 0) : last + 2]]
-    return (*out, *(s for s in sharings if s.way == EACH))
+    return (*out, *(s for s in sharings if s.way in LEARNED))
 
 
 def patterns(problem: Problem, spread: Array, split: Split) -> dict[str, Roots]:
     """K of every way that the data can tell.
 
-    A ratio of 1 is a shared error as large as the noise, mean square of the main rows; of ``EACH`` as learned.
+    A ratio of 1 is a shared error as large as the noise, mean square of the main rows; of ``LEARNED`` ways as learned.
     """
     common = _common(problem, spread)
     u = common / spread
@@ -115,9 +118,8 @@ def patterns(problem: Problem, spread: Array, split: Split) -> dict[str, Roots]:
         ways[SHIFT] = blocks(axis, factor * (problem.axis < 3)[:, None])
     if problem.J is not None and any(j >= 0 for j in problem.joint_of):
         ways[JOINTS] = blocks(problem.pose, of_joints(problem, common) / spread[:, None])
-    if split.each:
-        learned = np.sqrt(_spread_out(problem, split.each))
-        ways[EACH] = blocks(problem.pose, _every(problem, spread) * learned)
+    for way, found in split.learned.items():
+        ways[way] = blocks(problem.pose, _every(problem, spread) * np.sqrt(_spread_out(problem, found)))
     return ways
 
 
