@@ -10,9 +10,9 @@ import pytest
 
 from symstiff.discrepancy.diagnose import diagnose
 from symstiff.discrepancy.prepare import prepare
-from symstiff.discrepancy.problem import Array, Problem
+from symstiff.discrepancy.problem import Array, Candidate, Parameter, Problem
 from symstiff.discrepancy.scan import evidence, likeliest
-from symstiff.discrepancy.sharing import EACH, JOINTS, sizes
+from symstiff.discrepancy.sharing import JOINTS, LEARNED, sizes
 from symstiff.discrepancy.strata import strata
 from tests.test_discrepancy_engine import QUICK, SIGMA, arm, catalogue, measured, saturating, scaled
 
@@ -90,18 +90,48 @@ def test_joints_that_stand_elsewhere_raise_no_alarm() -> None:
     assert [d.noise.shared for d in found].count(JOINTS) >= 9
 
 
+def turning_unevenly(problem: Problem, joint: int, harmonic: int) -> Candidate:
+    """A gear that runs ahead and behind with its angle, under every load."""
+    assert problem.J is not None
+    assert problem.q is not None
+    J, q = problem.J[:, joint], problem.q[:, joint]
+    columns = np.stack([J * np.sin(harmonic * q), J * np.cos(harmonic * q)], axis=1)
+    sizes = (Parameter("a", "rad"), Parameter("b", "rad"))
+    return Candidate("uneven", {"joint": joint + 1, "harmonic": harmonic}, sizes, lambda shape: columns)
+
+
+def test_what_one_joint_has_in_every_pose_does_not_pass_for_the_size_of_its_errors() -> None:
+    """Where each joint's errors have a size of their own, one with an effect would seem to miss its poses by more."""
+    a, found = arm(20), []
+    gears = tuple(turning_unevenly(a.problem, joint, n) for joint in range(3) for n in range(1, 9))
+    assert a.problem.J is not None
+    assert a.problem.q is not None
+    hidden = 2e-4 * a.problem.J[:, 1] * np.sin(5.0 * a.problem.q[:, 1] + 0.4)
+    for seed in range(6):
+        readings = joints_elsewhere(a.problem, [6e-5] * 3, seed) + hidden
+        data = measured(a.problem, readings, seed, 2.0 * SIGMA)
+        found.append(diagnose(data, (*gears, *a.candidates), QUICK))
+    named = [d for d in found if d.verdict == "named"]
+    assert len(named) >= 4
+    assert all(
+        [(e.effect, e.where) for e in d.effects] == [("uneven", {"joint": 2, "harmonic": 5})] for d in named
+    )
+
+
 @pytest.mark.parametrize("seed", range(4))
 def test_errors_of_joints_and_of_axes_are_told_together(seed: int) -> None:
     a = arm(40)
     joints = joints_elsewhere(a.problem, [2e-4] * 3, seed)
     found = prepare(measured(a.problem, joints, seed, 6.0 * SIGMA), a.candidates)
-    assert found.scan.best.sharing.way == EACH
+    assert found.scan.best.sharing.way in LEARNED
     assert found.report.shared == JOINTS
     assert found.report.sigma == pytest.approx(SIGMA, rel=0.1)
     size = np.hypot(6.0 * SIGMA, np.sqrt(np.mean(joints**2)))
     assert found.report.approach == pytest.approx(size, rel=0.15)
     alone = max(
-        v for v, x in zip(found.scan.log_likelihood, found.scan.layers, strict=True) if x.sharing.way != EACH
+        v
+        for v, x in zip(found.scan.log_likelihood, found.scan.layers, strict=True)
+        if x.sharing.way not in LEARNED
     )
     assert found.scan.log_likelihood.max() > alone + 50.0
 
