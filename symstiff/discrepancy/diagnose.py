@@ -163,7 +163,9 @@ def _proof(
     if not options.held_out or 0 < len(found) == len(poses_of_their_own(problem, ready.bank, found)):
         return None
     tell("proof")
-    noise = one_sharing(outcome.admissible[0].scan if sets else ready.scan)
+    noise = one_sharing(ready.scan)
+    if sets:
+        noise = replace(noise, sharings=(outcome.admissible[0].sharing,))
     return held_out(problem, ready.bank, noise, noise_floor(ready), sets, allowed, options)
 
 

@@ -63,6 +63,11 @@ class Scan:
     """M - rank of the model."""
 
     @property
+    def size(self) -> int:
+        """Bytes of its columns, one at least."""
+        return 1 + sum(layer.outside.nbytes + layer.Q.nbytes for layer in self.layers)
+
+    @property
     def log_likelihood(self) -> Array:
         """(R,) restricted profile log-likelihood of each sharing."""
         return log_likelihood(self, np.array([layer.rss for layer in self.layers]))

@@ -8,10 +8,12 @@ from itertools import combinations
 
 import numpy as np
 
+from symstiff.discrepancy.bank import Bank
 from symstiff.discrepancy.beside import evidence_beside
 from symstiff.discrepancy.laws import of_load
 from symstiff.discrepancy.problem import Array, Options
 from symstiff.discrepancy.scan import Evidence, Layer, Null, Scan, explained, extend, log_likelihood, null
+from symstiff.discrepancy.sharing import Sharing
 from symstiff.discrepancy.strata import PROPORTIONAL, Stratum, fills
 
 ONE_MORE = float(np.log(0.2))
@@ -20,8 +22,8 @@ LEAD = 1.0
 """Log evidence by which a set leads an unnamed law, for each of its members of which that takes the place."""
 SAME_SIGNAL = 0.85
 """Share of an unnamed law's signal inside a set's space from which both describe the same thing."""
-_SCANS = 8
-"""Scans that a search keeps: a large table's takes tens of megabytes."""
+_SCANS, _ROOM = 8, 1e9
+"""Scans that a search keeps, and bytes that they may take, two scans aside: a large table's takes half of that."""
 SAME_PLACE = 0.5
 """The same share for another shape of a member's law: at its virtual joint, and by what that depends on."""
 
@@ -45,8 +47,12 @@ class Judged:
     members: tuple[int, ...]
     entries: tuple[int, ...]
     score: float
-    scan: Scan
-    """With the entries in the model."""
+    bank: Bank
+    sharing: Sharing
+    """The likeliest with the entries in the model."""
+    rss: float
+    """What is left there, in units of the noise's spread."""
+    freedom: int
     left: Evidence
     """Of what could still be added."""
     explained: float
@@ -83,7 +89,7 @@ class Workshop:
         """The scan with some entries in the model; the latest are kept, as each holds all columns."""
         key = tuple(sorted(entries))
         if key not in self.scans:
-            if len(self.scans) >= _SCANS:
+            if len(self.scans) >= min(_SCANS, max(2, int(_ROOM // self.start.size))):
                 del self.scans[next(iter(self.scans))]
             self.scans[key] = extend(self.start, key)
         return self.scans[key]
@@ -211,12 +217,13 @@ def judge(shop: Workshop, proposal: Proposal) -> Judged:
     rival, who, contest = _rival(shop, proposal)
     further = _level_of_further(options, missed)
     other = options.alpha_notable if missed > options.tolerated_shape else options.alpha_sufficient
-    # a further effect must be more believable than none: small p-values alone are shapes that are only close
+    # what is left must be more believable than nothing: small p-values alone are shapes that are only close
     lack_named = p_named < further and named + ONE_MORE > 0 and missed > _tolerated(shop, proposal, False)
-    lack_unnamed = p_unnamed < other and missed > _tolerated(shop, proposal, True)
+    lack_unnamed = p_unnamed < other and unnamed > 0 and missed > _tolerated(shop, proposal, True)
     p_members = tuple(_needed(shop, proposal, i) for i in range(len(members)))
     return Judged(
-        members, entries, proposal.score, scan, left, gained, p_named, p_unnamed, missed, rival, who, contest,
+        members, entries, proposal.score, scan.bank, scan.best.sharing, scan.best.rss, scan.freedom, left, gained,
+        p_named, p_unnamed, missed, rival, who, contest,
         not (lack_named or lack_unnamed or _lacking(shop, scan, gained)), p_members,
     )  # fmt: skip
 

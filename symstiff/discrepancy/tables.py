@@ -58,9 +58,9 @@ def named_effects(problem: Problem, ready: Prepared, outcome: Outcome) -> tuple[
         effects = _fitted(problem, ready, judged.entries)[3]
         for i, (member, entry) in enumerate(zip(judged.members, judged.entries, strict=True)):
             others = tuple(e for e in judged.entries if e != entry)
-            without = extend(at_sharing(ready.scan, judged.scan.best.sharing), others)
-            scale2 = judged.scan.best.rss / max(judged.scan.freedom, 1)
-            gained = (without.best.rss - judged.scan.best.rss) / max(scale2, 1e-300)
+            without = extend(at_sharing(ready.scan, judged.sharing), others)
+            scale2 = judged.rss / max(judged.freedom, 1)
+            gained = (without.best.rss - judged.rss) / max(scale2, 1e-300)
             candidate = bank.candidates[member]
             out.append(
                 NamedEffect(

@@ -265,7 +265,7 @@ def _named(
     tests: tuple[Null, Evidence, float, float], options: Options,
 ) -> Outcome:  # fmt: skip
     leader = good[0]
-    known = leader.scan.bank.twin
+    known = leader.bank.twin
     accepted = {_set(j, known) for j in good}
     judged = {_set(j, known) for j in tried}
     # sets that were not judged (they trail) keep their weight; judged and refused ones lose it
@@ -301,7 +301,7 @@ def _shares(scored: Sequence[tuple[frozenset[int], float]]) -> dict[frozenset[in
 
 
 def _places(found: Proposal | Judged, judged: Judged) -> list[str]:
-    place = judged.scan.bank.place
+    place = judged.bank.place
     return sorted(place[m] for m in found.members)
 
 
