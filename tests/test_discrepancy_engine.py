@@ -13,9 +13,10 @@ from symstiff.discrepancy import baselines
 from symstiff.discrepancy.design import confusability, detectable_noncentrality, share_left
 from symstiff.discrepancy.diagnose import diagnose
 from symstiff.discrepancy.noise import Noise
+from symstiff.discrepancy.null import tail
 from symstiff.discrepancy.prepare import prepare
 from symstiff.discrepancy.problem import Array, Candidate, Options, Parameter, Problem
-from symstiff.discrepancy.scan import evidence, explained, open_scan, tail
+from symstiff.discrepancy.scan import evidence, explained, open_scan
 from symstiff.discrepancy.separation import Hypotheses, deciding_poses
 from symstiff.discrepancy.sharing import AXES, JOINTS, Sharing
 from symstiff.errors import UserError

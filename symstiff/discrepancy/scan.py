@@ -1,4 +1,4 @@
-"""Every candidate tested at once after projection off the model, on the data and on simulated noise alike.
+"""Every candidate tested at once after projection off the model, by columns that simulated noise can use as well.
 
 The noise's scale and the share of the approach error are profiled or averaged in every test, so that a wrongly
 stated sigma changes nothing here.
@@ -61,11 +61,6 @@ class Scan:
     layers: tuple[Layer, ...]
     freedom: int
     """M - rank of the model."""
-
-    @property
-    def size(self) -> int:
-        """Bytes of its columns, one at least."""
-        return 1 + sum(layer.outside.nbytes + layer.Q.nbytes for layer in self.layers)
 
     @property
     def log_likelihood(self) -> Array:
@@ -294,86 +289,6 @@ def of_squares(scan: Scan, squares: Array) -> Evidence:
     ends = zip(first, np.append(first[1:], len(entry)), strict=True)
     best = np.array([a + int(np.argmax(likely[a:b])) for a, b in ends], dtype=np.intp)
     return Evidence(entry, candidate, candidate + scan.bank.log_prior, best)
-
-
-@dataclass(frozen=True)
-class Null:
-    """Distribution of the greatest score when nothing is missing."""
-
-    named: Array
-    """(B,) sorted maxima over the catalogue."""
-    generic: Array
-    """(B,) sorted maxima over the laws that have no name."""
-
-    def p_named(self, score: float) -> float:
-        """Family-wise p-value of a candidate's score."""
-        return tail(self.named, score)
-
-    def p_generic(self, score: float) -> float:
-        """Family-wise p-value of an unnamed law's score."""
-        return tail(self.generic, score)
-
-
-def null(scan: Scan, draws: int, seed: int, allowed: Array | None = None) -> Null:
-    """Parametric bootstrap of the maximum over candidates and shapes.
-
-    Each draw has a shared error by its likelihood: the likeliest alone would claim to know it.
-    ``allowed`` (candidates,) masks candidates out of both maxima.
-    """
-    rng = np.random.default_rng(seed)
-    rows = len(scan.best.y)
-    weight = np.exp(scan.log_likelihood - scan.log_likelihood.max())
-    mask = np.ones(len(scan.bank.candidates), bool) if allowed is None else allowed.astype(bool)
-    named, generic = [], []
-    chunk = max(1, min(draws, int(3e7 // max(len(scan.bank.start), rows, 1))))
-    for begin in range(0, draws, chunk):
-        counts = rng.multinomial(min(chunk, draws - begin), weight / weight.sum())
-        errors = [
-            scan.noise.apply(layer.colour, rng.standard_normal((rows, n)))
-            for layer, n in zip(scan.layers, counts, strict=True)
-            if n
-        ]
-        score = simulated_scores(scan, np.hstack(errors))
-        named.append(_maximum(score, mask & ~scan.bank.generic))
-        generic.append(_maximum(score, mask & scan.bank.generic))
-    return Null(np.sort(np.concatenate(named)), np.sort(np.concatenate(generic)))
-
-
-def simulated_scores(scan: Scan, errors: Array) -> Array:
-    """Scores of all candidates for residuals (M, B) in units of the noise's spread: (candidates, B)."""
-    squares, rss = [], []
-    for layer in scan.layers:
-        e = scan.noise.apply(layer.whiten, errors)
-        e = e - layer.basis @ (layer.basis.T @ e)
-        squares.append((layer.Q.T @ e) ** 2)
-        rss.append(np.einsum("mb,mb->b", e, e))
-    entry = entry_evidence(scan, np.stack(squares), np.stack(rss))
-    return candidate_evidence(scan.bank, entry) + scan.bank.log_prior[:, None]
-
-
-def _maximum(score: Array, mask: Mask) -> Array:
-    return np.max(score[mask], axis=0) if np.any(mask) else np.full(score.shape[1], -np.inf)
-
-
-def tail(sample: Array, value: float) -> float:
-    """P(maximum >= value): counted, and beyond the upper twentieth by an exponential tail.
-
-    Twice the evidence grows like a chi-square, whose tail is close to exponential.
-    """
-    n = len(sample)
-    if n == 0 or not np.isfinite(sample[-1]):
-        return 1.0
-    cut = max(20, n // 20)
-    level = sample[-cut]
-    if value <= level:
-        return float((1 + np.sum(sample >= value)) / (n + 1))
-    excess = float(np.clip(np.mean(sample[-cut:] - level), 0.5, 1.6))
-    return float((cut + 1) / (n + 1) * np.exp(-(value - level) / excess))
-
-
-def critical(sample: Array, alpha: float) -> float:
-    """Score that the maximum exceeds with probability alpha."""
-    return float(np.quantile(sample, 1.0 - alpha)) if len(sample) and np.isfinite(sample[-1]) else np.inf
 
 
 def coefficients(scan: Scan, A: Array, y: Array, entries: tuple[int, ...]) -> tuple[Array, Array, Array]:

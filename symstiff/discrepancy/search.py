@@ -11,8 +11,9 @@ import numpy as np
 from symstiff.discrepancy.bank import Bank
 from symstiff.discrepancy.beside import evidence_beside
 from symstiff.discrepancy.laws import of_load
+from symstiff.discrepancy.null import Null, null
 from symstiff.discrepancy.problem import Array, Options
-from symstiff.discrepancy.scan import Evidence, Layer, Null, Scan, explained, extend, log_likelihood, null
+from symstiff.discrepancy.scan import Evidence, Layer, Scan, explained, extend, log_likelihood
 from symstiff.discrepancy.sharing import Sharing
 from symstiff.discrepancy.strata import PROPORTIONAL, Stratum, fills
 
@@ -23,7 +24,7 @@ LEAD = 1.0
 SAME_SIGNAL = 0.85
 """Share of an unnamed law's signal inside a set's space from which both describe the same thing."""
 _SCANS, _ROOM = 8, 1e9
-"""Scans that a search keeps, and bytes that they may take, two scans aside: a large table's takes half of that."""
+"""Scans that a search keeps at most, and bytes that more than two may take: a large table's takes half of that."""
 SAME_PLACE = 0.5
 """The same share for another shape of a member's law: at its virtual joint, and by what that depends on."""
 
@@ -53,10 +54,6 @@ class Judged:
     rss: float
     """What is left there, in units of the noise's spread."""
     freedom: int
-    left: Evidence
-    """Of what could still be added."""
-    explained: float
-    """Sum of squares explained, in units of the noise variance left."""
     p_left_named: float
     p_left_unnamed: float
     missed_share: float
@@ -89,7 +86,7 @@ class Workshop:
         """The scan with some entries in the model; the latest are kept, as each holds all columns."""
         key = tuple(sorted(entries))
         if key not in self.scans:
-            if len(self.scans) >= min(_SCANS, max(2, int(_ROOM // self.start.size))):
+            if len(self.scans) >= min(_SCANS, max(2, int(_ROOM // max(_size(self.start), 1)))):
                 del self.scans[next(iter(self.scans))]
             self.scans[key] = extend(self.start, key)
         return self.scans[key]
@@ -120,6 +117,11 @@ class Workshop:
         found = self.evidence(entries)
         bank = self.start.bank
         return np.where(self.free(members) & (bank.generic == generic), found.score, -np.inf)
+
+
+def _size(scan: Scan) -> int:
+    """Bytes of a scan's columns."""
+    return sum(layer.outside.nbytes + layer.Q.nbytes for layer in scan.layers)
 
 
 def proposals(shop: Workshop, bases: list[Proposal], breadth: int = 24) -> list[Proposal]:
@@ -202,7 +204,7 @@ def judge(shop: Workshop, proposal: Proposal) -> Judged:
     """Is the set sufficient, is each member needed, and does an unnamed law do better?"""
     options, proposal = shop.options, _by_strength(shop, proposal)
     members, entries = proposal.members, proposal.entries
-    scan, left = shop.scan(entries), shop.evidence(entries)
+    scan = shop.scan(entries)
     named = float(np.max(shop.score(members, entries, False), initial=-np.inf))
     unnamed = float(np.max(shop.score(members, entries, True), initial=-np.inf))
     # the null of the start decides clear cases; draws for this set are made where it could tip the balance
@@ -222,8 +224,8 @@ def judge(shop: Workshop, proposal: Proposal) -> Judged:
     lack_unnamed = p_unnamed < other and unnamed > 0 and missed > _tolerated(shop, proposal, True)
     p_members = tuple(_needed(shop, proposal, i) for i in range(len(members)))
     return Judged(
-        members, entries, proposal.score, scan.bank, scan.best.sharing, scan.best.rss, scan.freedom, left, gained,
-        p_named, p_unnamed, missed, rival, who, contest,
+        members, entries, proposal.score, scan.bank, scan.best.sharing, scan.best.rss, scan.freedom, p_named,
+        p_unnamed, missed, rival, who, contest,
         not (lack_named or lack_unnamed or _lacking(shop, scan, gained)), p_members,
     )  # fmt: skip
 

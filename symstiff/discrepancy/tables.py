@@ -9,10 +9,11 @@ import numpy as np
 
 from symstiff.discrepancy.bank import Bank
 from symstiff.discrepancy.design import confusability, needed, share_left, smallest_detectable
+from symstiff.discrepancy.null import critical
 from symstiff.discrepancy.prepare import Prepared
 from symstiff.discrepancy.problem import Array, Candidate, Options, Problem, Shape
 from symstiff.discrepancy.result import CandidateResult, Estimate, Name, NamedEffect, Step
-from symstiff.discrepancy.scan import at_sharing, coefficients, critical, evidence, extend, likeliest
+from symstiff.discrepancy.scan import at_sharing, coefficients, evidence, extend, likeliest
 from symstiff.discrepancy.search import Judged
 from symstiff.discrepancy.strata import strata
 from symstiff.discrepancy.testability import why_untestable

@@ -4,14 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from functools import partial
 from itertools import islice
 
 import numpy as np
 from scipy.special import expit, logsumexp
 
+from symstiff.discrepancy.null import Null
 from symstiff.discrepancy.problem import Array, Options
-from symstiff.discrepancy.scan import Evidence, Null, Scan, directions
+from symstiff.discrepancy.scan import Evidence, Scan, directions
 from symstiff.discrepancy.search import ONE_MORE, Judged, Proposal, Workshop, judge, polish, proposals
 from symstiff.discrepancy.strata import Stratum
 
@@ -184,10 +184,11 @@ def _others(shop: Workshop, leader: Judged, bases: list[Proposal], beyond: Beyon
 
 
 def _as_many(shop: Workshop, leader: Judged, best: float, beyond: Beyond) -> list[Judged]:
-    """The leading set and one effect more, where sets as large explain more than it: they are its equals."""
+    """The leading set and one effect elsewhere, where sets as large explain more than it: they are its equals."""
     base = Proposal(leader.members, leader.entries, leader.score)
     near = (p for p in _ranked(shop, [base], beyond)[:LEADING] if p.score > best - CLOSE)
-    return [j for j in map(partial(judge, shop), islice(near, 2)) if _admissible(j, shop.options)]
+    judged = [judge(shop, p) for p in islice((p for p in near if not _of_same_joints(shop, p, leader)), 2)]
+    return [j for j in judged if _admissible(j, shop.options)]
 
 
 def _earned(shop: Workshop, judged: Judged, leader: Judged) -> bool:

@@ -195,14 +195,14 @@ def _diagnosed(
 
 
 def _no_surer(again: Diagnosis, found: Diagnosis, given: Sequence[Name]) -> Diagnosis:
-    """The second look, of the effects that it took for granted no surer than the first one was."""
+    """The second look, no surer than the first of the effects that it took for granted."""
     if found.verdict != NAMED:
         return again
     taken = {named_at(n.effect, n.where) for n in given}
-    first = {named_at(e.effect, e.where): e.confidence for e in found.effects if e.set_number == 0}
-    limit = {name: first[name] for name in taken & set(first)}
+    stated = {named_at(e.effect, e.where): e.confidence for e in found.effects if e.set_number == 0}
+    most = {name: stated[name] for name in taken & set(stated)}
     effects = (
-        replace(e, confidence=min(e.confidence, limit.get(named_at(e.effect, e.where), 1.0)))
+        replace(e, confidence=min(e.confidence, most.get(named_at(e.effect, e.where), 1.0)))
         for e in again.effects
     )
     return replace(again, effects=tuple(effects))
