@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
@@ -213,13 +214,17 @@ def _blocks(problem: Problem, candidate: Candidate) -> list[tuple[int, Array]]:
 
 
 def _log_prior(kept: Sequence[Candidate], generic: NDArrayBool, share: float) -> Array:
-    """Every effect weighs the same and divides its weight among its places; unnamed laws divide ``share``."""
-    named = [c.effect for c, g in zip(kept, generic, strict=True) if not g]
-    effects = {e: named.count(e) for e in named}
+    """Every effect weighs the same and divides its weight among the kinds of its places, and each kind among its own.
+
+    A frame drifts as often as any of the links. Unnamed laws divide ``share``.
+    """
+    kinds = [(c.effect, tuple(sorted(c.where))) for c in kept]
+    places = Counter(kind for kind, g in zip(kinds, generic, strict=True) if not g)
+    several = Counter(effect for effect, _ in places)
     total = int(np.sum(generic))
     weight = [
-        share / max(total, 1) if g else (1.0 - share) / (len(effects) * effects[c.effect])
-        for c, g in zip(kept, generic, strict=True)
+        share / max(total, 1) if g else (1.0 - share) / (len(several) * several[kind[0]] * places[kind])
+        for kind, g in zip(kinds, generic, strict=True)
     ]
     return np.log(np.array(weight)) if weight else np.zeros(0)
 

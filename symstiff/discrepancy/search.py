@@ -19,8 +19,6 @@ from symstiff.discrepancy.strata import PROPORTIONAL, Stratum, fills
 
 ONE_MORE = float(np.log(0.2))
 """Log prior weight of one more effect against none more."""
-LEAD = 1.0
-"""Log evidence by which a set leads an unnamed law, for each of its members of which that takes the place."""
 SAME_SIGNAL = 0.85
 """Share of an unnamed law's signal inside a set's space from which both describe the same thing."""
 _SCANS, _ROOM = 8, 1e9
@@ -58,10 +56,9 @@ class Judged:
     p_left_unnamed: float
     missed_share: float
     rival: float
-    """Score of the best set in which an unnamed law of another form takes a member's place, minus this score."""
+    """Score of the best set in which an unnamed law of another form takes a member's place, minus this score: the set
+    is ahead where it is negative."""
     rival_candidate: int
-    contest: float
-    """The greatest of such scores with ``LEAD`` for each member replaced; the set is ahead where it is negative."""
     sufficient: bool
     p_members: tuple[float, ...]
     """Family-wise p-value of each member given the others."""
@@ -216,7 +213,7 @@ def judge(shop: Workshop, proposal: Proposal) -> Judged:
         p_named, p_unnamed = distribution.p_named(named), distribution.p_generic(unnamed)
     gained = _gained(shop, scan, scan.best)
     missed = _missed_share(shop, proposal, scan)
-    rival, who, contest = _rival(shop, proposal)
+    rival, who = _rival(shop, proposal)
     further = _level_of_further(options, missed)
     other = options.alpha_notable if missed > options.tolerated_shape else options.alpha_sufficient
     # what is left must be more believable than nothing: small p-values alone are shapes that are only close
@@ -225,7 +222,7 @@ def judge(shop: Workshop, proposal: Proposal) -> Judged:
     p_members = tuple(_needed(shop, proposal, i) for i in range(len(members)))
     return Judged(
         members, entries, proposal.score, scan.bank, scan.best.sharing, scan.best.rss, scan.freedom, p_named,
-        p_unnamed, missed, rival, who, contest,
+        p_unnamed, missed, rival, who,
         not (lack_named or lack_unnamed or _lacking(shop, scan, gained)), p_members,
     )  # fmt: skip
 
@@ -332,12 +329,11 @@ def _gained(shop: Workshop, scan: Scan, layer: Layer) -> float:
     return (before - layer.rss) / max(layer.rss / max(scan.freedom, 1), 1e-300)
 
 
-def _rival(shop: Workshop, proposal: Proposal) -> tuple[float, int, float]:
-    """The best set in which an unnamed law of another form takes the place of one member, or of all.
-
-    Its score over the set's, the law, and how close any of them comes to the lead that is asked for.
+def _rival(shop: Workshop, proposal: Proposal) -> tuple[float, int]:
+    """The best set in which an unnamed law of another form takes the place of one member, or of all: its score over
+    the set's, and the law.
     """
-    best, who, contest = -np.inf, -1, -np.inf
+    best, who = -np.inf, -1
     n = len(proposal.members)
     for kept in [(), *(tuple(k for k in range(n) if k != i) for i in range(n) if n > 1)]:
         members = tuple(proposal.members[k] for k in kept)
@@ -349,16 +345,14 @@ def _rival(shop: Workshop, proposal: Proposal) -> tuple[float, int, float]:
         base = base if np.isfinite(base) else 0.0
         score = shop.score(members, entries, True) + base - proposal.score
         replaced = tuple(proposal.entries[k] for k in range(n) if k not in kept)
-        found, lead = shop.evidence(entries), LEAD * len(replaced)
+        found = shop.evidence(entries)
         for candidate in np.argsort(score)[::-1][:10]:
-            if not np.isfinite(score[candidate]) or score[candidate] < max(min(best, contest - lead), -10.0):
+            if not np.isfinite(score[candidate]) or score[candidate] < max(best, -10.0):
                 break
             if not _same(shop.scan(entries), int(found.best_entry[candidate]), replaced):
-                own = float(score[candidate])
-                best, who = (own, int(candidate)) if own > best else (best, who)
-                contest = max(contest, own + lead)
+                best, who = float(score[candidate]), int(candidate)
                 break
-    return best, who, contest
+    return best, who
 
 
 def _same(scan: Scan, law: int, entries: tuple[int, ...]) -> bool:

@@ -225,10 +225,9 @@ def _same_columns(scan: Scan, one: Proposal, other: Judged) -> bool:
     return a.shape == b.shape and bool(np.linalg.norm(a - b @ (b.T @ a)) < _SAME * np.sqrt(a.shape[1]))
 
 
-def _admissible(judged: Judged, options: Options, clearly: bool = True) -> bool:
+def _admissible(judged: Judged, options: Options) -> bool:
     """Whether a set suffices, needs all of its members, and is ahead of the unnamed laws."""
-    ahead = (judged.contest if clearly else judged.rival) < 0
-    return judged.sufficient and max(judged.p_members) < options.alpha and ahead
+    return judged.sufficient and max(judged.p_members) < options.alpha and judged.rival < 0
 
 
 def _conclude(
@@ -236,18 +235,12 @@ def _conclude(
 ) -> Outcome:
     good = sorted((j for j in tried if _admissible(j, options)), key=lambda j: -j.score)
     refused = max((j.score for j in tried if not _admissible(j, options)), default=-np.inf)
-    just = [j for j in tried if j not in good and _admissible(j, options, clearly=False)]
-    if good and good[0].score > refused - 1.0:
-        # a set that explains as much and is only just ahead of the unnamed laws is an explanation too
-        close = [j for j in just if j.score > good[0].score - AS_MUCH]
-        good = sorted([*close, *good], key=lambda j: -j.score)
+    if good and good[0].score > refused - AS_MUCH:
         return _named(good, tried, weighed, tests, options)
     if good and good[0].score > refused - CLOSE:
-        # what explains more and is only just ahead of them is what they do as well as
-        leader = max((*good, *just), key=lambda j: j.score)
-        reason = AS_WELL
+        leader = good[0]
         half = tuple(0.5 for _ in leader.members)
-        return Outcome(INSUFFICIENT, reason, *tests, leader, (leader,), half, tuple(tried))
+        return Outcome(INSUFFICIENT, AS_WELL, *tests, leader, (leader,), half, tuple(tried))
     needed = [j for j in tried if max(j.p_members) < options.alpha]
     enough = max((j for j in needed if j.sufficient), key=lambda j: j.score, default=None)
     best = max(needed, key=lambda j: j.score, default=None)
@@ -281,7 +274,7 @@ def _named(
     )
     first = {_set(j, known): j for j in reversed(good)}
     kept = tuple(j for j in good if share[_set(j, known)] > 0.05 * own and first[_set(j, known)] is j)
-    ahead = own >= options.name_at and at_best[_set(leader, known)] >= 0.5
+    ahead = own >= options.name_at and (at_best[_set(leader, known)] >= 0.5 or _without_shape(leader))
     verdict = NAMED if ahead or len(kept) < 2 else AMBIGUOUS
     reason = "sufficient, plausible and ahead" if verdict == NAMED else "several sets account for the data"
     return Outcome(verdict, reason, *tests, leader, kept, confidence, tuple(tried))
@@ -304,6 +297,13 @@ def _shares(scored: Sequence[tuple[frozenset[int], float]]) -> dict[frozenset[in
 def _places(found: Proposal | Judged, judged: Judged) -> list[str]:
     place = judged.bank.place
     return sorted(place[m] for m in found.members)
+
+
+def _without_shape(judged: Judged) -> bool:
+    """Whether the laws of a set's joints have no shape: a linear one is the limit of those that bend."""
+    bank = judged.bank
+    own = [bank.candidates[m] for m in judged.members if bank.place[m]]
+    return bool(own) and all(len(c.shapes) == 1 for c in own)
 
 
 def _spared(proposal: Proposal, found: Evidence) -> float:
