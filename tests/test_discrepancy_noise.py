@@ -12,7 +12,7 @@ from symstiff.discrepancy.diagnose import diagnose
 from symstiff.discrepancy.prepare import prepare
 from symstiff.discrepancy.problem import Array, Candidate, Parameter, Problem
 from symstiff.discrepancy.scan import evidence, likeliest
-from symstiff.discrepancy.sharing import JOINTS, LEARNED, sizes
+from symstiff.discrepancy.sharing import EACH, JOINTS, LEARNED, sizes
 from symstiff.discrepancy.strata import strata
 from tests.test_discrepancy_engine import QUICK, SIGMA, arm, catalogue, measured, saturating, scaled
 
@@ -118,6 +118,16 @@ def test_what_one_joint_has_in_every_pose_does_not_pass_for_the_size_of_its_erro
     )
 
 
+@pytest.mark.parametrize(("sizes", "way"), [([1e-4] * 3, JOINTS), ([2e-4, 3e-5, 3e-5], EACH)])
+def test_sizes_that_are_learned_of_each_joint_have_to_pay_for_it(sizes: list[float], way: str) -> None:
+    """Of joints whose errors are alike what was learned of each fits better, by chance: that is not enough."""
+    a = arm(30)
+    for seed in range(4):
+        readings = joints_elsewhere(a.problem, sizes, seed)
+        found = prepare(measured(a.problem, readings, seed, 0.0), a.candidates)
+        assert (found.scan.best.sharing.way in LEARNED) == (way == EACH)
+
+
 @pytest.mark.parametrize("seed", range(4))
 def test_errors_of_joints_and_of_axes_are_told_together(seed: int) -> None:
     a = arm(40)
@@ -133,7 +143,7 @@ def test_errors_of_joints_and_of_axes_are_told_together(seed: int) -> None:
         for v, x in zip(found.scan.log_likelihood, found.scan.layers, strict=True)
         if x.sharing.way not in LEARNED
     )
-    assert found.scan.log_likelihood.max() > alone + 50.0
+    assert found.scan.log_likelihood.max() > alone + 5.0
 
 
 def test_the_variances_of_the_joints_errors_are_found() -> None:

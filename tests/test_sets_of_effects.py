@@ -11,6 +11,7 @@ import pytest
 
 from symstiff.discrepancy import search, verdict
 from symstiff.discrepancy.assemble import assemble
+from symstiff.discrepancy.bank import build
 from symstiff.discrepancy.diagnose import beyond, diagnose
 from symstiff.discrepancy.prepare import prepare
 from symstiff.discrepancy.problem import ANGLE, CLOCK, Array, Candidate, Parameter, Problem
@@ -204,6 +205,34 @@ def test_a_set_that_is_behind_one_that_a_law_without_a_name_matches_is_told_with
     found = verdict._conclude(cast(Any, [ahead, behind]), [], cast(Any, (None, None, 0.0, 0.0)), QUICK)
     assert found.verdict == verdict_
     assert verdict_ == "unexplained" or (found.reason, found.chosen) == (verdict.AS_WELL, cast(Any, behind))
+
+
+def test_an_effect_divides_its_weight_among_kinds_of_places_and_each_among_its_own() -> None:
+    """That a frame drifts is not one of seven things beside six links that may."""
+    bare = arm().problem
+    column = of_sign(bare, 0)
+    where: tuple[dict[str, object], ...] = ({"measurement": "frame"}, {"link": 1}, {"link": 2}, {"link": 3})
+    drifts = [replace(lawful("drift", column), where=w) for w in where]
+    unnamed = [lawful(f"law {k}", column) for k in range(3)]
+    weight = np.exp(build(bare, (*drifts, lawful("gear", column)), unnamed, 0.3).log_prior)
+    assert weight == pytest.approx([0.175, *[0.175 / 3.0] * 3, 0.35, *[0.1] * 3])
+
+
+@pytest.mark.parametrize(("shapes", "verdict_"), [(1, "named"), (2, "ambiguous")])
+def test_a_law_without_a_shape_is_the_limit_of_those_that_bend(shapes: int, verdict_: str) -> None:
+    """A linear one is named where one that bends may be as straight; a law of few shapes has no such right."""
+    bare = arm().problem
+    assert bare.J is not None
+    assert bare.tau is not None
+    own = scaled(bare, of_branch(bare, 1), 1.0)
+    straight = lawful("straight", *[own, scaled(bare, of_sign(bare, 1) * bare.tau[:, 1] ** 2, 1.0)][:shapes])
+    nearly = own + 0.1 * scaled(bare, of_sign(bare, 1), 1.0)
+    others = [scaled(bare, bare.J[:, 1] * bare.tau[:, 1] ** k, 1.0) for k in range(2, 20)]
+    bends = lawful("bends", nearly, *others)
+    problem = measured(bare, 15.0 * nearly, 4)
+    found = diagnose(problem, (straight, bends, *catalogue(bare)), QUICK)
+    assert found.verdict == verdict_
+    assert found.effects[0].effect == "straight"
 
 
 @pytest.mark.parametrize("off", [-3.0, 0.5, 1.0, 1.9, 2.1])

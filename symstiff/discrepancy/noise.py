@@ -10,9 +10,9 @@ from scipy import stats
 
 from symstiff.discrepancy.problem import Array, Problem
 from symstiff.discrepancy.sharing import (
+    ALIKE,
     AXES,
     JOINTS,
-    PRICE,
     Roots,
     Sharing,
     Split,
@@ -80,7 +80,8 @@ class Noise:
 
     def log_determinant(self, sharing: Sharing) -> float:
         """log |I + ratio K|, and twice the price of what was learned."""
-        price = 2.0 * PRICE * max(len(self.learned.get(sharing.way, ())) - 1, 0)
+        learned = max(len(self.learned.get(sharing.way, ())) - 1, 0)
+        price = learned * np.log1p(sum(len(rows) for rows, _, _ in self.ways[sharing.way]) / ALIKE)
         return price + float(
             sum(np.log1p(sharing.ratio * value).sum() for _, _, value in self.ways[sharing.way])
         )

@@ -20,15 +20,13 @@ after all that stands out, or after one effect more."""
 LEARNED = (EACH, BESIDE)
 """An effect of one joint passes for the size of its errors where that is learned without the effect."""
 
-_ALIKE = 4.0
-"""Poses that the belief in joints with like errors counts for."""
+ALIKE = 4.0
+"""Poses that the belief in joints with like errors counts for; what is learned of more poses pays for it."""
 _STEPS = 150
 _SEVERAL = 10
 """Rows beyond one a pose from which they say what they share."""
 NEAR = (0.55, 1.0, 1.8)
 """Ratios about a learned size that are looked at."""
-PRICE = 0.5
-"""Log-likelihood that a learned size must gain."""
 
 Roots = tuple[tuple[Index, Array, Array], ...]
 """Batches of blocks: (n, m) rows, (n, m, k) orthonormal directions, (n, k) what is added along them."""
@@ -209,7 +207,7 @@ def sizes(
         mean = np.einsum("pij,pj->pi", S, seen)
         second = np.sum(mean**2 + np.einsum("pii->pi", S), axis=0)
         total = np.bincount(group, second)
-        w[:n] = (_ALIKE * np.mean(w[:n]) + total[:n]) / (_ALIKE + len(poses))
+        w[:n] = (ALIKE * np.mean(w[:n]) + total[:n]) / (ALIKE + len(poses))
         w[n:] = total[n:] / (np.array(counts) * len(poses))
         w = np.maximum(w, 1e-9)
     return tuple(w.tolist())
