@@ -81,8 +81,8 @@ class Noise:
     def log_determinant(self, sharing: Sharing) -> float:
         """log |I + ratio K|, and twice the price of what was learned."""
         learned = max(len(self.learned.get(sharing.way, ())) - 1, 0)
-        price = learned * np.log1p(sum(len(rows) for rows, _, _ in self.ways[sharing.way]) / ALIKE)
-        return price + float(
+        poses = sum(len(rows) for rows, _, _ in self.ways[sharing.way])
+        return learned * float(np.log1p(poses / ALIKE)) + float(
             sum(np.log1p(sharing.ratio * value).sum() for _, _, value in self.ways[sharing.way])
         )
 
