@@ -185,8 +185,8 @@ def test_a_law_without_a_name_may_take_the_place_of_one_member_or_of_all(
         score=lambda members, entries, generic: np.where(np.arange(3) == 2, score, none) if members == kept else none,
         scan=lambda entries: None,
     )  # fmt: skip
-    found = search._rival(cast(Workshop, shop), Proposal((0, 1), (0, 1), 20.0))
-    assert found == (pytest.approx(-1.5), 2)
+    (score_, law), *further = search._rivals(cast(Workshop, shop), Proposal((0, 1), (0, 1), 20.0))
+    assert (score_, law, further) == (pytest.approx(-1.5), 2, [])
 
 
 @pytest.mark.parametrize(("lead", "verdict_"), [(2.0, "named_insufficient"), (4.0, "unexplained")])
@@ -196,11 +196,11 @@ def test_a_set_that_is_behind_one_that_a_law_without_a_name_matches_is_told_with
     """What explains more is matched by such a law, or leaves something; far behind it nothing is named."""
     ahead = SimpleNamespace(
         members=(0, 1, 2), entries=(0, 1, 2), score=65.5 + lead, sufficient=True, p_members=(0.0,) * 3, rival=0.4,
-        missed_share=0.0,
+        rivals=0.4, missed_share=0.0,
     )  # fmt: skip
     behind = SimpleNamespace(
         members=(0, 1), entries=(0, 1), score=65.5, sufficient=True, p_members=(0.0, 0.0), rival=-2.1,
-        missed_share=0.0,
+        rivals=-2.1, missed_share=0.0,
     )  # fmt: skip
     found = verdict._conclude(cast(Any, [ahead, behind]), [], cast(Any, (None, None, 0.0, 0.0)), QUICK)
     assert found.verdict == verdict_

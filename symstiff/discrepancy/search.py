@@ -17,12 +17,12 @@ from symstiff.discrepancy.scan import Evidence, Layer, Scan, explained, extend, 
 from symstiff.discrepancy.sharing import Sharing
 from symstiff.discrepancy.strata import PROPORTIONAL, Stratum, fills
 
-ONE_MORE = float(np.log(0.2))
-"""Log prior weight of one more effect against none more."""
 SAME_SIGNAL = 0.85
 """Share of an unnamed law's signal inside a set's space from which both describe the same thing."""
 _SCANS, _ROOM = 8, 1e9
 """Scans that a search keeps at most, and bytes that more than two may take: a large table's takes half of that."""
+_RIVALS, _FAR = 40, 8.0
+"""Unnamed laws at most that may take a member's place, and log evidence by which they may trail."""
 SAME_PLACE = 0.5
 """The same share for another shape of a member's law: at its virtual joint, and by what that depends on."""
 
@@ -59,6 +59,8 @@ class Judged:
     """Score of the best set in which an unnamed law of another form takes a member's place, minus this score: the set
     is ahead where it is negative."""
     rival_candidate: int
+    rivals: float
+    """Log evidence of all such sets together, minus this score."""
     sufficient: bool
     p_members: tuple[float, ...]
     """Family-wise p-value of each member given the others."""
@@ -131,7 +133,7 @@ def proposals(shop: Workshop, bases: list[Proposal], breadth: int = 24) -> list[
                 break
             entry, own = _entry(shop, int(candidate), base.entries)
             members = (*base.members, int(candidate))
-            total = base.score + base.lost + own + (ONE_MORE if base.members else 0.0)
+            total = base.score + base.lost + own
             key = frozenset(members)
             if np.isfinite(own) and (key not in made or made[key].score < total):
                 made[key] = Proposal(members, (*base.entries, entry), total)
@@ -165,11 +167,7 @@ def polish(shop: Workshop, proposal: Proposal) -> Proposal:
         others = tuple(e for i, e in enumerate(entries) if i != place)
         if len(others) == 1:
             first = proposal.members[1 - place]
-            path = (
-                _at(shop.evidence(()), first, others[0])
-                + float(shop.evidence(others).score[member])
-                + ONE_MORE
-            )
+            path = _at(shop.evidence(()), first, others[0]) + float(shop.evidence(others).score[member])
             score = max(score, path)
     return Proposal(proposal.members, tuple(entries), score)
 
@@ -213,16 +211,17 @@ def judge(shop: Workshop, proposal: Proposal) -> Judged:
         p_named, p_unnamed = distribution.p_named(named), distribution.p_generic(unnamed)
     gained = _gained(shop, scan, scan.best)
     missed = _missed_share(shop, proposal, scan)
-    rival, who = _rival(shop, proposal)
+    rivals = _rivals(shop, proposal)
     further = _level_of_further(options, missed)
     other = options.alpha_notable if missed > options.tolerated_shape else options.alpha_sufficient
     # what is left must be more believable than nothing: small p-values alone are shapes that are only close
-    lack_named = p_named < further and named + ONE_MORE > 0 and missed > _tolerated(shop, proposal, False)
+    lack_named = p_named < further and named > 0 and missed > _tolerated(shop, proposal, False)
     lack_unnamed = p_unnamed < other and unnamed > 0 and missed > _tolerated(shop, proposal, True)
     p_members = tuple(_needed(shop, proposal, i) for i in range(len(members)))
     return Judged(
         members, entries, proposal.score, scan.bank, scan.best.sharing, scan.best.rss, scan.freedom, p_named,
-        p_unnamed, missed, rival, who,
+        p_unnamed, missed, *(rivals[0] if rivals else (-np.inf, -1)),
+        float(np.logaddexp.reduce([score for score, _ in rivals], initial=-np.inf)),
         not (lack_named or lack_unnamed or _lacking(shop, scan, gained)), p_members,
     )  # fmt: skip
 
@@ -301,7 +300,7 @@ def _shape_explains(shop: Workshop, proposal: Proposal, further: float) -> bool:
     if not np.any(here):
         return False
     found = shop.evidence(proposal.entries).candidate[here]
-    return float(np.max(found)) + float(np.log(0.5 / np.sum(here))) >= further + ONE_MORE
+    return float(np.max(found)) + float(np.log(0.5 / np.sum(here))) >= further
 
 
 def _missed_share(shop: Workshop, proposal: Proposal, scan: Scan) -> float:
@@ -329,11 +328,11 @@ def _gained(shop: Workshop, scan: Scan, layer: Layer) -> float:
     return (before - layer.rss) / max(layer.rss / max(scan.freedom, 1), 1e-300)
 
 
-def _rival(shop: Workshop, proposal: Proposal) -> tuple[float, int]:
-    """The best set in which an unnamed law of another form takes the place of one member, or of all: its score over
-    the set's, and the law.
+def _rivals(shop: Workshop, proposal: Proposal) -> list[tuple[float, int]]:
+    """The sets in which an unnamed law of another form takes the place of one member, or of all, best first: the score
+    of each over the set's, and its law. Those that are far behind are left out.
     """
-    best, who = -np.inf, -1
+    out = list[tuple[float, int]]()
     n = len(proposal.members)
     for kept in [(), *(tuple(k for k in range(n) if k != i) for i in range(n) if n > 1)]:
         members = tuple(proposal.members[k] for k in kept)
@@ -346,13 +345,12 @@ def _rival(shop: Workshop, proposal: Proposal) -> tuple[float, int]:
         score = shop.score(members, entries, True) + base - proposal.score
         replaced = tuple(proposal.entries[k] for k in range(n) if k not in kept)
         found = shop.evidence(entries)
-        for candidate in np.argsort(score)[::-1][:10]:
-            if not np.isfinite(score[candidate]) or score[candidate] < max(best, -10.0):
+        for candidate in np.argsort(score)[::-1][:_RIVALS]:
+            if not score[candidate] > -_FAR:
                 break
             if not _same(shop.scan(entries), int(found.best_entry[candidate]), replaced):
-                best, who = float(score[candidate]), int(candidate)
-                break
-    return best, who
+                out.append((float(score[candidate]), int(candidate)))
+    return sorted(out, reverse=True)
 
 
 def _same(scan: Scan, law: int, entries: tuple[int, ...]) -> bool:

@@ -12,7 +12,7 @@ from scipy.special import expit, logsumexp
 from symstiff.discrepancy.null import Null
 from symstiff.discrepancy.problem import Array, Options
 from symstiff.discrepancy.scan import Evidence, Scan, directions
-from symstiff.discrepancy.search import ONE_MORE, Judged, Proposal, Workshop, judge, polish, proposals
+from symstiff.discrepancy.search import Judged, Proposal, Workshop, judge, polish, proposals
 from symstiff.discrepancy.strata import Stratum
 
 NOTHING, NAMED, AMBIGUOUS = "nothing_missing", "named", "ambiguous"
@@ -41,6 +41,10 @@ CLEARLY, CLEAR_SHARE = 10.0, 0.1
 
 AS_MUCH = 1.0
 """Log evidence within which two sets explain the same."""
+
+FAINT, FOURFOLD = 3.0, float(np.log(4.0))
+"""Log evidence up to which a set is hardly more believable than nothing, and by which it has to lead all laws without a
+name together then: taken one by one, each of several hundred trails a little."""
 
 BEYOND = 2.0
 """Log likelihood that a set may lose by its sizes' physical range: two standard deviations of one size."""
@@ -122,9 +126,9 @@ def _together(shop: Workshop, members: Sequence[int]) -> Proposal:
     """A set of candidates, each at its best shape beside those before it."""
     entries: tuple[int, ...] = ()
     score = 0.0
-    for place, member in enumerate(members):
+    for member in members:
         found = shop.evidence(entries)
-        score += float(found.score[member]) + (ONE_MORE if place else 0.0)
+        score += float(found.score[member])
         entries = (*entries, int(found.best_entry[member]))
     return Proposal(tuple(members), entries, score)
 
@@ -227,7 +231,12 @@ def _same_columns(scan: Scan, one: Proposal, other: Judged) -> bool:
 
 def _admissible(judged: Judged, options: Options) -> bool:
     """Whether a set suffices, needs all of its members, and is ahead of the unnamed laws."""
-    return judged.sufficient and max(judged.p_members) < options.alpha and judged.rival < 0
+    return judged.sufficient and max(judged.p_members) < options.alpha and _ahead(judged)
+
+
+def _ahead(judged: Judged) -> bool:
+    """Whether a set is ahead of every unnamed law, and of all together where it is faint."""
+    return judged.rival < 0 and (judged.score > FAINT or judged.rivals < -FOURFOLD)
 
 
 def _conclude(
@@ -244,7 +253,7 @@ def _conclude(
     needed = [j for j in tried if max(j.p_members) < options.alpha]
     enough = max((j for j in needed if j.sufficient), key=lambda j: j.score, default=None)
     best = max(needed, key=lambda j: j.score, default=None)
-    if best is not None and best.rival < -3.0 and best.missed_share < 0.3:
+    if best is not None and best.rival < -CLOSE and _ahead(best) and best.missed_share < 0.3:
         confidence = tuple(0.5 for _ in best.members)
         reason = "the leader explains most, but not all"
         return Outcome(INSUFFICIENT, reason, *tests, best, (best,), confidence, tuple(tried))
@@ -321,6 +330,3 @@ def _calibrated(share: float, leader: Judged, p: float) -> float:
     raw = min(float(np.log(share / (1 - share))), limit)
     rival = float(np.log1p(np.exp(min(leader.rival, 30.0))))
     return float(expit(offset + slope * raw - rival)) * (1.0 - min(1.0, 5.0 * p))
-
-
-__all__ = ["ONE_MORE", "Outcome", "decide"]
