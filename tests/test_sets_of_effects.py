@@ -207,6 +207,32 @@ def test_a_set_that_is_behind_one_that_a_law_without_a_name_matches_is_told_with
     assert verdict_ == "unexplained" or (found.reason, found.chosen) == (verdict.AS_WELL, cast(Any, behind))
 
 
+def test_a_second_effect_is_as_believable_as_the_first_one() -> None:
+    """A test sees it and it is more believable than nothing: one effect is no reason for there being no other."""
+    bare = arm(40).problem
+    a, b = (scaled(bare, law, 1.0) for law in (of_sign(bare, 0), of_branch(bare, 1)))
+    problem = measured(bare, 10.0 * a + np.sqrt(15.0) * b, 8)
+    found = diagnose(problem, (lawful("first", a), lawful("second", b), *catalogue(bare)), QUICK)
+    assert [e.effect for e in found.effects if e.set_number == 0] == ["first", "second"]
+
+
+@pytest.mark.parametrize(
+    ("score", "rivals", "told"), [(0.2, -2.0, True), (0.2, -1.0, False), (9.0, -1.0, True), (9.0, -9.0, True)]
+)
+def test_what_is_faint_has_to_lead_the_laws_without_a_name_together(
+    score: float, rivals: float, told: bool
+) -> None:
+    """Several hundred laws trail a little each: of an effect outside of the catalogue one name leads them all."""
+    faint = SimpleNamespace(
+        members=(0,), entries=(0,), score=score, sufficient=True, p_members=(0.0,), rival=rivals - 2.5,
+        rivals=rivals, missed_share=0.0,
+    )  # fmt: skip
+    assert verdict._admissible(cast(Any, faint), QUICK) == told
+    if not told:
+        found = verdict._conclude(cast(Any, [faint]), [], cast(Any, (None, None, 0.0, 0.0)), QUICK)
+        assert (found.verdict, found.reason) == ("unexplained", verdict.NOT_ALONE)
+
+
 def test_an_effect_divides_its_weight_among_kinds_of_places_and_each_among_its_own() -> None:
     """That a frame drifts is not one of seven things beside six links that may."""
     bare = arm().problem
