@@ -34,6 +34,8 @@ from symstiff.report import html, words
 from symstiff.report.tables import moved
 from symstiff.robot import from_table, load
 from symstiff.robot.table import to_table
+from tests.blind.generate import Options as Drawn
+from tests.blind.generate import case
 from tests.diagnosis_data import HARDENING, ROBOT, measured
 from tests.test_assemble import design, readings
 
@@ -161,23 +163,38 @@ def test_a_stratum_that_rejects_with_much_of_the_signal_makes_a_set_insufficient
     part = Stratum("nonlinear in load", 40, 40.0 + further, 2.0, p)
     shop: Any = SimpleNamespace(lack=lambda scan: (part,), options=Options(), parts=())
     none: Any = None
-    assert _lacking(shop, none, 150.0) is lacking
+    assert _lacking(shop, none, 150.0, 2.0) is lacking
 
 
 @pytest.mark.parametrize(
-    ("before", "after", "lacking"), [(8, 2, True), (8, 5, False), (60, 50, False), (9, 0, True)]
+    ("before", "after", "usual", "lacking"),
+    [(8, 2, 3.0, True), (8, 5, 3.0, False), (60, 50, 3.0, False), (9, 0, 3.0, True), (14, 1, 3.0, False)],
 )
 def test_a_set_that_takes_most_directions_proportional_to_the_load_is_insufficient(
-    before: int, after: int, lacking: bool
+    before: int, after: int, usual: float, lacking: bool
 ) -> None:
-    """Nothing is left there that could contradict it; three directions are too few to fit anything by."""
+    """Nothing is left there that could contradict it; three directions are too few to fit anything by.
+
+    Of many directions those of usual sizes may be few: unusual sizes contradict it then.
+    """
     part = Stratum("proportional to load, by pose", after, float(after), 1.0, 1.0)
     other = Stratum("nonlinear in load", 40, 40.0, 1.0, 1.0)
     parts = (part, other) if after else (other,)
     start = (replace(part, degrees_of_freedom=before), other)
     shop: Any = SimpleNamespace(lack=lambda scan: parts, options=Options(), parts=start)
     none: Any = None
-    assert _lacking(shop, none, 150.0) is lacking
+    assert _lacking(shop, none, 150.0, usual) is lacking
+
+
+def test_a_rocking_base_is_named_though_its_block_could_take_nearly_all_that_fifteen_poses_leave() -> None:
+    """13 of 14 directions proportional to the load; of usual sizes it takes three, and those it asks for."""
+    hidden = case(1, Drawn(
+        robots=("kuka_kr270",), poses=(15,), levels=(5,), markers=(1,), classes=("one",), shares=(1.0,),
+        lambdas=(60.0,), seed=2, story="base rocking", mild=True,
+    ))  # fmt: skip
+    found = run(Task(hidden.model.robot, hidden.table))
+    assert found.verdict == "named"
+    assert [(e.effect, e.where) for e in found.named] == [("base_compliance", {"link": 0})]
 
 
 def test_a_soft_spot_at_a_negative_angle_reads_as_one_writes_it() -> None:

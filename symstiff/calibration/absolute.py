@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 import scipy.linalg
 
+from symstiff.calibration.decomposition import svd
 from symstiff.calibration.estimate import Estimate, estimate, unit_of
 from symstiff.calibration.experiment.current import settled, sigma_of
 from symstiff.calibration.measurements import Measurements
@@ -61,7 +62,7 @@ def _outside(columns: np.ndarray, others: np.ndarray) -> np.ndarray:
     size = np.linalg.norm(columns, axis=0)
     scaled = columns / np.where(size > 0, size, 1.0)
     length = np.linalg.norm(others, axis=0)
-    U, s, _ = np.linalg.svd(others / np.where(length > 0, length, 1.0), full_matrices=False)
+    U, s, _ = svd(others / np.where(length > 0, length, 1.0))
     U = U[:, s > 1e-9 * s[0]]
     left = scaled - U @ (U.T @ scaled)
     return np.asarray(np.where(np.linalg.norm(left, axis=0) > _OUTSIDE, left, 0.0))

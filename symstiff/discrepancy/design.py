@@ -36,7 +36,9 @@ def detectable_noncentrality(
 
 
 def effective_rank(scan: Scan, entry: int) -> float:
-    """Number of directions that a signal by parameters of usual size is spread over."""
+    """Number of directions that a signal by parameters of usual size is spread over; all where none are known."""
+    if not scan.bank.sized[entry]:
+        return float(scan.best.rank[entry])
     return 1.0 / max(float(np.sum(scan.best.variance[scan.bank.slice(entry)] ** 2)), 1e-300)
 
 

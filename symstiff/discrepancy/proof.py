@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from symstiff.calibration.decomposition import svd
 from symstiff.discrepancy.bank import Bank
 from symstiff.discrepancy.between import moved
 from symstiff.discrepancy.noise import Noise
@@ -168,7 +169,7 @@ def _predict(problem: Problem, noise: Noise, train: Index, test: Index, blocks: 
     # of all poses: what the training poses hardly show is small beside what it is elsewhere
     length = np.linalg.norm(X / noise.spread[:, None], axis=0)
     length[length == 0] = 1.0
-    U, s, Vt = np.linalg.svd(W[:, 1:] / length, full_matrices=False)
+    U, s, Vt = svd(W[:, 1:] / length)
     keep = s > 1e-9 * s[0]
     U, s, Vt = U[:, keep], s[keep], Vt[keep]
     inner_y = U.T @ W[:, 0]

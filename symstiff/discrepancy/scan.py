@@ -10,8 +10,8 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
-from scipy import linalg
 
+from symstiff.calibration.decomposition import svd
 from symstiff.discrepancy.bank import Bank, orthonormal
 from symstiff.discrepancy.marginal import of_rank, of_sizes
 from symstiff.discrepancy.noise import Noise
@@ -96,7 +96,7 @@ def column_space(A: Array, tolerance: float = 1e-9) -> Array:
     used = A[:, length > 0] / length[length > 0]
     if used.shape[1] == 0:
         return np.zeros((len(A), 0))
-    U, s, _ = np.linalg.svd(used, full_matrices=False)
+    U, s, _ = svd(used)
     return np.asarray(U[:, s > tolerance * s[0]])
 
 
@@ -104,7 +104,7 @@ def _layer(
     bank: Bank, sharing: Sharing, whiten: Roots, colour: Roots,
     y: Array, A: Array, columns: Array, determinant: float,
 ) -> Layer:  # fmt: skip
-    basis, s, _ = np.linalg.svd(A, full_matrices=False)
+    basis, s, _ = svd(A)
     outside = basis @ (basis.T @ columns)
     np.subtract(columns, outside, out=outside)
     residual = y - basis @ (basis.T @ y)
@@ -120,7 +120,7 @@ def _layer(
 def directions(bank: Bank, layer: Layer, entries: tuple[int, ...]) -> tuple[Array, Array]:
     """Orthonormal directions (M, p) that entries add to the model, and their sizes (p,)."""
     added = np.hstack([layer.outside[:, bank.slice(e)] for e in entries])
-    U, s, _ = np.linalg.svd(added, full_matrices=False)
+    U, s, _ = svd(added)
     return U[:, s > 1e-7 * s[0]], s[s > 1e-7 * s[0]]
 
 
@@ -305,7 +305,7 @@ def coefficients(scan: Scan, A: Array, y: Array, entries: tuple[int, ...]) -> tu
     W = scan.noise.apply(layer.whiten, np.column_stack([y, X]) / D)
     length = np.linalg.norm(W[:, 1:], axis=0)
     length[length == 0] = 1.0
-    U, s, Vt = linalg.svd(W[:, 1:] / length, full_matrices=False)
+    U, s, Vt = svd(W[:, 1:] / length)
     keep = s > 1e-9 * s[0]
     beta = Vt[keep].T @ ((U[:, keep].T @ W[:, 0]) / s[keep])
     residual = W[:, 0] - W[:, 1:] @ (beta / length)

@@ -8,8 +8,10 @@ from itertools import combinations
 
 import numpy as np
 
+from symstiff.calibration.decomposition import svd
 from symstiff.discrepancy.bank import Bank
 from symstiff.discrepancy.beside import evidence_beside
+from symstiff.discrepancy.design import effective_rank
 from symstiff.discrepancy.laws import of_load
 from symstiff.discrepancy.null import Null, null
 from symstiff.discrepancy.problem import Array, Options
@@ -217,12 +219,13 @@ def judge(shop: Workshop, proposal: Proposal) -> Judged:
     # what is left must be more believable than nothing: small p-values alone are shapes that are only close
     lack_named = p_named < further and named > 0 and missed > _tolerated(shop, proposal, False)
     lack_unnamed = p_unnamed < other and unnamed > 0 and missed > _tolerated(shop, proposal, True)
+    usual = sum(effective_rank(shop.start, e) for e in entries)
     p_members = tuple(_needed(shop, proposal, i) for i in range(len(members)))
     return Judged(
         members, entries, proposal.score, scan.bank, scan.best.sharing, scan.best.rss, scan.freedom, p_named,
         p_unnamed, missed, *(rivals[0] if rivals else (-np.inf, -1)),
         float(np.logaddexp.reduce([score for score, _ in rivals], initial=-np.inf)),
-        not (lack_named or lack_unnamed or _lacking(shop, scan, gained)), p_members,
+        not (lack_named or lack_unnamed or _lacking(shop, scan, gained, usual)), p_members,
     )  # fmt: skip
 
 
@@ -250,13 +253,14 @@ def _proportional(parts: Sequence[Stratum]) -> int:
     return next((p.degrees_of_freedom for p in parts if p.name == PROPORTIONAL), 0)
 
 
-def _lacking(shop: Workshop, scan: Scan, gained: float) -> bool:
+def _lacking(shop: Workshop, scan: Scan, gained: float, usual: float) -> bool:
     """Whether a stratum still rejects, and what it holds is more of the signal than a shape that is only close.
 
-    Or whether the set fills a stratum, so that nothing is left there that could reject.
+    Or whether the set fills a stratum, so that nothing is left there that could reject; ``usual`` is the number of
+    directions in which its parameters usually have a share.
     """
     parts, left = shop.lack(scan), _proportional(shop.parts)
-    if fills(left - _proportional(parts), left):
+    if fills(left - _proportional(parts), left, usual):
         return True
     for part in parts:
         further = max(part.sum_of_squares - part.degrees_of_freedom, 0.0)
@@ -358,7 +362,7 @@ def _same(scan: Scan, law: int, entries: tuple[int, ...]) -> bool:
     layer, bank = scan.best, scan.bank
     a = layer.Q[:, bank.slice(law)]
     signal = a @ (a.T @ layer.y)
-    U, s, _ = np.linalg.svd(np.hstack([layer.Q[:, bank.slice(e)] for e in entries]), full_matrices=False)
+    U, s, _ = svd(np.hstack([layer.Q[:, bank.slice(e)] for e in entries]))
     U = U[:, s > 1e-7]
     inside = U.T @ signal
     share = float(inside @ inside) / max(float(signal @ signal), 1e-300)

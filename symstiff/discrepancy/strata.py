@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy import stats
 
+from symstiff.calibration.decomposition import svd
 from symstiff.discrepancy.noise import pure_error
 from symstiff.discrepancy.problem import Array, Index, Problem
 from symstiff.discrepancy.scan import Scan
@@ -17,6 +18,8 @@ SEVERAL = 4
 """Directions from which on something may fit what it is not."""
 _MOST = 0.7
 """Share of what the model leaves in a stratum beyond which a candidate or a set would fit anything there."""
+_UNUSUAL = 10
+"""Directions, beside those that usual sizes take, in which what is something else would be seen by unusual sizes."""
 _THEIRS = 1e-2
 """Part of a direction outside others below which it is theirs: loads are told to a few digits, and never quite
 proportional."""
@@ -36,9 +39,12 @@ class Stratum:
     """Adjusted over the strata (Holm); None where there is nothing to hold the stratum against."""
 
 
-def fills(taken: float, left: float) -> bool:
-    """Would fit anything what takes so many of the directions that the model leaves in a stratum?"""
-    return taken >= SEVERAL and taken > _MOST * left
+def fills(taken: float, left: float, usual: float) -> bool:
+    """Would fit anything what takes so many of the directions that the model leaves in a stratum?
+
+    Not where signals of ``usual`` sizes leave several of them: what is something else asks for unusual sizes there.
+    """
+    return taken >= SEVERAL and taken > _MOST * left and left - usual < _UNUSUAL
 
 
 def strata(problem: Problem, scan: Scan) -> tuple[Stratum, ...]:
@@ -86,13 +92,13 @@ def _left(pose: Index, local: Array, overall: Array, y: Array) -> tuple[float, i
         joined = joined.copy()
         for p in np.unique(pose):
             rows = np.flatnonzero(pose == p)
-            U, s, _ = np.linalg.svd(local[rows], full_matrices=False)
+            U, s, _ = svd(local[rows])
             U = U[:, s > 1e-9 * max(float(s[0]), 1e-300)]
             joined[rows] -= U @ (U.T @ joined[rows])
             rank += U.shape[1]
     length = np.linalg.norm(np.hstack([y, overall])[:, 1:], axis=0)
     X = joined[:, 1:][:, length > 0] / length[length > 0]
-    U, s, _ = np.linalg.svd(X, full_matrices=False)
+    U, s, _ = svd(X)
     U = U[:, s > _THEIRS]
     z = joined[:, 0] - U @ (U.T @ joined[:, 0])
     return float(z @ z), rank + U.shape[1]

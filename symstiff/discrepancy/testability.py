@@ -55,14 +55,15 @@ def fills_its_stratum(problem: Problem, ready: Prepared, entry: int) -> bool:
     """Would a candidate that is proportional to the load take so much of what is left there that it fits anything?
 
     The stratum "proportional to load, by pose" has one degree of freedom for each pose and channel, less the model. A
-    candidate fills it by the directions in which its parameters usually have a share, or, with hardly any left, by all.
+    candidate fills it by the directions in which its parameters usually have a share, or by all, unless the usual ones
+    leave several.
     """
     full = float(ready.scan.best.rank[entry])
-    usual = effective_rank(ready.scan, entry) if ready.bank.sized[entry] else full
+    usual = effective_rank(ready.scan, entry)
     cells, label = np.unique(np.column_stack([problem.pose, problem.channel]), axis=0, return_inverse=True)
     label = label.reshape(-1)
     left = len(cells) - (problem.rows - ready.scan.freedom)
-    if not fills(full, left) and (usual < SEVERAL or usual <= _USUAL * left):
+    if not fills(full, left, usual) and (usual < SEVERAL or usual <= _USUAL * left):
         return False
     load = np.ones(problem.rows) if problem.load is None else problem.load
     columns = ready.bank.columns[:, ready.bank.slice(entry)]

@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from symstiff.calibration.decomposition import svd
 from symstiff.calibration.experiment.placement import placed, placement_columns, turns_of
 from symstiff.calibration.experiment.rounding import without_rounding
 from symstiff.calibration.experiment.situation import (
@@ -219,7 +220,7 @@ def _fitted(
     X, r = plain(A), plain((y - A @ begin)[:, None])[:, 0]
     length = np.linalg.norm(X, axis=0)
     length[length == 0] = 1.0
-    U, s, Vt = np.linalg.svd(X / length, full_matrices=False)
+    U, s, Vt = svd(X / length)
     keep = s > 1e-5 * s[0] if len(s) else s > 0
     share = U[:, keep].T @ r
     step = Vt[keep].T @ (share / s[keep]) / length
