@@ -13,6 +13,7 @@ from symstiff.calibration.simulation import Effect, Noise, Truth, clean_response
 from symstiff.calibration.table import read_measurements, write_table
 from symstiff.discrepancy.assemble import assemble
 from symstiff.robot import load
+from tests.blind import __main__ as command
 from tests.blind import generate
 from tests.blind.apart import LEVEL, _weight, apart, limit, outside
 from tests.blind.generate import Options, _design, case
@@ -195,3 +196,37 @@ def test_the_noise_of_a_case_is_white_once_it_is_whitened(kind: str) -> None:
     assert largest == pytest.approx(
         (1 + np.sqrt(z.shape[1] / len(z))) ** 2, rel=0.1
     )  # of a white matrix this large
+
+
+def test_the_command_draws_from_the_designs_that_it_is_asked_for(monkeypatch: pytest.MonkeyPatch) -> None:
+    seen = []
+    monkeypatch.setattr("tests.blind.run.benchmark", lambda numbers, options, *_: seen.append(options) or [])
+    monkeypatch.setattr(
+        "sys.argv",
+        [
+            "blind",
+            *[
+                "--n",
+                "1",
+                "--robot",
+                "scara",
+                "ur10",
+                "--poses",
+                "15",
+                "--levels",
+                "3",
+                "5",
+                "--markers",
+                "1",
+            ],
+        ],
+    )
+    command.main()
+    (asked,) = seen
+    assert (asked.robots, asked.poses, asked.levels, asked.markers) == (
+        ("scara", "ur10"),
+        (15,),
+        (3, 5),
+        (1,),
+    )
+    assert asked.lambdas == Options().lambdas

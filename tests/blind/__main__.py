@@ -28,6 +28,11 @@ def main() -> None:
     parser.add_argument(
         "--mild", action="store_true", help="robots repeat well and weigh what their files tell"
     )
+    parser.add_argument("--robot", nargs="+", metavar="NAME", help="only these robots")
+    for name in ("poses", "levels", "markers"):
+        parser.add_argument(
+            f"--{name}", type=int, nargs="+", metavar="N", help=f"only designs of so many {name}"
+        )
     parser.add_argument("--alone", action="store_true", help="leave out BIC, AIC, lasso and cross-validation")
     parser.add_argument("--json", type=Path, help="keep cases and results")
     parser.add_argument("--pool", type=Path, nargs="+", help="no new cases: the table of results kept before")
@@ -40,6 +45,8 @@ def main() -> None:
         options = replace(options, classes=(given.kind,), shares=(1.0,))
     if given.size:
         options = replace(options, lambdas=tuple(given.size))
+    drawn = {"robots": given.robot, "poses": given.poses, "levels": given.levels, "markers": given.markers}
+    options = replace(options, **{name: tuple(of) for name, of in drawn.items() if of})
     numbers = range(given.first, given.first + given.n)
     rows = benchmark(numbers, options, given.jobs, not given.alone, lambda text: print(text, flush=True))
     print("\n" + report(rows))
