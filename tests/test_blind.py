@@ -201,26 +201,8 @@ def test_the_noise_of_a_case_is_white_once_it_is_whitened(kind: str) -> None:
 def test_the_command_draws_from_the_designs_that_it_is_asked_for(monkeypatch: pytest.MonkeyPatch) -> None:
     seen = []
     monkeypatch.setattr("tests.blind.run.benchmark", lambda numbers, options, *_: seen.append(options) or [])
-    monkeypatch.setattr(
-        "sys.argv",
-        [
-            "blind",
-            *[
-                "--n",
-                "1",
-                "--robot",
-                "scara",
-                "ur10",
-                "--poses",
-                "15",
-                "--levels",
-                "3",
-                "5",
-                "--markers",
-                "1",
-            ],
-        ],
-    )
+    words = ("--n", "1", "--robot", "scara", "ur10", "--poses", "15", "--levels", "3", "5", "--markers", "1")
+    monkeypatch.setattr("sys.argv", ["blind", *words])
     command.main()
     (asked,) = seen
     assert (asked.robots, asked.poses, asked.levels, asked.markers) == (
