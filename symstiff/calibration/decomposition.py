@@ -3,10 +3,9 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy import linalg
 
-Array = NDArray[np.float64]
+from symstiff.calibration.compact import Array
 
 
 def svd(A: Array) -> tuple[Array, Array, Array]:

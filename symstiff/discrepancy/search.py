@@ -21,12 +21,12 @@ from symstiff.discrepancy.strata import PROPORTIONAL, Stratum, fills
 
 SAME_SIGNAL = 0.85
 """Share of an unnamed law's signal inside a set's space from which both describe the same thing."""
-_SCANS, _ROOM = 8, 1e9
-"""Scans that a search keeps at most, and bytes that more than two may take: a large table's takes half of that."""
-_RIVALS, _FAR = 40, 8.0
-"""Unnamed laws at most that may take a member's place, and log evidence by which they may trail."""
 SAME_PLACE = 0.5
 """The same share for another shape of a member's law: at its virtual joint, and by what that depends on."""
+_RIVALS, _FAR = 40, 8.0
+"""Unnamed laws at most that may take a member's place, and log evidence by which they may trail."""
+_SCANS, _ROOM = 8, 1e9
+"""Scans that a search keeps at most, and bytes that more than two may take: a large table's takes half of that."""
 
 
 @dataclass(frozen=True)
