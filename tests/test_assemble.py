@@ -214,7 +214,7 @@ def test_known_second_order_terms_of_a_model_are_taken_off_the_data() -> None:
 
 
 def test_what_a_table_cannot_show_says_why() -> None:
-    table = design("scara", "deflection", levels=(1.0,))
+    table = design("scara", "deflection")
     nothing = np.full(len(table), np.nan)
     table = replace(table, time=nothing, temperature=nothing, branch=nothing)
     reasons = {
@@ -222,7 +222,6 @@ def test_what_a_table_cannot_show_says_why() -> None:
         for c in assemble(complete("scara"), measured(truth_of("scara"), table)).candidates
     }
     assert "branch" in reasons["hysteresis@joint=2"]
-    assert "load levels" in reasons["nonlinear_stiffness@joint=2"]
     assert "temperature" in reasons["thermal_drift@measurement=frame"]
     assert "deflection data" in reasons["joint_offset@joint=2"]
     assert "combinations" in reasons["joint_compliance@joint=1"]

@@ -10,7 +10,6 @@ import numpy as np
 from symstiff.calibration.experiment.current import sigma_of, spread_of
 from symstiff.calibration.experiment.placement import placement_columns
 from symstiff.calibration.experiment.situation import Situation, View, linear_columns, look, under_weights
-from symstiff.calibration.loading import load_factor
 from symstiff.calibration.measurements import Measurements
 from symstiff.discrepancy.problem import (
     ANGLE,
@@ -294,14 +293,11 @@ def _missing(effect: Effect, table: Measurements) -> str:
     """Why this table cannot show the effect; empty if it can."""
     if table.kind not in effect.seen_in:
         return f"cannot be seen in {table.kind} data"
-    share = load_factor(table)
-    levels = max(len(np.unique(np.round(share[table.pose == p], 6))) for p in np.unique(table.pose))
     available = {
         "time": np.isfinite(table.time).any() and np.nanmax(table.time) > np.nanmin(table.time),
         "temperature": np.isfinite(table.temperature).any()
         and np.nanmax(table.temperature) > np.nanmin(table.temperature),
         "branch": bool((table.branch > 0).any() and (table.branch < 0).any()),
-        "load_levels": levels > 1,
     }
     for need in sorted(effect.needs):
         if not any(available.get(name, False) for name in need.split(" or ")):

@@ -162,9 +162,9 @@ class Effect:
     places(robot) lists the ``where`` dictionaries; shapes(robot, where, scales) the values of the shape
     parameters to profile (one empty dictionary where there are none); realise(robot, where, shape) the
     parameters and terms. seen_in: ``deflection``, ``absolute``; needs: context columns (``time``,
-    ``temperature``, ``branch``, ``load_levels``), alternatives as ``time or temperature``. An effect that
-    is no law at virtual joints gives ``columns(situation, where, shape)`` (M, parameters) instead of terms,
-    and ``places_in(situation)`` where its places depend on the data.
+    ``temperature``, ``branch``), alternatives as ``time or temperature``. An effect that is no law at
+    virtual joints gives ``columns(situation, where, shape)`` (M, parameters) instead of terms, and
+    ``places_in(situation)`` where its places depend on the data.
     """
 
     identifier: str

@@ -41,7 +41,6 @@ EFFECT = Effect(
     realise=_realise,
     shapes=_shapes,
     told={"tool": "constant in the tool's axes"},
-    needs=frozenset({"load_levels"}),
     confused_with=("backlash", "frame_misalignment", "payload_error", "bad_poses"),
     separated_by="several load levels, the smallest near zero; its axes: poses that turn the tool",
 )

@@ -119,7 +119,6 @@ EFFECT = Effect(
     places=joints,
     realise=_realise,
     shapes=_shapes,
-    needs=frozenset({"load_levels"}),
     confused_with=("gravity_compensator", "backlash", "large_deflection", "joint_compliance"),
     separated_by="several load levels at one pose, and the same load at several angles of the joint",
     told={

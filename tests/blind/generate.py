@@ -214,6 +214,8 @@ def _scene(stories: Sequence[Story], rng: np.random.Generator, options: Options)
         robot = rigid_links(robot)
     least = max((s.levels for s in stories), default=1)
     levels = [n for n in options.levels if n >= least]
+    if not levels:
+        raise Unfit
     contexts = {s.context for s in stories}
     table = _design(robot, data, int(rng.choice(levels)), contexts, rng, options)
     values = {n: v * float(np.exp(0.25 * rng.normal())) for n, v in nominal_truth(robot).items()}

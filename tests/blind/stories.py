@@ -256,13 +256,13 @@ ONE: tuple[Story, ...] = (
     Story("backlash arctan", "deflection", at_joint("backlash", "arctan", lambda d, j: {
         "gap": 2e-3, "knee": d.uniform(0.005, 0.05) * d.load(j)})),
     Story("nonlinear cubic", "deflection", at_joint("nonlinear_stiffness", "polynomial", lambda d, j: {
-        "c3": 2 * d.sign() * d.compliance(j) / d.load(j) ** 2}), levels=3),
+        "c3": 2 * d.sign() * d.compliance(j) / d.load(j) ** 2})),
     Story("nonlinear tanh", "deflection", at_joint("nonlinear_stiffness", "tanh", lambda d, j: (lambda t: {
-        "a": 2 * d.compliance(j) * t, "tau0": t})(d.uniform(0.25, 0.6) * d.load(j))), levels=3),
+        "a": 2 * d.compliance(j) * t, "tau0": t})(d.uniform(0.25, 0.6) * d.load(j)))),
     Story("nonlinear two slopes", "deflection", at_joint("nonlinear_stiffness", "two_slope", lambda d, j: {
-        "c": 2 * d.compliance(j), "knee": d.uniform(0.2, 0.6) * d.load(j)}), levels=3),
+        "c": 2 * d.compliance(j), "knee": d.uniform(0.2, 0.6) * d.load(j)})),
     Story("nonlinear power", "deflection", at_joint("nonlinear_stiffness", "power", lambda d, j: {
-        "a": 2 * d.compliance(j) * d.load(j), "tau0": d.load(j), "exponent": 0.6}), levels=3),
+        "a": 2 * d.compliance(j) * d.load(j), "tau0": d.load(j), "exponent": 0.6})),
     Story("hysteresis constant", "deflection", at_joint("hysteresis", "constant", lambda d, j: {
         "width": 1e-3, "knee": 0.03 * d.load(j)}), "branch", 3),
     Story("hysteresis sqrt", "deflection", at_joint("hysteresis", "sqrt", lambda d, j: {
@@ -281,13 +281,13 @@ ONE: tuple[Story, ...] = (
     Story("tool", "deflection", block("tool_compliance", lambda d: d.robot.dof)),
     Story("link left out", "deflection", hidden_compliance("link_compliance"), "start"),
     Story("joint left out", "deflection", hidden_compliance("joint_compliance"), "start"),
-    Story("bias", "deflection", bias("constant"), levels=3),
+    Story("bias", "deflection", bias("constant")),
     Story("sensor turned", "deflection", turned("force_sensor_misalignment", {"load": "force_sensor"})),
     Story("flange sensor turned", "deflection",
         turned("force_sensor_misalignment", {"load": "force_sensor"}, "tool")),
-    Story("flange sensor bias", "deflection", bias("tool"), levels=3),
+    Story("flange sensor bias", "deflection", bias("tool")),
     Story("frame turned", "deflection", turned("frame_misalignment", {"measurement": "frame"})),
-    Story("payload", "deflection", payload("load"), levels=3),
+    Story("payload", "deflection", payload("load")),
     *(Story(f"drift {s}", "deflection", drift(s), "clock") for s in (
         "time", "temperature", "exponential", "link_time", "link_temperature")),
     Story("large deflection", "deflection", lambda d: (Effect("large_deflection"), {"robot": "all"}), "heavy", 3),
@@ -295,7 +295,7 @@ ONE: tuple[Story, ...] = (
     *(Story(f"transmission {s}", "absolute", harmonics(s)) for s in ("harmonics", "triangle", "loaded")),
     Story("geometry", "absolute", geometry),
     Story("weight", "absolute", link_weight),
-    Story("payload absolute", "absolute", payload("tool"), levels=3),
+    Story("payload absolute", "absolute", payload("tool")),
 )  # fmt: skip
 
 BAD_POSE = Story("bad pose", "deflection", one_bad)
@@ -327,9 +327,9 @@ OUTSIDE: tuple[Story, ...] = (
     Story("angle of another joint", "deflection", other("angle_dependent_compliance", "cosine", lambda d, j, k: {
         "c": 0.9 * d.compliance(j), "order": float(d.rng.choice([1.0, 2.0])), "phase": d.uniform(0, 6)})),
     Story("product of loads", "deflection", other("load_product", "product", lambda d, j, k: {
-        "c": d.compliance(j) / max(d.load(k), 1e-9)}), levels=3),
+        "c": d.compliance(j) / max(d.load(k), 1e-9)})),
     Story("magnitude of a load", "deflection", other("load_product", "magnitude", lambda d, j, k: {
-        "c": d.compliance(j) / max(d.load(k), 1e-9)}), levels=3),
+        "c": d.compliance(j) / max(d.load(k), 1e-9)})),
     Story("soft spot", "deflection", other("local_bump", "compliance", lambda d, j, k: {
         "c": 3 * d.compliance(j), "center": d.uniform(-1, 1), "width": 0.9}, but=2)),  # joint 2's is a compensator
     Story("creep", "deflection", other("creep", "exponential", lambda d, j, k: {
@@ -337,7 +337,7 @@ OUTSIDE: tuple[Story, ...] = (
     Story("softening when warm", "deflection", other("thermal_softening", "linear", lambda d, j, k: {
         "c": 0.3 * d.compliance(j)}), "clock"),
     Story("link that depends on a joint", "deflection", bent_link),
-    Story("slipping base", "deflection", slipping, levels=3),
+    Story("slipping base", "deflection", slipping),
     Story("device with scales", "deflection", lambda d: (
         Effect("device_scale", None, "axes", {"scale": d.vector(0.05)}), {})),
     Story("sensor with gains", "deflection", lambda d: (
