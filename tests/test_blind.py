@@ -212,3 +212,10 @@ def test_the_command_draws_from_the_designs_that_it_is_asked_for(monkeypatch: py
         (1,),
     )
     assert asked.lambdas == Options().lambdas
+
+
+def test_a_story_that_asks_for_more_loads_than_the_designs_have_is_left_out() -> None:
+    drawn = Options(classes=("one",), shares=(1.0,), levels=(1,), story="hysteresis constant")
+    with pytest.raises(RuntimeError, match="no story of kind one fits"):
+        case(0, drawn)
+    assert case(0, replace(drawn, story="nonlinear tanh")).label.design["levels"] == 1
