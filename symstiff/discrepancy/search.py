@@ -348,32 +348,27 @@ def _rivals(shop: Workshop, proposal: Proposal) -> list[tuple[float, int]]:
         base = base if np.isfinite(base) else 0.0
         score = shop.score(members, entries, True) + base - proposal.score
         replaced = tuple(proposal.entries[k] for k in range(n) if k not in kept)
-        found, scan = shop.evidence(entries), shop.scan(entries)
-        space = _space(scan, replaced)
+        found = shop.evidence(entries)
         for candidate in np.argsort(score)[::-1][:_RIVALS]:
             if not score[candidate] > -_FAR:
                 break
-            if not _same(scan, int(found.best_entry[candidate]), replaced, space):
+            if not _same(shop.scan(entries), int(found.best_entry[candidate]), replaced):
                 out.append((float(score[candidate]), int(candidate)))
     return sorted(out, reverse=True)
 
 
-def _space(scan: Scan, entries: tuple[int, ...]) -> Array:
-    """Orthonormal basis (M, k) of what some entries together can explain."""
-    U, s, _ = svd(np.hstack([scan.best.Q[:, scan.bank.slice(e)] for e in entries]))
-    return U[:, s > 1e-7]
-
-
-def _same(scan: Scan, law: int, entries: tuple[int, ...], space: Array) -> bool:
+def _same(scan: Scan, law: int, entries: tuple[int, ...]) -> bool:
     """Does a law's fitted signal lie in the space of some entries, and not only because that space is large?"""
     layer, bank = scan.best, scan.bank
     a = layer.Q[:, bank.slice(law)]
     signal = a @ (a.T @ layer.y)
-    inside = space.T @ signal
+    U, s, _ = svd(np.hstack([layer.Q[:, bank.slice(e)] for e in entries]))
+    U = U[:, s > 1e-7]
+    inside = U.T @ signal
     share = float(inside @ inside) / max(float(signal @ signal), 1e-300)
     if share > SAME_PLACE and any(bank.another_shape(law, e) for e in entries):
         return True
-    return share > SAME_SIGNAL and space.shape[1] <= layer.rank[law] + 2
+    return share > SAME_SIGNAL and U.shape[1] <= layer.rank[law] + 2
 
 
 def _needed(shop: Workshop, proposal: Proposal, place: int) -> float:
