@@ -41,6 +41,12 @@ EFFECT = Effect(
     realise=_realise,
     shapes=_shapes,
     told={"tool": "constant in the tool's axes"},
-    confused_with=("backlash", "frame_misalignment", "payload_error", "bad_poses"),
+    confused_with=(
+        "payload_error",
+        "force_sensor_misalignment",
+        "backlash",
+        "frame_misalignment",
+        "bad_poses",
+    ),
     separated_by="several load levels, the smallest near zero; its axes: poses that turn the tool",
 )

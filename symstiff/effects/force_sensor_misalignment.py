@@ -42,6 +42,6 @@ EFFECT = Effect(
     realise=_realise,
     shapes=_shapes,
     told={"tool": "in the tool's axes"},
-    confused_with=("frame_misalignment", "link_asymmetry"),
+    confused_with=("frame_misalignment", "link_asymmetry", "force_sensor_bias"),
     separated_by="loads in several directions",
 )
