@@ -65,6 +65,11 @@ def test_the_shape_that_the_data_ask_for_is_found_between_those_of_the_profile(k
     coarse = diagnose(problem, (replace(candidate, moves=lambda shape: {}),), QUICK)
     assert coarse.verdict != "named"
     assert found.rms.after < coarse.rms.after
+    # the table of candidates has it as tested, by the shape that was found
+    (row,) = found.candidates
+    assert row.testable
+    assert row.p_value < 1e-3
+    assert row.shape == found.effects[0].shape
 
 
 def test_nothing_lies_between_where_the_profile_holds_the_truth_or_nothing_stands_out() -> None:

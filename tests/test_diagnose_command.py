@@ -6,18 +6,20 @@ import json
 import math
 import tomllib
 import warnings
+from dataclasses import replace
 from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
 import pytest
 
+from symstiff.calibration.measurements import Measurements
 from symstiff.calibration.table import read_measurements, read_poses
 from symstiff.codegen.compiler import find_compiler
-from symstiff.discrepancy.workflow import Task, run
+from symstiff.discrepancy.workflow import MOST_POSES, Task, _thinned, run
 from symstiff.model import load_model
 from symstiff.robot import load
-from tests.diagnosis_data import HARDENING, ROBOT, measured, saved
+from tests.diagnosis_data import HARDENING, ROBOT, design, measured, saved
 
 UR10 = Path(__file__).resolve().parents[2] / "shared" / "data" / "ur10" / "series_a.csv"
 
@@ -213,6 +215,29 @@ def test_a_thinned_table_says_so(tmp_path: Path) -> None:
     found = run(Task(load(ROBOT), measured(), max_poses=6))
     assert found.assembly.problem.poses == 6
     assert any("6 of 10 poses" in remark for remark in found.remarks)
+
+
+def read(table: Measurements) -> Measurements:
+    """A table of which the translations are measured."""
+    return replace(table, values=np.where(np.arange(6) < 3, np.zeros((len(table), 1)), np.nan))
+
+
+@pytest.mark.parametrize(
+    ("poses", "used"), [(101, 100), (100, 100), (20, 20)], ids=["many", "just enough", "few"]
+)
+def test_a_long_table_is_thinned_though_nobody_asks_for_it(poses: int, used: int) -> None:
+    """45 readings a pose: room and time of a diagnosis grow with them."""
+    whole = read(design(poses))
+    table, remarks = _thinned(Task(load(ROBOT), whole))
+    assert len(np.unique(table.pose)) == used
+    assert [f"{used} of {poses} poses are used" in r for r in remarks] == [True] * (used < poses)
+    assert _thinned(Task(load(ROBOT), whole, max_poses=poses)) == (whole, [])
+
+
+def test_poses_of_one_reading_are_thinned_by_their_number() -> None:
+    table, _ = _thinned(Task(load(ROBOT), read(design(230, (1.0,)))))
+    assert len(np.unique(table.pose)) == MOST_POSES
+    assert {int(table.pose.min()), int(table.pose.max())} == {0, 229}
 
 
 def test_the_same_table_gives_the_same_bytes(named: Path, tmp_path: Path) -> None:

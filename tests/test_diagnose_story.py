@@ -12,7 +12,7 @@ from symstiff.calibration.poses import with_markers
 from symstiff.calibration.seed_tables import FORCE, LEVELS, MARKERS, REACH, ROBOT, truth
 from symstiff.calibration.simulation.experiment import simulate
 from symstiff.calibration.simulation.truth import Noise
-from symstiff.discrepancy.workflow import Finding, Task, run
+from symstiff.discrepancy.workflow import Finding, Task, _that_has, run
 from symstiff.model import StiffnessModel
 from symstiff.reduction import reduce
 from symstiff.robot import load
@@ -62,3 +62,20 @@ def test_every_step_shrinks_the_gap_until_the_noise_is_left(found: Finding) -> N
 
 def test_the_remark_says_that_the_complete_model_took_over(found: Finding) -> None:
     assert any("complete model" in remark for remark in found.remarks)
+
+
+@pytest.mark.parametrize(
+    ("link", "parameters", "effect"),
+    [
+        (0, ("k0_33", "k0_44"), "link_compliance"),
+        (3, ("k3_22",), "link_compliance"),
+        (0, ("k0_33", "k0_12"), "base_compliance"),
+        (6, ("k6_33", "k6_12"), "tool_compliance"),
+        (3, ("k3_22", "k9_22"), ""),
+    ],
+)
+def test_a_link_of_the_complete_model_is_called_by_the_effect_that_has_its_parameters(
+    link: int, parameters: tuple[str, ...], effect: str
+) -> None:
+    """Whatever leads on the joints-only model: a base block may, and the base is no place for the other links."""
+    assert _that_has(load("ur10"), {"link": link}, parameters) == effect

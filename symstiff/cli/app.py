@@ -237,7 +237,10 @@ def diagnose(
     ] = None,
     max_effects: Annotated[int, typer.Option(help="At most so many effects are added.")] = 3,
     max_poses: Annotated[
-        int | None, typer.Option(help="Use so many poses, evenly spread; absolute data: 200 where not given.")
+        int | None,
+        typer.Option(
+            help="Use so many poses, evenly spread; where not given 200, fewer where a pose has many readings."
+        ),
     ] = None,
     seed: Annotated[int, typer.Option(min=0, help="Seed of the bootstrap.")] = 0,
     json: Json = None,

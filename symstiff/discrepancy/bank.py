@@ -14,6 +14,8 @@ from symstiff.discrepancy.problem import Array, Candidate, Index, Parameter, Pro
 
 NUMERIC_ZERO = 1e-9
 """Share of a column's squared length below which nothing of it is left outside the model."""
+_NOTHING = 1e-8
+"""Squared length of a unit direction below which nothing of it is left."""
 _LEAST_SIZE = 0.02
 """Usual size, against the largest of an effect's, below which no parameter is taken to be."""
 
@@ -254,6 +256,53 @@ def orthonormal(bank: Bank, projected: Array, reference: Array) -> tuple[Array, 
         variance[cols.ravel()] = share.ravel()
         rank[members] = found
     return Q, variance, rank
+
+
+@dataclass(frozen=True)
+class Mixes:
+    """How the entries' orthonormal bases are mixed once some directions are taken out of them."""
+
+    scale: Array
+    """(K,) of the entries of one column; one elsewhere."""
+    of_several: tuple[tuple[Index, Array], ...]
+    """For each width the columns (n, w) and their mixes (n, w, w)."""
+    variance: Array
+    """(K,) as of ``orthonormal``."""
+    rank: Array
+    """(S,)"""
+
+    def __call__(self, X: Array) -> Array:
+        """Mix the columns of X (M, K)."""
+        out = X * self.scale
+        for cols, mix in self.of_several:
+            block = X[:, cols.ravel()].reshape(len(X), *cols.shape).transpose(1, 0, 2)
+            out[:, cols.ravel()] = np.matmul(block, mix).transpose(1, 0, 2).reshape(len(X), -1)
+        return np.asarray(out)
+
+
+def mixes(bank: Bank, alive: NDArrayBool, variance: Array, inside: Array) -> Mixes:
+    """What makes bases orthonormal again of which directions are taken out.
+
+    ``alive`` (K,) tells the directions that a basis has, ``variance`` (K,) how usual sizes spread over them, and
+    ``inside`` (p, K) are their products with the orthonormal directions that are taken out.
+    """
+    length2 = alive - np.einsum("pk,pk->k", inside, inside)
+    there = length2 > _NOTHING
+    scale = np.where(there, 1.0 / np.sqrt(np.where(there, length2, 1.0)), 0.0)
+    share = np.ones(len(alive))
+    rank = there[bank.start].astype(float)
+    several = []
+    for width, cols in bank.batches():
+        if width == 1:
+            continue
+        V, own = inside[:, cols], alive[cols]
+        gram = own[:, :, None] * np.eye(width) - np.einsum("pnw,pnv->nwv", V, V)
+        mix, of_usual, found = turned(gram, np.sqrt(variance[cols] * own), _NOTHING)
+        scale[cols.ravel()] = 1.0
+        share[cols.ravel()] = of_usual.ravel()
+        rank[np.flatnonzero(bank.width == width)] = found
+        several.append((cols, mix))
+    return Mixes(scale, tuple(several), share, rank)
 
 
 def turned(gram: Array, usual: Array, zero: float) -> tuple[Array, Array, Array]:

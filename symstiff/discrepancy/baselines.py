@@ -10,7 +10,7 @@ from dataclasses import replace
 import numpy as np
 
 from symstiff.discrepancy.problem import Array, Problem
-from symstiff.discrepancy.scan import Scan, explained, extend
+from symstiff.discrepancy.scan import Scan, explained, extend, outside
 
 
 def information_criterion(scan: Scan, penalty: float, most: int = 3) -> tuple[int, ...]:
@@ -63,11 +63,12 @@ def cross_validation(scan: Scan, problem: Problem, folds: int = 5, most: int = 3
 
 def lasso(scan: Scan, problem: Problem, folds: int = 5, most: int = 3) -> tuple[int, ...]:
     """Lasso on all columns after projection, penalty by pose-wise cross-validation (one standard error)."""
-    layer, bank = _flat(scan).best, scan.bank
+    scan = _flat(scan)
+    layer, bank = scan.best, scan.bank
     named = np.flatnonzero(~bank.generic[bank.owner])
     cols = np.concatenate([np.arange(bank.start[e], bank.start[e] + bank.width[e]) for e in named])
     owner = np.concatenate([np.full(bank.width[e], bank.owner[e]) for e in named])
-    X = layer.outside[:, cols]
+    X = outside(scan, layer, named.tolist())
     length = np.linalg.norm(X, axis=0)
     keep = length > 1e-6 * np.sqrt(layer.length2[cols])
     X, owner = X[:, keep] / length[keep], owner[keep]

@@ -1,58 +1,69 @@
 """What a scan would say with some entries in the model, from inner products with the bases that it has.
 
-A search asks this of many sets. New bases cost a pass over all columns each; here only their products with the few
-added directions are formed.
+A search asks this of many sets, and the noise is learned so. New bases cost a pass over all columns each, and room for
+as many; here only their products with the few added directions are formed.
 """
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
-from symstiff.discrepancy.bank import Bank, turned
+from symstiff.discrepancy.bank import mixes
 from symstiff.discrepancy.problem import Array
-from symstiff.discrepancy.scan import Evidence, Layer, Scan, directions, evidence, of_squares
+from symstiff.discrepancy.scan import (
+    Evidence,
+    Mask,
+    Scan,
+    at_sharings,
+    by_direction,
+    directions,
+    evidence,
+    of_squares,
+)
 
-_NOTHING = 1e-8
-"""Squared length of a unit direction below which nothing of it is left."""
+
+@dataclass(frozen=True, eq=False)
+class Beside:
+    """A scan with some entries in the model."""
+
+    scan: Scan
+    """Its residuals, ranks and likelihoods are those with the entries; its bases are not."""
+    squares: Array
+    """(R, K) what each direction explains of the residual there."""
+
+    @property
+    def evidence(self) -> Evidence:
+        """The evidence of everything else."""
+        return of_squares(self.scan, self.squares)
+
+    def at(self, keep: Mask) -> Beside:
+        """The same at some of the sharings."""
+        return Beside(at_sharings(self.scan, keep), self.squares[keep])
+
+
+def beside(scan: Scan, entries: tuple[int, ...]) -> Beside:
+    """A scan with some entries in the model: what the extended scan would say."""
+    if not entries:
+        return Beside(scan, by_direction(scan))
+    layers, squares, gained = [], [], 0
+    for layer in scan.layers:
+        U, s = directions(scan, layer, entries)
+        y = layer.y - U @ (U.T @ layer.y)
+        mix = mixes(scan.bank, layer.alive, layer.variance, U.T @ layer.Q)
+        squares.append(mix((layer.Q.T @ y)[None])[0] ** 2)
+        determinant = layer.determinant + 2.0 * float(np.log(s).sum())
+        layers.append(
+            replace(
+                layer, y=y, variance=mix.variance, rank=mix.rank, rss=float(y @ y), determinant=determinant
+            )
+        )
+        gained = len(s)
+    after = Scan(scan.bank, scan.noise, tuple(layers), scan.freedom - gained)
+    return Beside(after, np.stack(squares))
 
 
 def evidence_beside(scan: Scan, entries: tuple[int, ...]) -> Evidence:
     """The evidence of everything else once some entries have joined the model: that of the extended scan."""
-    if not entries:
-        return evidence(scan)
-    layers, squares, gained = [], [], 0
-    for layer in scan.layers:
-        U, s = directions(scan.bank, layer, entries)
-        y = layer.y - U @ (U.T @ layer.y)
-        explained, variance, rank = _left(scan.bank, layer, U.T @ layer.Q, layer.Q.T @ y)
-        squares.append(explained)
-        determinant = layer.determinant + 2.0 * float(np.log(s).sum())
-        layers.append(
-            replace(layer, y=y, variance=variance, rank=rank, rss=float(y @ y), determinant=determinant)
-        )
-        gained = len(s)
-    return of_squares(Scan(scan.bank, scan.noise, tuple(layers), scan.freedom - gained), np.stack(squares))
-
-
-def _left(bank: Bank, layer: Layer, inside: Array, along: Array) -> tuple[Array, Array, Array]:
-    """Squares (K,), usual variances (K,) and ranks (S,) of the entries outside the added directions.
-
-    ``inside`` (p, K) are the bases' products with these directions, ``along`` (K,) with the residual.
-    """
-    length2 = layer.alive - np.einsum("pk,pk->k", inside, inside)
-    there = length2 > _NOTHING
-    squares = np.where(there, along**2 / np.where(there, length2, 1.0), 0.0)
-    variance = np.ones(len(along))
-    rank = there[bank.start].astype(float)
-    for width, cols in bank.batches():
-        if width == 1:
-            continue
-        V, alive = inside[:, cols], layer.alive[cols]
-        gram = alive[:, :, None] * np.eye(width) - np.einsum("pnw,pnv->nwv", V, V)
-        mix, share, found = turned(gram, np.sqrt(layer.variance[cols] * alive), _NOTHING)
-        squares[cols.ravel()] = (np.einsum("nwi,nw->ni", mix, along[cols]) ** 2).ravel()
-        variance[cols.ravel()] = share.ravel()
-        rank[np.flatnonzero(bank.width == width)] = found
-    return squares, variance, rank
+    return beside(scan, entries).evidence if entries else evidence(scan)

@@ -128,8 +128,7 @@ class _View:
     @classmethod
     def of(cls, scan: Scan, others: tuple[int, ...], entry: int) -> _View:
         layer = likeliest(scan, (*others, entry))
-        U = directions(scan.bank, layer, others)[0] if others else np.zeros((len(layer.y), 0))
-        return cls(scan, layer, U)
+        return cls(scan, layer, directions(scan, layer, others)[0])
 
     def likelihood(self, columns: Array) -> float:
         """Log likelihood with further columns (M, k) in the model, the scale profiled."""

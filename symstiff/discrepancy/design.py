@@ -49,8 +49,7 @@ _needed = lru_cache(maxsize=4096)(detectable_noncentrality)
 def share_left(scan: Scan, entry: int) -> float:
     """Share of the squared length of an entry's columns that the model leaves, its best column."""
     layer, cols = scan.best, scan.bank.slice(entry)
-    left = np.einsum("mk,mk->k", layer.outside[:, cols], layer.outside[:, cols])
-    return float(np.max(left / np.maximum(layer.length2[cols], 1e-300)))
+    return float(np.max(layer.left2[cols] / np.maximum(layer.length2[cols], 1e-300)))
 
 
 def needed(scan: Scan, entry: int, threshold: float) -> float:
@@ -75,7 +74,7 @@ def smallest_detectable(scan: Scan, entry: int, threshold: float, sigma2: float)
     least = needed(scan, entry, threshold)
     if not np.isfinite(least):
         return np.full(int(bank.width[entry]), np.inf)
-    left = np.einsum("mk,mk->k", layer.outside[:, cols], layer.outside[:, cols])
+    left = layer.left2[cols]
     visible = left > 1e-9 * layer.length2[cols]
     size = np.sqrt(least * sigma2 / np.where(visible, left, 1.0)) / bank.scale[cols]
     return np.asarray(np.where(visible, size, np.inf))

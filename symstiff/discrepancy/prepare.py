@@ -10,7 +10,7 @@ from scipy import stats
 
 from symstiff.discrepancy import noise as noises
 from symstiff.discrepancy.bank import Bank, build
-from symstiff.discrepancy.beside import evidence_beside
+from symstiff.discrepancy.beside import Beside, beside, evidence_beside
 from symstiff.discrepancy.between import between, with_shapes
 from symstiff.discrepancy.laws import unnamed_laws
 from symstiff.discrepancy.problem import Array, Candidate, Index, Problem
@@ -18,11 +18,11 @@ from symstiff.discrepancy.scan import (
     Scan,
     at_sharings,
     column_space,
-    evidence,
-    extend,
+    explained,
     likely,
     one_sharing,
     open_scan,
+    sum_entries,
 )
 from symstiff.discrepancy.sharing import (
     JOINTS,
@@ -53,42 +53,62 @@ class Prepared:
     """(M,) of the current model, data's unit, at the likeliest noise."""
 
 
+@dataclass(frozen=True, eq=False)
+class _Look:
+    """A scan at the sharings that are likely in it or after what stands out."""
+
+    scan: Scan
+    obvious: tuple[int, ...]
+    """Entries that stand out."""
+    beside: Beside
+    """The scan with them in the model."""
+
+    @property
+    def clean(self) -> Scan:
+        """Residuals and likelihoods after what stands out."""
+        return self.beside.scan
+
+
 def prepare(problem: Problem, candidates: Sequence[Candidate]) -> Prepared:
     """Rounds: homogeneous noise finds what stands out, and the noise is fitted to what is left after it.
 
     Otherwise a large missing effect would pass for noise that differs between axes or between poses. The size of the
     shared error is looked for on the coarse grid, on that once more where markers share otherwise than it seemed,
-    near what is likely, and finer.
+    near what is likely, and finer. A scan holds all columns at every sharing: there is never more than one.
     """
     bank = build(problem, candidates, unnamed_laws(problem))
     first = _first_split(problem)
-    bank, scan, clean = _looked(problem, bank, noises.start(problem, first))
-    split = _split(problem, clean)
+    bank, seen = _looked(problem, bank, noises.start(problem, first))
+    split = _split(problem, seen)
     changed = max(abs(split.own - first.own), abs(split.anew - first.anew))
     for look in _LOOKS[1 if changed < SAME_SHARE else 0 :]:
+        clean = seen.clean
         noise, growth, by_marker = noises.refine(problem, _within_residual(clean), clean.freedom, split)
         if look != _COARSE:
-            kept = [layer.sharing for layer in scan.layers]
+            kept = [layer.sharing for layer in clean.layers]
             noise = replace(noise, sharings=near(noise.sharings, kept, look == _FINE))
-        scan, clean, _ = _opened(problem, bank, noise, by_way=look != _FINE)
-        split = _split(problem, clean) if look != _FINE else split
+        del seen, clean
+        seen = _opened(problem, bank, noise, by_way=look != _FINE)
+        split = _split(problem, seen) if look != _FINE else split
+    clean = seen.clean
     report = noises.report(
         problem, noise, _within_residual(clean), clean.best.rss / max(clean.freedom, 1), clean.freedom,
         clean.best.sharing, growth, by_marker, _sharing_none(clean),
     )  # fmt: skip
-    return Prepared(scan, bank, report, _data_residual(scan))
+    return Prepared(seen.scan, bank, report, _data_residual(seen.scan))
 
 
-def _looked(problem: Problem, bank: Bank, noise: noises.Noise) -> tuple[Bank, Scan, Scan]:
-    """The bank with shapes between for what stands out, and the scans with it."""
-    scan, clean, obvious = _opened(problem, bank, noise, by_way=True)
+def _looked(problem: Problem, bank: Bank, noise: noises.Noise) -> tuple[Bank, _Look]:
+    """The bank with shapes between for what stands out, and the look at it."""
+    seen = _opened(problem, bank, noise, by_way=True)
     place = 0
-    while place < len(obvious):
-        if more := between(scan, obvious[:place]):
+    while place < len(seen.obvious):
+        if more := between(seen.scan, seen.obvious[:place]):
             bank = with_shapes(problem, bank, more)
-            scan, clean, obvious = _opened(problem, bank, noise, by_way=True)
+            del seen
+            seen = _opened(problem, bank, noise, by_way=True)
         place += 1
-    return bank, scan, clean
+    return bank, seen
 
 
 def at_first(problem: Problem) -> noises.Noise:
@@ -100,20 +120,19 @@ def at_first(problem: Problem) -> noises.Noise:
     return one_sharing(open_scan(build(problem, (), ()), noise, problem.y, problem.A))
 
 
-def _opened(
-    problem: Problem, bank: Bank, noise: noises.Noise, by_way: bool
-) -> tuple[Scan, Scan, tuple[int, ...]]:
-    """The scan, and the scan after what stands out, at the sharings that are likely in either; what that is.
+def _opened(problem: Problem, bank: Bank, noise: noises.Noise, by_way: bool) -> _Look:
+    """A look at the data under some noise.
 
     What all load cases of a pose share passes for approach error as long as it is not in the model.
     """
     whole = open_scan(bank, noise, problem.y, problem.A)
     obvious = _obvious(whole)
-    clean = extend(whole, obvious)
-    kept = likely(whole, by_way) | likely(clean, by_way)
+    after = beside(whole, obvious)
+    kept = likely(whole, explained(whole), by_way)
+    kept |= likely(after.scan, sum_entries(bank, after.squares.T).T, by_way)
     # none may be the likeliest once everything that is missing is in the model
     kept |= np.array([layer.sharing.ratio == 0 for layer in whole.layers])
-    return at_sharings(whole, kept), at_sharings(clean, kept), obvious
+    return _Look(at_sharings(whole, kept), obvious, after.at(kept))
 
 
 def _sharing_none(scan: Scan) -> float:
@@ -163,7 +182,8 @@ def _first_split(problem: Problem) -> Split:
     return Split(_own_share(problem, left, anew), anew)
 
 
-def _split(problem: Problem, clean: Scan) -> Split:
+def _split(problem: Problem, seen: _Look) -> Split:
+    clean = seen.clean
     residual = _data_residual(clean)
     z = residual / clean.noise.spread
     anew = _anew_share(problem, z)
@@ -171,7 +191,7 @@ def _split(problem: Problem, clean: Scan) -> Split:
     ratio = clean.best.sharing.ratio
     if ratio == 0.0 or all(layer.sharing.way != JOINTS for layer in clean.layers):
         return Split(own, anew)
-    left = (clean, _with_one_more(clean))
+    left = (clean, _with_one_more(seen))
     learned = {way: _sizes(problem, scan, anew) for way, scan in zip(LEARNED, left, strict=True)}
     return Split(own, anew, {way: found for way, found in learned.items() if max(found) > RATIOS[0]})
 
@@ -183,12 +203,14 @@ def _sizes(problem: Problem, scan: Scan, anew: float) -> tuple[float, ...]:
     return sizes(problem, _data_residual(scan), scan.noise.spread, scale2, best.sharing.ratio, label)
 
 
-def _with_one_more(scan: Scan) -> Scan:
-    """The scan after the effect of the catalogue that has most evidence, however little."""
-    found = evidence(scan)
-    score = np.where(scan.bank.generic, -np.inf, found.score)
+def _with_one_more(seen: _Look) -> Scan:
+    """What is left after the effect of the catalogue that has most evidence, however little."""
+    found = seen.beside.evidence
+    score = np.where(seen.scan.bank.generic, -np.inf, found.score)
     best = int(np.argmax(score)) if len(score) else -1
-    return extend(scan, (int(found.best_entry[best]),)) if best >= 0 and np.isfinite(score[best]) else scan
+    if best < 0 or not np.isfinite(score[best]):
+        return seen.clean
+    return beside(seen.scan, (*seen.obvious, int(found.best_entry[best]))).scan
 
 
 def _anew_share(problem: Problem, z: Array) -> float:

@@ -19,6 +19,7 @@ from symstiff.effects.arm import untold_weight
 
 if TYPE_CHECKING:
     from symstiff.discrepancy.workflow import Found
+    from symstiff.effects.base import EffectParameter
     from symstiff.robot.schema import Robot
 
 LOOSE = 1.35
@@ -160,20 +161,27 @@ def _of_weights(view: View, last: Diagnosis) -> list[str]:
 
 
 def out_of_range(effects: Sequence[Found], robot: Robot) -> list[str]:
-    """Remarks on sizes that nobody would believe, though the data allow a size within the range."""
+    """Remarks on effects with sizes that nobody would believe, though the data allow sizes within the range."""
     out = []
     for effect in effects:
-        for parameter in effect.instance.realise(robot).parameters:
-            found = effect.parameters.get(parameter.name)
-            if found is None or not np.isfinite(found.std) or parameter.low <= found.value <= parameter.high:
-                continue
-            side, limit = (
-                ("at most", parameter.high) if found.value > parameter.high else ("at least", parameter.low)
-            )
-            bound = quantity(Estimate(limit, 0.0, parameter.unit))
-            out.append(
-                f"{named_at(effect.effect, effect.where)}: {parameter.name} is {quantity(found)}, where {side} "
-                f"{bound} is physical: what these data do not tell from it may be in it, so do not rely on its size "
-                "before more poses were measured"
-            )
+        known = ((p, effect.parameters.get(p.name)) for p in effect.instance.realise(robot).parameters)
+        odd = [
+            (p, found)
+            for p, found in known
+            if found is not None and np.isfinite(found.std) and not p.low <= found.value <= p.high
+        ]
+        if not odd:
+            continue
+        beyond = "; ".join(_beyond(p, found) for p, found in odd)
+        it, them = ("it", "its size") if len(odd) == 1 else ("them", "their sizes")
+        out.append(
+            f"{named_at(effect.effect, effect.where)}: {beyond} is physical: what these data do not tell from {it} "
+            f"may be in {it}, so do not rely on {them} before more poses were measured"
+        )
     return out
+
+
+def _beyond(parameter: EffectParameter, found: Estimate) -> str:
+    high = found.value > parameter.high
+    side, limit = ("at most", parameter.high) if high else ("at least", parameter.low)
+    return f"{parameter.name} is {quantity(found)}, where {side} {quantity(Estimate(limit, 0.0, parameter.unit))}"

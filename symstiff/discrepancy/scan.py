@@ -6,13 +6,14 @@ stated sigma changes nothing here.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
 
 from symstiff.calibration.decomposition import svd
-from symstiff.discrepancy.bank import Bank, orthonormal
+from symstiff.discrepancy.bank import Bank, mixes, orthonormal
 from symstiff.discrepancy.marginal import of_rank, of_sizes
 from symstiff.discrepancy.noise import Noise
 from symstiff.discrepancy.problem import Array, Index
@@ -30,10 +31,10 @@ class Layer:
     colour: Roots
     y: Array
     """(M,) whitened residual after the model."""
-    outside: Array
-    """(M, K) whitened bank, projected off the model."""
     length2: Array
-    """(K,) squared lengths of the whitened bank before projection."""
+    """(K,) squared lengths of the whitened bank."""
+    left2: Array
+    """(K,) the same after projection off the model."""
     basis: Array
     """(M, P') orthonormal basis of the model."""
     Q: Array
@@ -109,18 +110,27 @@ def _layer(
     np.subtract(columns, outside, out=outside)
     residual = y - basis @ (basis.T @ y)
     length2 = np.einsum("mk,mk->k", columns, columns)
+    left2 = np.einsum("mk,mk->k", outside, outside)
     Q, variance, rank = orthonormal(bank, outside, length2)
     rss = float(residual @ residual)
     determinant += 2.0 * float(np.log(s).sum())
     return Layer(
-        sharing, whiten, colour, residual, outside, length2, basis, Q, variance, rank, rss, determinant
+        sharing, whiten, colour, residual, length2, left2, basis, Q, variance, rank, rss, determinant
     )
 
 
-def directions(bank: Bank, layer: Layer, entries: tuple[int, ...]) -> tuple[Array, Array]:
+def outside(scan: Scan, layer: Layer, entries: Sequence[int]) -> Array:
+    """(M, k) whitened columns of some entries, projected off the model."""
+    columns = np.hstack([scan.bank.columns[:, scan.bank.slice(e)] for e in entries])
+    white = scan.noise.apply(layer.whiten, columns / scan.noise.spread[:, None])
+    return np.asarray(white - layer.basis @ (layer.basis.T @ white))
+
+
+def directions(scan: Scan, layer: Layer, entries: Sequence[int]) -> tuple[Array, Array]:
     """Orthonormal directions (M, p) that entries add to the model, and their sizes (p,)."""
-    added = np.hstack([layer.outside[:, bank.slice(e)] for e in entries])
-    U, s, _ = svd(added)
+    if not entries:
+        return np.zeros((len(layer.y), 0)), np.zeros(0)
+    U, s, _ = svd(outside(scan, layer, entries))
     return U[:, s > 1e-7 * s[0]], s[s > 1e-7 * s[0]]
 
 
@@ -130,7 +140,7 @@ def likeliest(scan: Scan, entries: tuple[int, ...]) -> Layer:
         return scan.best
     layers, gained = [], 0
     for layer in scan.layers:
-        U, s = directions(scan.bank, layer, entries)
+        U, s = directions(scan, layer, entries)
         rss = layer.rss - float(np.sum((U.T @ layer.y) ** 2))
         layers.append(replace(layer, rss=rss, determinant=layer.determinant + 2.0 * float(np.log(s).sum())))
         gained = len(s)
@@ -155,15 +165,16 @@ def extend(scan: Scan, entries: tuple[int, ...]) -> Scan:
     layers = []
     gained = 0
     for layer in scan.layers:
-        U, s = directions(scan.bank, layer, entries)
-        outside = U @ (U.T @ layer.outside)
-        np.subtract(layer.outside, outside, out=outside)
+        U, s = directions(scan, layer, entries)
         residual = layer.y - U @ (U.T @ layer.y)
-        Q, variance, rank = orthonormal(scan.bank, outside, layer.length2)
+        inside = U.T @ layer.Q
+        mix = mixes(scan.bank, layer.alive, layer.variance, inside)
+        whitened = scan.noise.apply(layer.whiten, U) / scan.noise.spread[:, None]
         layers.append(
             replace(
-                layer, y=residual, outside=outside, basis=np.hstack([layer.basis, U]), Q=Q,
-                variance=variance, rank=rank, rss=float(residual @ residual),
+                layer, y=residual, left2=layer.left2 - np.sum((whitened.T @ scan.bank.columns) ** 2, axis=0),
+                basis=np.hstack([layer.basis, U]), Q=mix(layer.Q - U @ inside), variance=mix.variance,
+                rank=mix.rank, rss=float(residual @ residual),
                 determinant=layer.determinant + 2.0 * float(np.log(s).sum()),
             )
         )  # fmt: skip
@@ -171,12 +182,11 @@ def extend(scan: Scan, entries: tuple[int, ...]) -> Scan:
     return Scan(scan.bank, scan.noise, tuple(layers), scan.freedom - gained)
 
 
-def likely(scan: Scan, by_way: bool = False, within: float = 5.0) -> Mask:
+def likely(scan: Scan, squares: Array, by_way: bool = False, within: float = 5.0) -> Mask:
     """(R,) the sharings within some log-likelihood of the best, or of the best of their way.
 
-    It is enough to be so with or without the best candidate.
+    It is enough to be so with or without the best candidate, by what every entry explains (R, S).
     """
-    squares = explained(scan)
     top = squares.max(axis=1) if squares.size else np.zeros(len(scan.layers))
     rss = np.array([layer.rss for layer in scan.layers])
     ways = np.array([layer.sharing.way for layer in scan.layers])
@@ -201,14 +211,18 @@ def log_likelihood(scan: Scan, rss: Array) -> Array:
     )
 
 
+def by_direction(scan: Scan) -> Array:
+    """(R, K) squares that each direction of the entries' bases explains of the residual."""
+    return np.stack([(layer.Q.T @ layer.y) ** 2 for layer in scan.layers])
+
+
 def explained(scan: Scan) -> Array:
     """(R, S) sum of squares that each entry explains of the residual."""
-    return np.stack(
-        [_sum_entries(scan.bank, (layer.Q.T @ layer.y)[:, None] ** 2)[:, 0] for layer in scan.layers]
-    )
+    return sum_entries(scan.bank, by_direction(scan).T).T
 
 
-def _sum_entries(bank: Bank, squares: Array) -> Array:
+def sum_entries(bank: Bank, squares: Array) -> Array:
+    """Sums over the columns of each entry: (K, B) -> (S, B)."""
     return (
         np.add.reduceat(squares, bank.start, axis=0) if len(bank.start) else np.zeros((0, squares.shape[1]))
     )
@@ -227,7 +241,7 @@ def entry_evidence(scan: Scan, squares: Array, rss: Array) -> Array:
 
 def _of_layer(bank: Bank, layer: Layer, shares: Array, freedom: int) -> Array:
     """Evidence (S, B) of each entry at one sharing, by both beliefs about its directions."""
-    share = _sum_entries(bank, shares)
+    share = sum_entries(bank, shares)
     value = np.empty_like(share)
     for rank in np.unique(layer.rank):
         rows = np.flatnonzero(layer.rank == rank)
@@ -276,7 +290,7 @@ class Evidence:
 
 def evidence(scan: Scan) -> Evidence:
     """Evidence for every candidate given the data."""
-    return of_squares(scan, np.stack([(layer.Q.T @ layer.y) ** 2 for layer in scan.layers]))
+    return of_squares(scan, by_direction(scan))
 
 
 def of_squares(scan: Scan, squares: Array) -> Evidence:

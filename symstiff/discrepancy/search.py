@@ -122,7 +122,7 @@ class Workshop:
 
 def _size(scan: Scan) -> int:
     """Bytes of a scan's columns."""
-    return sum(layer.outside.nbytes + layer.Q.nbytes for layer in scan.layers)
+    return sum(layer.Q.nbytes for layer in scan.layers)
 
 
 def proposals(shop: Workshop, bases: list[Proposal], breadth: int = 24) -> list[Proposal]:

@@ -225,7 +225,7 @@ def _of_same_joints(shop: Workshop, found: Proposal | Judged, leader: Judged) ->
 
 def _same_columns(scan: Scan, one: Proposal, other: Judged) -> bool:
     """Whether two sets add the same directions to the model."""
-    a, b = (directions(scan.bank, scan.best, s.entries)[0] for s in (one, other))
+    a, b = (directions(scan, scan.best, s.entries)[0] for s in (one, other))
     return a.shape == b.shape and bool(np.linalg.norm(a - b @ (b.T @ a)) < _SAME * np.sqrt(a.shape[1]))
 
 

@@ -8,7 +8,7 @@ on from there. So joints → links → what is missing from both comes out of th
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -30,7 +30,7 @@ from symstiff.discrepancy.result import CandidateResult, Diagnosis, Estimate, Na
 from symstiff.discrepancy.speech import named as named_at
 from symstiff.discrepancy.strata import Stratum
 from symstiff.discrepancy.verdict import AMBIGUOUS, INSUFFICIENT, NAMED, NOTHING, UNEXPLAINED, UNTESTABLE
-from symstiff.effects.base import EffectInstance
+from symstiff.effects.base import EffectInstance, catalogue
 from symstiff.errors import UserError
 from symstiff.model import StiffnessModel
 from symstiff.reduction.physical import physical_stages
@@ -42,8 +42,9 @@ _WORTH = 0.01
 """Load that an effect adds, against the largest, from which other laws are looked at again under it."""
 _UNCONFIRMED = 0.75
 """Most confidence in what poses that were not used do not confirm."""
-MOST_POSES = 200
-"""Poses of absolute data that are used unless more are asked for: the time of a diagnosis grows with them."""
+MOST_POSES, MOST_ROWS, LEAST_POSES = 200, 4500, 30
+"""Poses, and readings of one component, that are used unless more poses are asked for: time and room grow with both.
+Poses that are used however many readings they have."""
 
 
 @dataclass(frozen=True)
@@ -227,10 +228,11 @@ def _thinned(task: Task) -> tuple[Measurements, list[str]]:
     """Poses spread evenly over the table where there are more than wanted."""
     table = task.table
     poses = np.unique(table.pose)
-    most = task.max_poses
-    if most is None and table.kind == "absolute":
-        most = MOST_POSES
-    if most is None or len(poses) <= most:
+    readings = int(np.sum(table.measured))
+    most = min(MOST_POSES, max(LEAST_POSES, MOST_ROWS * len(poses) // max(readings, 1)))
+    if task.max_poses is not None:
+        most = task.max_poses
+    if len(poses) <= most:
         return table, []
     if most < 2:
         raise UserError(f"--max-poses {most}: 2 or more")
@@ -261,8 +263,7 @@ def _wider(
 def _climbed(
     found: Diagnosis, wider: StiffnessModel, assembly: Assembly, last: Diagnosis
 ) -> tuple[Found, ...]:
-    """The complete model's links as effects of the verdict: those of the leading effect's kind."""
-    leader = next(c for c in found.candidates if c.testable)
+    """The complete model's links as effects of the verdict."""
     estimates = {
         n: Estimate(float(v), float(s), wider.units[n])
         for n, v, s in zip(assembly.names, last.growth[0].model, last.growth[0].model_std, strict=False)
@@ -270,11 +271,21 @@ def _climbed(
     out = []
     for link in sorted({p.body for p in wider.compliances if not p.is_joint}):
         own = {n: e for n, e in estimates.items() if n.startswith(f"k{link}_")}
-        if own:
-            out.append(
-                Found(leader.effect, {"link": link}, {}, own, found.p_missing, _certain(found.p_missing), ())
-            )
+        effect = _that_has(wider.robot, {"link": link}, own)
+        if own and effect:
+            out.append(Found(effect, {"link": link}, {}, own, found.p_missing, _certain(found.p_missing), ()))
     return tuple(out)
+
+
+def _that_has(robot: Robot, where: Mapping[str, Any], parameters: Iterable[str]) -> str:
+    """The effect of the catalogue that has these parameters at a place, and the fewest beside them."""
+    wanted, sizes = set(parameters), dict[str, int]()
+    for identifier, effect in catalogue().items():
+        if effect.columns is None and any(dict(place) == where for place in effect.places(robot)):
+            held = {p.name for p in EffectInstance(identifier, where).realise(robot).parameters}
+            if wanted <= held:
+                sizes[identifier] = len(held)
+    return min(sizes, key=lambda e: sizes[e], default="")
 
 
 def _certain(p: float) -> float:
