@@ -42,7 +42,7 @@ _WORTH = 0.01
 """Load that an effect adds, against the largest, from which other laws are looked at again under it."""
 _UNCONFIRMED = 0.75
 """Most confidence in what poses that were not used do not confirm."""
-MOST_POSES, MOST_ROWS, LEAST_POSES = 200, 4500, 30
+MOST_POSES, MOST_ROWS, LEAST_POSES = 200, 7200, 30
 """Poses, and readings of one component, that are used unless more poses are asked for: time and room grow with both.
 Poses that are used however many readings they have."""
 
