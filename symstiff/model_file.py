@@ -57,7 +57,7 @@ def read_model(path: str | Path) -> StiffnessModel:
     try:
         data = Path(path).read_bytes()
     except OSError as error:
-        raise UserError(f"{origin}: cannot read the model: {error.strerror}") from error
+        raise UserError(f"{origin}: cannot read the model: {error.strerror}: check the path") from error
     except ValueError as error:  # a NUL or a lone surrogate
         raise UserError(f"{origin}: is no path: {error}") from error
     return from_model_table(toml_table(data, origin, "model file"), origin)
@@ -65,6 +65,8 @@ def read_model(path: str | Path) -> StiffnessModel:
 
 def from_model_table(table: dict[str, Any], origin: str) -> StiffnessModel:
     """A model from its table. Raises UserError naming what is wrong."""
+    if "joint" in table and "robot" not in table:
+        raise UserError(f"{origin}: this is a robot file: a model is what symstiff identify writes")
     try:
         file = ModelFile.model_validate(table)
     except ValidationError as error:

@@ -75,8 +75,9 @@ def run_command_line(
 
 def assert_users_mistake(result: Result, *words: str) -> None:
     assert result.code == 2, result
-    lines = [line for line in result.err.splitlines() if line.strip()]
+    lines = result.err.splitlines()
     assert len(lines) == 1, result.err
+    assert result.out[:1] != "\n"
     assert lines[0].startswith("symstiff: ")
     for word in words:
         assert word in lines[0]

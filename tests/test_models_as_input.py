@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 import tomli_w
-from command_line import Run, assert_users_mistake, run_command_line  # noqa: F401
+from command_line import OBLIQUE, Run, assert_users_mistake, run_command_line  # noqa: F401
 
 from symstiff.calibration.identify import identify
 from symstiff.calibration.measurements import measurements
@@ -70,6 +70,14 @@ def test_a_stiffness_among_a_models_compliances_is_refused(run: Run, tmp_path: P
     mistake = run("generate", "scara", "--model", tmp_path / "model.toml", "-o", tmp_path / "out")
     assert_users_mistake(mistake, "model.toml", f"values: {name}: 76245 looks like a stiffness", "1/76245")
     assert not (tmp_path / "out").exists()
+
+
+def test_a_robot_file_given_as_a_model_is_told_as_one(run: Run, tmp_path: Path) -> None:
+    (tmp_path / "arm.toml").write_text(OBLIQUE)
+    mistake = run("generate", "scara", "--model", tmp_path / "arm.toml", "-o", tmp_path / "out")
+    assert_users_mistake(mistake, "arm.toml: this is a robot file", "symstiff identify")
+    lost = run("generate", "scara", "--model", tmp_path / "none.toml", "-o", tmp_path / "out")
+    assert_users_mistake(lost, "none.toml: cannot read the model", "check the path")
 
 
 @pytest.mark.parametrize("effect", sorted(catalogue()))

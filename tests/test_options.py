@@ -229,4 +229,4 @@ def test_the_header_tells_the_shape_of_a_law_with_units(name: str, unit: str) ->
     )
     grown = StiffnessModel.of(reduce(load(name), "force", "position")).with_effect(gear)
     header = emit_c(Functions(grown), Options())[f"{name}.h"].decode()
-    assert f"load over 1350 {unit}, two slopes that meet at one, under a tapering arm of 500 kg" in header
+    assert f"reference load 1350 {unit}, two slopes that meet at it, under a tapering arm of 500 kg" in header

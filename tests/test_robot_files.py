@@ -123,6 +123,13 @@ MISTAKES = [
         "joint = 1\ns0 = -0.2\n",
         "gravity_compensator.s0: a spring's free length is not negative",
     ),
+    ("joint = 1\n", "", "gravity_compensator.joint: missing: add it"),
+    ("joint = 1\n", "joint = 0\n", "gravity_compensator.joint: 0: give at least 1"),
+    (
+        "joint = 1\n",
+        "joint = 1979-05-27\n",
+        "gravity_compensator.joint: expected an integer, found 1979-05-27",
+    ),
     ("joint = 1\n", "joint = 1\nL = 0\n", "gravity_compensator.L: a spring's lever is longer than nothing"),
     ("11 = 1e-8", "22 = 1e-8\n66 = 1e-8\n26 = 2e-8", "entry 26: of an elastic body its square is at most"),
     ("11 = 1e-8", "22 = 0\n66 = 1e-8\n26 = 2e-8", "0 times 1e-08: correct 2e-08, or one of these"),
@@ -212,8 +219,11 @@ def test_a_byte_order_mark_and_windows_line_ends_do_no_harm() -> None:
 def test_a_place_without_a_robot_is_named(tmp_path: Path) -> None:
     with pytest.raises(UserError, match="is a directory: give a robot file"):
         load(tmp_path)
-    with pytest.raises(UserError, match=r"kuka_kr720: no such robot: .* one of .*kuka_kr270"):
-        load("kuka_kr720")
+    for near in ("kuka_kr720", "KUKA_KR270"):
+        with pytest.raises(
+            UserError, match=rf"{near}: no such robot: did you mean 'kuka_kr270'\? .* one of "
+        ):
+            load(near)
     with pytest.raises(UserError, match=r"missing\.toml: no such robot"):
         load(tmp_path / "missing.toml")
     for name in ("a\0b", "x" * 5000, "\udcff\ud800", "", "ur10/x"):

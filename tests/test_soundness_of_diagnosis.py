@@ -206,7 +206,7 @@ def test_a_soft_spot_at_a_negative_angle_reads_as_one_writes_it() -> None:
 def test_shapes_are_told_with_units() -> None:
     found = run(Task(load(ROBOT), measured(HARDENING)))
     text = words.shape_text(found, found.named[0])
-    assert "load over" in text
+    assert "reference load" in text
     assert "N·m" in text
     assert numbers.percent(1.0) == "100 %"
     assert numbers.percent(0.034) == "3.4 %"

@@ -205,6 +205,37 @@ def test_a_truth_and_poses_give_a_table_without_a_trace_of_the_truth(tmp_path):
     assert (tmp_path / "other.csv").read_text() != text
 
 
+@pytest.mark.parametrize(
+    ("effect", "message"),
+    [
+        (Effect("hysteresis", {"joint": 3}, values={"width": 1e-4}), "follows the branch.*column branch"),
+        (Effect("thermal_drift", values={"rate": 1e-6}), r"follows the time.*time\[s\], or \[environment\]"),
+        (
+            Effect("thermal_drift", None, "temperature", {"rate": 1e-6}),
+            r"the temperature.*temperature\[degC\], or",
+        ),
+        (
+            Effect("bad_poses", values={"poses": ["zz"], "shift": 1e-3}),
+            "no pose is called zz: the table has p1",
+        ),
+    ],
+)
+def test_an_effect_that_would_leave_no_trace_is_refused(effect: Effect, message: str) -> None:
+    truth, table = BARE.with_effects(effect), design(2)
+    with pytest.raises(UserError, match=message):
+        simulate(truth, table, 1)
+    rows = len(table)
+    told = replace(
+        table,
+        labels=("zz", *table.labels[1:]),
+        time=np.arange(rows) * 60.0,
+        temperature=20.0 + np.arange(rows),
+        branch=np.where(np.arange(rows) % 2, -1.0, 1.0),
+    )
+    left = simulate(truth, told, 1).values - simulate(BARE, told, 1).values
+    assert np.nanmax(np.abs(left)) > 1e-6
+
+
 def test_noise_has_the_stated_size_and_approach_errors_are_common_to_a_pose():
     truth = replace(BARE, noise=Noise(sigma_mm=(0.02, 0.02, 0.05), approach_mm=(0.1, 0.1, 0.1)))
     table = design(400)
@@ -244,6 +275,8 @@ def test_the_reading_without_load_is_common_to_a_points_deflections_in_a_pose():
         ('robot = "kuka_kr270"', 'robot = "no_such_robot"'),
         ("c2 = 0.3e-6", "c9 = 1e-6"),
         ("c2 = 0.3e-6", "c2 = nan"),
+        ("c2 = 0.3e-6", "c2 = -0.3e-6"),
+        ("k2_12 = 1e-9", "k2_11 = -1e-9"),
         ("gap = 2e-4", "gapp = 2e-4"),
         ("gap = 2e-4", "gap = inf"),
         ("gap = 2e-4", 'gap = "wide"'),

@@ -68,7 +68,7 @@ extern "C" {
 
 #define KUKA_KR270_OK 0
 #define KUKA_KR270_E_NULL (-1)      /* a pointer is NULL */
-#define KUKA_KR270_E_NONFINITE (-2) /* an input is NaN or infinite, or a result overflowed */
+#define KUKA_KR270_E_NONFINITE (-2) /* an input is NaN, infinite or beyond all bounds, or a result overflowed */
 #define KUKA_KR270_E_SINGULAR (-3)  /* the pose is singular, or the compliance has no inverse */
 #define KUKA_KR270_E_SELFTEST (-4)  /* a stored value was not reproduced */
 #define KUKA_KR270_E_RANGE (-5)     /* compensate: a joint would move by more than KUKA_KR270_MAX_CORRECTION */

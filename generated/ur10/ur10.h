@@ -73,7 +73,7 @@ extern "C" {
 
 #define UR10_OK 0
 #define UR10_E_NULL (-1)      /* a pointer is NULL */
-#define UR10_E_NONFINITE (-2) /* an input is NaN or infinite, or a result overflowed */
+#define UR10_E_NONFINITE (-2) /* an input is NaN, infinite or beyond all bounds, or a result overflowed */
 #define UR10_E_SINGULAR (-3)  /* the pose is singular, or the compliance has no inverse */
 #define UR10_E_SELFTEST (-4)  /* a stored value was not reproduced */
 #define UR10_E_RANGE (-5)     /* compensate: a joint would move by more than UR10_MAX_CORRECTION */

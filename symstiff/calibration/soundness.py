@@ -164,10 +164,16 @@ def missing_information(decision: RankDecision, names: Sequence[str], rows: int)
     mixed = [name for name in names if name in set(decision.affected) - set(silent)]
     parts = [cause]
     if silent:
-        parts.append(f"not loaded at all: {', '.join(silent)}; needed: {_needed(silent)}")
+        parts.append(f"not loaded at all: {_few(silent)}; needed: {_needed(silent)}")
     if mixed:
-        parts.append(f"not told apart: {', '.join(mixed)}; needed: {_separate(mixed)}")
+        parts.append(f"not told apart: {_few(mixed)}; needed: {_separate(mixed)}")
     return "; ".join(parts)
+
+
+def _few(names: Sequence[str], most: int = 8) -> str:
+    """Names, the first where they are many."""
+    more = len(names) - most
+    return ", ".join(names) if more <= 1 else f"{', '.join(names[:most])} and {more} more"
 
 
 def check_determined(

@@ -71,7 +71,7 @@ def run_compensate(model_file: Path, trajectory: Path, output: Path, json: str |
     rms = [float(np.sqrt((e[:, :3] ** 2).sum(axis=1).mean())) for e in (found.before, found.after)]
     split = rewrite_joints(trajectory, table, found.q_cmd, output)
     out.print(
-        f"{len(table)} poses: predicted error {1e3 * rms[0]:.3f} mm rms, after compensation {1e3 * rms[1]:.2g} mm"
+        f"{len(table)} poses: predicted error {_millimetres(rms[0])} rms, after compensation {_millimetres(rms[1])}"
     )
     if not table.w.any() and rms[0] < 1e-12:
         note(out, "no loads: nothing to compensate; give columns fx[N] … mz[N*m]")
@@ -96,3 +96,8 @@ def run_compensate(model_file: Path, trajectory: Path, output: Path, json: str |
             "unsolved": unsolved,
         },
     )
+
+
+def _millimetres(error: float) -> str:
+    """An error [m] in words, as far as anybody would measure it."""
+    return f"{1e3 * error:.3f} mm" if error >= 5e-7 else "less than 0.001 mm"

@@ -101,9 +101,12 @@ def _finite(value: Any) -> Any:
 
 @contextmanager
 def stages(out: Console) -> Iterator[Callable[[str], None]]:
-    """Show which stage of a longer job runs, with the time it takes, on a terminal."""
+    """Show which stage of a longer job runs, with the time it takes, on a terminal; a file or a pipe gets nothing."""
     from rich.progress import Progress, SpinnerColumn, TextColumn, TimeElapsedColumn
 
+    if not out.is_interactive:  # a transient bar would leave an empty line there
+        yield lambda stage: None
+        return
     text = TextColumn("{task.description}", markup=False)
     with Progress(SpinnerColumn(), text, TimeElapsedColumn(), console=out, transient=True) as bar:
         task = bar.add_task("starting", total=None)

@@ -93,7 +93,7 @@ def _read(path: Path) -> Mapping[str, Any]:
     try:
         table = json.loads(path.read_text(encoding="utf-8"))
     except OSError as error:
-        raise UserError(f"{path}: cannot read the verdict: {error.strerror}") from error
+        raise UserError(f"{path}: cannot read the verdict: {error.strerror}: check the path") from error
     except ValueError as error:
         raise UserError(f"{path}: not a verdict.json: {error}") from error
     if not isinstance(table, dict) or not isinstance(table.get("effects"), list):

@@ -72,7 +72,8 @@ EFFECT = Effect(
     confused_with=("backlash", "hysteresis"),
     separated_by="poses in which the neighbouring joints carry loads in other proportions",
     told={
-        "width": "turning over within ± {} LOAD", "load": "load over {} LOAD", "power": "to the power {}",
+        "width": "turning over within ± {} LOAD", "load": "reference load {} LOAD",
+        "power": "load over it to the power {}",
         "loop": "closed at {} LOAD", "weights": "links' weight counted", **TOLD,
     },
     assumed=ASSUMED,

@@ -122,8 +122,8 @@ EFFECT = Effect(
     confused_with=("gravity_compensator", "backlash", "large_deflection", "joint_compliance"),
     separated_by="several load levels at one pose, and the same load at several angles of the joint",
     told={
-        "load": "load over {} LOAD", "power": "to the power {}", "knee": "two slopes that meet at one",
-        "saturation": "saturating beyond one", "weights": "", **TOLD,
+        "load": "reference load {} LOAD", "power": "load over it to the power {}",
+        "knee": "two slopes that meet at it", "saturation": "saturating beyond it", "weights": "", **TOLD,
     },
     assumed=ASSUMED,
     odds=odds,

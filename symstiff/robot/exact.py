@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 import re
 from dataclasses import dataclass
+from datetime import date, time
 from fractions import Fraction
 from typing import TYPE_CHECKING, Any
 
@@ -104,6 +105,8 @@ def shown(value: Any) -> str:
         return "an array"
     if isinstance(value, bool):
         return str(value).lower()
+    if isinstance(value, date | time):
+        return value.isoformat()
     if isinstance(value, int) and value.bit_length() > _MAX_BITS:
         return "an integer beyond all bounds"
     text = repr(value)

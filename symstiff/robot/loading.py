@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import tomllib
 from collections.abc import Callable
+from difflib import get_close_matches
 from functools import cache
 from importlib import resources
 from pathlib import Path
@@ -48,10 +49,14 @@ def _read(path: Path) -> bytes:
     except IsADirectoryError as error:
         raise UserError(f"{name}: is a directory: give a robot file (.toml)") from error
     except FileNotFoundError as error:
-        known = ", ".join(library())
-        raise UserError(f"{name}: no such robot: give a path to a robot file, or one of {known}") from error
+        known = library()
+        close = get_close_matches(name[:40].lower(), known, 1)
+        hint = f"did you mean {close[0]!r}? Else " if close else ""
+        raise UserError(
+            f"{name}: no such robot: {hint}give a path to a robot file, or one of {', '.join(known)}"
+        ) from error
     except OSError as error:
-        raise UserError(f"{name}: cannot read the robot file: {error.strerror}") from error
+        raise UserError(f"{name}: cannot read the robot file: {error.strerror}: check the path") from error
     except ValueError as error:  # a NUL or a lone surrogate
         raise UserError(f"{name}: is no path: {error}") from error
 

@@ -51,8 +51,10 @@ def _message(details: Mapping[str, Any]) -> str:
             return str(details["ctx"]["error"])
         case "extra_forbidden":
             return _unknown(str(name))
-        case "missing" if name in _ROWS or name == "format":
-            return "missing: add format = 1" if name == "format" else f"missing: add a [[{name}]]"
+        case "missing" if name == "format":
+            return "missing: add format = 1"
+        case "missing" if details["loc"] in [(row,) for row in _ROWS]:
+            return f"missing: add a [[{name}]]"
         case "missing":
             return "missing: add it"
         case "too_short" if name == "joint":
@@ -73,6 +75,12 @@ def _message(details: Mapping[str, Any]) -> str:
             return f"expected text in quotes, found {shown(value)}"
         case "int_type" | "int_parsing" | "int_from_float":
             return f"expected an integer, found {shown(value)}"
+        case "greater_than_equal" | "greater_than" | "less_than_equal" | "less_than":
+            way = (
+                "at least" if kind == "greater_than_equal" else "at most" if kind == "less_than_equal" else ""
+            )
+            limit = next(iter(details["ctx"].values()))
+            return f"{shown(value)}: give {way or kind.split('_')[0] + ' than'} {limit}"
         case "literal_error":
             return f"{shown(value)}: use {details['ctx']['expected']}"
     return printable(f"{details['msg']}, found {shown(value)}", 200)

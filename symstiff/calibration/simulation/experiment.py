@@ -21,6 +21,7 @@ from symstiff.calibration.simulation.equilibrium import (
 )
 from symstiff.calibration.simulation.nominal import linear_compliance
 from symstiff.calibration.simulation.phenomena import Additions, build
+from symstiff.calibration.simulation.rehearsal import CONTEXT, followed
 from symstiff.calibration.simulation.truth import Device, Noise, Truth, load_truth
 from symstiff.errors import UserError
 
@@ -103,6 +104,7 @@ def simulate(truth: Truth, design: Measurements, seed: int) -> Measurements:
             "every wrench is zero: give the poses table loads (fx[N] …), or measure absolute positions"
         )
     experiment, design = prepare(truth), _in_environment(truth, design)
+    _check_effects(experiment, design)
     approach, noise, unloaded = (np.random.default_rng(s) for s in np.random.SeedSequence(seed).spawn(3))
     group = design.approach
     errors = approach.standard_normal((int(group.max()) + 1, truth.robot.dof + 3))[group]
@@ -123,6 +125,25 @@ def simulate(truth: Truth, design: Measurements, seed: int) -> Measurements:
         values[:, 3:] = sigma[:, 3:] = np.nan
     nowhere = np.zeros(len(design), dtype=np.intp)
     return replace(design, kind=kind, values=values, sigma=sigma, files=(), file=nowhere, line=nowhere)
+
+
+def _check_effects(experiment: Experiment, design: Measurements) -> None:
+    """Raise UserError for an effect that would leave no trace: the design lacks what it follows, or its poses."""
+    chain = experiment.mechanism.chain
+    for effect, added in zip(experiment.truth.effects, experiment.additions, strict=True):
+        for name in followed(effect, chain):
+            if np.isnan(getattr(design, name)).all():
+                otherwise = "" if name == "branch" else ", or [environment] to the truth"
+                raise UserError(
+                    f"effect {effect.effect}: it follows the {name}, which the poses table does not tell: "
+                    f"add a column {CONTEXT[name]}{otherwise}"
+                )
+        strangers = [label for labels, _ in added.shifts for label in labels if label not in design.labels]
+        if strangers:
+            known = ", ".join(design.labels[:4]) + (", …" if len(design.labels) > 4 else "")
+            raise UserError(
+                f"effect {effect.effect}: no pose is called {strangers[0]}: the table has {known}"
+            )
 
 
 def clean_response(truth: Truth, q: Any, w: Any, context: Mapping[str, Any] | None = None) -> Floats:

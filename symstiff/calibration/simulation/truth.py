@@ -189,6 +189,10 @@ def _compliance(table: Mapping[str, Any], robot: Robot) -> dict[str, float]:
                 f"compliance.{name}: write the row first: k{link}_{match.group(4)}{match.group(3)}"
             )
         values[name] = _number(value, f"compliance.{name}")
+        if values[name] < 0 and match.group(3) == match.group(4):
+            raise UserError(
+                f"compliance.{name} = {values[name]:g}: what gives way has no negative compliance"
+            )
     return values
 
 
