@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import math
+import tomllib
+from importlib import resources
 from typing import Any
 
 import numpy as np
@@ -11,6 +13,9 @@ import sympy as sp
 from definition import elastic_frame, samples
 from kr270_programs import kr270_programs
 
+from symstiff.effects.base import EffectInstance
+from symstiff.model import StiffnessModel
+from symstiff.reduction import reduce
 from symstiff.robot import from_table, library, load, parse_exact
 from symstiff.symbolic.algebras import count
 from symstiff.symbolic.chain import ElasticChain
@@ -61,6 +66,17 @@ def test_parallel_axes_of_the_kr270_turn_by_one_merged_angle() -> None:
 
 def test_a_merged_angle_needs_no_functions_where_its_parts_have_theirs() -> None:
     assert [count(program)["trig"] for program in kr270_programs()] == [12, 12]
+
+
+def test_a_law_that_turns_with_the_joints_takes_the_sines_that_are_there() -> None:
+    """What the arm weighs on a gear, in a base that stands oblique: no function of an angle is called anew."""
+    file = tomllib.loads((resources.files("symstiff.robot") / "library" / "ur10.toml").read_text())
+    oblique = from_table({**file, "base": {**file.get("base", {}), "rpy": [0.1, 0.2, 0.3]}})
+    model = StiffnessModel.of(reduce(oblique, "gravity", "position"))
+    gear = EffectInstance("nonlinear_stiffness", {"joint": 3}, {"load": 50.0, "saturation": 1.0})
+    plain, grown = (count(m.deflection_program) for m in (model, model.with_effect(gear)))
+    assert grown["mul"] > plain["mul"]
+    assert grown["trig"] == plain["trig"]
 
 
 def test_programs_compute_nothing_twice_and_nothing_in_vain() -> None:

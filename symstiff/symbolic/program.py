@@ -255,6 +255,15 @@ class Builder:
                 self._angles[angle] = self._trigonometric(angle, name)
         return self._angles[angle]
 
+    def turned(self, expression: sp.Expr) -> sp.Expr | None:
+        """A cosine or sine of a constant, or of an angle that is bound; None for anything else."""
+        if not isinstance(expression, sp.cos | sp.sin):
+            return None
+        angle = expression.args[0]
+        if angle.free_symbols and angle not in self._angles:
+            return None
+        return self.cos_sin(angle, "")[isinstance(expression, sp.sin)]
+
     def _parts(self, angle: sp.Expr) -> tuple[tuple[sp.Expr, sp.Expr], tuple[sp.Expr, sp.Expr]] | None:
         """Cosines and sines of two angles that are bound and add up to this one."""
         for known, pair in self._angles.items():

@@ -156,6 +156,8 @@ def bound(b: Builder, expression: sp.Expr, values: dict[sp.Symbol, sp.Expr]) -> 
         return values.get(expression, expression)
     if expression.is_Atom:
         return expression
+    if (known := b.turned(expression)) is not None:
+        return known
     return b.let(expression.func(*[bound(b, a, values) for a in expression.args]))
 
 
