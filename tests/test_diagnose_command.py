@@ -223,7 +223,7 @@ def read(table: Measurements) -> Measurements:
 
 
 @pytest.mark.parametrize(
-    ("poses", "used"), [(101, 100), (100, 100), (20, 20)], ids=["many", "just enough", "few"]
+    ("poses", "used"), [(161, 160), (160, 160), (20, 20)], ids=["many", "just enough", "few"]
 )
 def test_a_long_table_is_thinned_though_nobody_asks_for_it(poses: int, used: int) -> None:
     """45 readings a pose: room and time of a diagnosis grow with them."""
