@@ -160,6 +160,8 @@ def identify(
     if per_level is not None:
         model = by_level(model, table, per_level)
     _refuse_rows(model)
+    model, left_out = _of_laws(model)
+    remarks += left_out
     if table.kind == "absolute":
         return _from_absolute(model, reduction, table, remarks)
     train, validation = _split(table, held_out, seed)
@@ -193,6 +195,24 @@ def _refuse_rows(model: StiffnessModel) -> None:
                 f"the start model holds {effect.effect} at {dict(effect.where)}, which belongs to the table it was "
                 "found in: leave these rows out of the table and that [[effect]] out of the model"
             )
+
+
+def _of_laws(model: StiffnessModel) -> tuple[StiffnessModel, list[str]]:
+    """The model without effects whose size is known, which no equation holds, and a remark on each."""
+    known = [bool(r.nominal) and not r.terms for r in model.realisations]
+    gone = {n for r, k in zip(model.realisations, known, strict=True) if k for n in r.nominal}
+    if not gone:
+        return model, []
+    names = ", ".join(e.effect.replace("_", " ") for e, k in zip(model.effects, known, strict=True) if k)
+    rest = replace(
+        model,
+        effects=tuple(e for e, k in zip(model.effects, known, strict=True) if not k),
+        values={n: v for n, v in model.values.items() if n not in gone},
+        deviations={n: v for n, v in model.deviations.items() if n not in gone},
+    )
+    return rest, [
+        f"{names}: has no size to fit and no code of its own: left out here, symstiff diagnose counts it"
+    ]
 
 
 def _from_absolute(

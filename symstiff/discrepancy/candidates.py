@@ -31,6 +31,8 @@ _LEFT = 1e-9
 """Share of a column's squared length below which nothing of it is outside the model."""
 _VISIBLE = 6.0
 """Noncentrality below which an effect of known size is not looked for."""
+_AT_ONCE = 0.1
+"""Share of a session up to which the first reading's time is taken for the time since its start."""
 _SAME = 1e-6
 _MOST_SHAPES = 4
 _SAME_ANGLE = 2e-3
@@ -282,8 +284,10 @@ def scales_of(view: View) -> Scales:
     context, lowest = {}, {}
     for name, values in (("time", table.time), ("temperature", table.temperature)):
         if np.isfinite(values).any():
-            context[name] = float(np.nanmax(values) - (np.nanmin(values) if name == "temperature" else 0.0))
-            lowest[name] = float(np.nanmin(values))
+            low, high = float(np.nanmin(values)), float(np.nanmax(values))
+            # a clock that starts at the session's own begin counts from 0; another one from where it stands then
+            lowest[name] = 0.0 if name == "time" and 0.0 <= low <= _AT_ONCE * (high - low) else low
+            context[name] = high - lowest[name]
             if np.nanmax(values) == np.nanmin(values):
                 del context[name]
     return Scales(table.kind, load, tuple(angles), context, lowest)

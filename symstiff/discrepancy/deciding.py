@@ -29,6 +29,8 @@ _WEAK = 0.5
 """Second load level, where the effects are to be told apart by several."""
 _SMALL = 0.1
 """Level at which gaps and bends near zero load show, where levels of load are measured at all."""
+_SAME_LEVEL = 1e-3
+"""Difference of two levels, as a share of the largest load, up to which they are one."""
 _LEVELS = 3
 """Load levels of a pose from which no more are added."""
 _SHAPES = 10
@@ -84,6 +86,7 @@ def experiment_like(table: Measurements) -> Experiment:
         added = [_WEAK] if len(levels) < _LEVELS else []
         if len(levels) > 1 and levels[levels > 0].min() > 2 * _SMALL:
             added.append(_SMALL)
+        added = [level for level in added if not np.any(np.abs(levels - level) < _SAME_LEVEL)]
         loads = np.vstack([loads, *(level * largest[None] for level in added)])
     both = (table.branch > 0).any() and (table.branch < 0).any()
     return Experiment(

@@ -35,6 +35,7 @@ from symstiff.discrepancy.verdict import (
     AMBIGUOUS,
     INSUFFICIENT,
     NAMED,
+    NO_TEST_NAMES,
     NOTHING,
     REFUTED,
     UNEXPLAINED,
@@ -43,6 +44,8 @@ from symstiff.discrepancy.verdict import (
     decide,
 )
 
+ROUNDING = 1e-9
+"""Share of the readings that the model leaves, from which there is something to test."""
 LEAST_FREEDOM = 5
 """Degrees of freedom outside the model below which no test is made."""
 
@@ -66,7 +69,10 @@ def diagnose(
     tell = progress or (lambda stage: None)
     obstacle = untestable(problem) or doubt
     if obstacle:
-        return _untestable(problem, candidates, obstacle)
+        return _without_tests(UNTESTABLE, problem, candidates, obstacle)
+    if _exact(problem):
+        reason = "the model gives the readings but for rounding: they are computed, or the noise is none"
+        return _without_tests(NOTHING, problem, candidates, reason)
     tell("noise")
     ready = prepare(problem, candidates)
     tell("lack of fit")
@@ -123,10 +129,7 @@ def against_sigma(outcome: Outcome, report: NoiseReport) -> Outcome:
     limit = REPEATABILITY if report.single else CONTRADICTED
     if outcome.verdict != NOTHING or report.ratio_interval is None or report.ratio_interval[0] < limit:
         return outcome
-    reason = (
-        f"the residual is {report.ratio:.1f} times the stated sigma: either that is too small, "
-        "or something is missing that no test names"
-    )
+    reason = f"the residual is {report.ratio:.1f} times the stated sigma: {NO_TEST_NAMES}"
     return replace(outcome, verdict=UNEXPLAINED, reason=reason)
 
 
@@ -187,10 +190,17 @@ def _law(problem: Problem, scan: Scan, place: Localisation) -> FittedLaw | None:
     return next((law for law in (best_law(problem, scan, n) for n in names) if law is not None), None)
 
 
-def _untestable(problem: Problem, candidates: Sequence[Candidate], reason: str) -> Diagnosis:
+def _exact(problem: Problem) -> bool:
+    """Whether the model leaves nothing but rounding, among which tests would find something."""
+    basis = column_space(problem.A)
+    left = problem.y - basis @ (basis.T @ problem.y)
+    return bool(np.linalg.norm(left) < ROUNDING * np.linalg.norm(problem.y))
+
+
+def _without_tests(verdict: str, problem: Problem, candidates: Sequence[Candidate], reason: str) -> Diagnosis:
     ready = prepare(problem, ())
     rms = float(np.sqrt(np.mean(ready.residual**2)))
     return Diagnosis(
-        UNTESTABLE, reason, (), unavailable(candidates, reason), 1.0, 1.0, ready.report, (), None, None, None, (),
+        verdict, reason, (), unavailable(candidates, reason), 1.0, 1.0, ready.report, (), None, None, None, (),
         Rms(rms, rms, None, None, ready.report.sigma), None, None, np.zeros((0, 0)), (),
     )  # fmt: skip

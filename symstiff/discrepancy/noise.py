@@ -39,6 +39,8 @@ REPEATABILITY = 5.0
 """The same where every axis is read once in a pose: how a robot misses its poses is in the residual then."""
 _KNOWN = 1.3
 """Factor to which the variance that a pose's rows share is known, about."""
+ENOUGH = 20
+"""Degrees of freedom between repeats from which the noise is taken from them."""
 
 
 @dataclass(frozen=True)
@@ -114,6 +116,8 @@ class NoiseReport:
     """That they share none."""
     shared: str = AXES
     """What they share: errors of the axes or of the joints."""
+    repeats: bool = False
+    """Whether enough was measured again to take the noise from."""
     single: bool = False
     """Every axis is read once in a pose: what its rows share cannot be told from the noise."""
 
@@ -219,7 +223,7 @@ def report(
     )
     source, found, freedom = "residual", scale2, max(dof - taken, 1.0)
     # what a robot that comes back misses its pose by is in the repeats as well
-    if repeats >= 20 and (noise.anew < 0.5 or sharing.ratio == 0.0):
+    if repeats >= ENOUGH and (noise.anew < 0.5 or sharing.ratio == 0.0):
         source, found, freedom = "repeats", square / repeats, float(repeats)
     sigma = float(np.sqrt(found * np.mean(noise.spread[rows] ** 2)))
     stated = None if problem.sigma is None else float(np.sqrt(np.mean(problem.sigma[rows] ** 2)))
@@ -238,7 +242,7 @@ def report(
         sigma, stated, relative, interval, misstated, freedom, source, by_axis,
         _homogeneity(problem, residual, dof), growth, by_marker,
         float(np.sqrt(found * np.mean((noise.spread**2 * _diagonal(noise, sharing))[rows]))),
-        approach_p, _mostly(problem, noise, sharing),
+        approach_p, _mostly(problem, noise, sharing), repeats >= ENOUGH,
         not shares(problem, AXES),
     )  # fmt: skip
 

@@ -11,11 +11,13 @@ from symstiff.calibration.experiment.situation import View
 from symstiff.calibration.measurements import Measurements
 from symstiff.discrepancy.noise import CONTRADICTED, NoiseReport
 from symstiff.discrepancy.numbers import quantity
+from symstiff.discrepancy.problem import Array
 from symstiff.discrepancy.result import Diagnosis, Estimate
 from symstiff.discrepancy.sharing import JOINTS
 from symstiff.discrepancy.speech import named as named_at
-from symstiff.discrepancy.verdict import INSUFFICIENT, NAMED, NOTHING, UNEXPLAINED, UNTESTABLE
+from symstiff.discrepancy.verdict import INSUFFICIENT, NAMED, NO_TEST_NAMES, NOTHING, UNEXPLAINED, UNTESTABLE
 from symstiff.effects.arm import untold_weight
+from symstiff.effects.base import EffectInstance, find
 
 if TYPE_CHECKING:
     from symstiff.discrepancy.workflow import Found
@@ -33,6 +35,8 @@ SURE, NOTABLE = 1e-3, 0.3
 FEW = 20.0
 """Degrees of freedom below which silence says little, and what is left sits in few rows."""
 _FEW_ROWS = 0.02
+_ALONE = 2.5
+"""How far the largest residual of a row stands above the next from which that row alone is spoken of."""
 _MOSTLY = 0.5
 """Share of the residual's variance that few poses bring from which they are spoken of."""
 
@@ -40,18 +44,22 @@ _MOSTLY = 0.5
 def remarked(view: View, last: Diagnosis) -> list[str]:
     """Remarks on a diagnosis of what ``view`` shows, a sentence each."""
     noise = last.noise
+    if last.verdict == NOTHING and not last.growth:  # nothing was tested
+        return [last.reason]
     return [
         *_of_sigma(noise), *_of_approach(view.table, last), *_of_markers(noise), *_of_poses(view.table, last),
-        *_of_single(last), *_of_proof(last), *_of_rows(view, last), *_of_weights(view, last),
+        *_of_single(last), *_of_proof(last), *_of_rows(view, last), *_of_weights(view, last), *_of_signs(view, last),
     ]  # fmt: skip
 
 
 def _of_sigma(noise: NoiseReport) -> list[str]:
     if noise.stated is None and noise.source == "residual":
-        return [
-            "no sigma is stated and too little was measured twice: the noise is taken from what is left, and nothing "
-            "checks it"
-        ]
+        why = (
+            "the repeats may each have an approach of their own"
+            if noise.repeats
+            else "too little was measured twice"
+        )
+        return [f"no sigma is stated and {why}: the noise is taken from what is left, and nothing checks it"]
     if not noise.misstated or noise.ratio_interval is None:
         return []
     low, high = noise.ratio_interval
@@ -132,12 +140,11 @@ def _of_rows(view: View, last: Diagnosis) -> list[str]:
     """Few readings far beside all others: slips of the pen, or readings that changed places."""
     if not last.growth or last.noise.degrees_of_freedom < FEW:  # few rows hold what the model leaves
         return []
-    residual, beside = np.abs(last.growth[-1].residual), np.zeros(len(view.table))
-    for kind in (view.component < 3, view.component >= 3):
-        if np.any(kind):
-            usual = max(float(np.median(residual[kind])) / 0.6745, 1e-300)
-            np.maximum.at(beside, view.state[kind], residual[kind] / usual)
+    beside = _beside(view, last.growth[-1].residual)
     rows = np.flatnonzero(beside > BESIDE)
+    first = np.argsort(-beside)[:2]
+    if len(first) == 2 and beside[first[0]] > max(BESIDE, _ALONE * beside[first[1]]):
+        rows = first[:1]  # a shift of its pose that takes a part of it bends all rows there
     if not len(rows) or len(rows) > max(_FEW_ROWS * len(beside), 2):
         return []
     shown = "; ".join(view.table.place(int(r)) for r in rows[np.argsort(-beside[rows])][:4])
@@ -147,10 +154,45 @@ def _of_rows(view: View, last: Diagnosis) -> list[str]:
     ]
 
 
+def _beside(view: View, residual: Array) -> Array:
+    """The residuals of the table's rows in usual ones, the largest of each row."""
+    beside = np.zeros(len(view.table))
+    for kind in (view.component < 3, view.component >= 3):
+        if np.any(kind):
+            size = np.abs(residual[kind])
+            np.maximum.at(beside, view.state[kind], size / max(float(np.median(size)) / 0.6745, 1e-300))
+    return beside
+
+
+def _of_signs(view: View, last: Diagnosis) -> list[str]:
+    """What leads by far, but for a size of the wrong sign: a column that is the wrong way round."""
+    leading = next((c for c in last.candidates if c.testable), None)
+    if leading is None or leading.plausible is not False or last.verdict not in (UNEXPLAINED, INSUFFICIENT):
+        return []
+    instance = EffectInstance(leading.effect, dict(leading.where), dict(leading.shape))
+    known = ((p, leading.parameters.get(p.name)) for p in instance.realise(view.robot).parameters)
+    wrong = [
+        _beyond(p, e) for p, e in known if e is not None and p.low == 0.0 and e.value + 2.0 * e.std < p.low
+    ]
+    if leading.p_value > SURE or not wrong:
+        return []
+    branch = "branch" in find(leading.effect).needs
+    where = (
+        "are up and down of the column branch exchanged?"
+        if branch
+        else "look at the signs of loads and readings"
+    )
+    return [
+        f"{named_at(leading.effect, leading.where)} would lead, but {'; '.join(wrong)} is physical: {where}"
+    ]
+
+
 def _of_weights(view: View, last: Diagnosis) -> list[str]:
     """A gear sees the arm's weight, which may be what keeps its law from a name."""
     accused = last.localisation.accused.split() if last.localisation is not None else []
     if view.table.kind == "absolute" or last.verdict not in (UNEXPLAINED, INSUFFICIENT):
+        return []
+    if last.reason.endswith(NO_TEST_NAMES):
         return []
     if len(accused) != 2 or accused[0] != "joint" or not untold_weight(view.robot, int(accused[1])):
         return []

@@ -27,6 +27,9 @@ AS_WELL = "it accounts for the data, and what has no name does so as well"
 REFUTED = "without some of the poses another effect is in front, and it does not predict them"
 """Reason for a verdict that names the leader as insufficient although it accounts for the data."""
 
+NO_TEST_NAMES = "either that is too small, or something is missing that no test names"
+"""End of the reason for a verdict that rests on the stated sigma alone."""
+
 CALIBRATION = (0.0, 0.7, 4.5)
 """Offset, slope and limit of the confidence's logit, fitted on simulated benchmarks."""
 

@@ -132,6 +132,8 @@ def run(task: Task, tell: Tell = lambda stage: None) -> Finding:
     if task.max_effects < 1:
         raise UserError(f"--max-effects {task.max_effects}: 1 or more")
     warnings = check_robot(task.table, task.robot)
+    if task.table.kind == "deflection" and not np.any(np.nan_to_num(task.table.values)):
+        raise UserError("every deflection is 0: the columns hold no measurement")
     task = replace(task, table=as_loading(task.table))
     table, remarks = _thinned(task)
     table, gaps = known_throughout(table)
@@ -339,7 +341,8 @@ def _undetermined(model: StiffnessModel, assembly: Assembly, last: Diagnosis) ->
     known = {
         name for name, std in zip(assembly.names, last.growth[0].model_std, strict=False) if np.isfinite(std)
     } if last.growth else set(model.parameters)  # fmt: skip
-    open_ones = [n for n in model.parameters if n not in known]
+    nominal = {n for r in model.realisations for n in r.nominal}
+    open_ones = [n for n in model.parameters if n not in known | nominal]
     if not open_ones:
         return []
     shown = ", ".join(open_ones[:4]) + (", …" if len(open_ones) > 4 else "")

@@ -21,6 +21,8 @@ from symstiff.symbolic.terms import Term, VirtualJoint
 
 Where = Mapping[str, Any]
 Shape = Mapping[str, float]
+_DIGITS, _CLOCK = 4, 1e4
+"""Digits of a shape's value as told, and from where on it gets all of them, as the time of a clock does."""
 
 
 @dataclass(frozen=True)
@@ -223,7 +225,8 @@ class EffectInstance:
         for key, value in self.shape.items():
             phrase = told.get(key, f"{key} = {{}}")
             if phrase and ("{}" in phrase or value):
-                said.append(phrase.format(f"{float(value):.4g}").replace("LOAD", "N" if slides else "N·m"))
+                number = f"{float(value):.{_DIGITS if abs(value) < _CLOCK else 2 * _DIGITS + 2}g}"
+                said.append(phrase.format(number).replace("LOAD", "N" if slides else "N·m"))
         return tuple(said)
 
     @property

@@ -1,6 +1,7 @@
 """Growth with time or temperature, of the measuring frame or of a link along its elastic axes.
 
-Δ = rate·s with s = t/T_end, (T − T₀)/span, or 1 − exp(−t/T) over its value at the end of the session; the
+Δ = rate·s with s = t/T_end, (T − T₀)/span, or 1 − exp(−t/T) over its value at the end of the session, t counted from
+``start`` where the clock does not begin with the session; the
 three parameters are what has grown at the end of the session, in metres. A pedestal that grows shifts the
 whole robot: that is the measuring frame's drift.
 """
@@ -34,11 +35,11 @@ def _realise(robot: Robot, where: Where, shape: Shape) -> Realisation:
 def _clock(shape: Shape) -> sp.Expr:
     if "temperature" in shape:
         return (TEMPERATURE - exact(shape.get("reference", 20.0))) / exact(shape["temperature"])
-    span = shape.get("time", 3600.0)
+    span, time = shape.get("time", 3600.0), TIME - exact(shape.get("start", 0.0))
     if "T" not in shape:
-        return TIME / exact(span)
+        return time / exact(span)
     constant = shape["T"]
-    return (1 - sp.exp(-TIME / exact(constant))) / exact(-math.expm1(-span / constant))
+    return (1 - sp.exp(-time / exact(constant))) / exact(-math.expm1(-span / constant))
 
 
 def _shapes(robot: Robot, where: Where, scales: Scales) -> tuple[Shape, ...]:
@@ -49,8 +50,10 @@ def _shapes(robot: Robot, where: Where, scales: Scales) -> tuple[Shape, ...]:
             {"temperature": warm, "reference": float(f"{scales.lowest.get('temperature', 20.0):.3g}")}
         )
     if span > 0:
-        found.append({"time": span})
-        found += [{"time": span, "T": float(f"{f * span:.3g}")} for f in CONSTANTS]
+        start = round(scales.lowest.get("time", 0.0))
+        clock = {"time": span} | ({"start": float(start)} if start else {})
+        found.append(clock)
+        found += [{**clock, "T": float(f"{f * span:.3g}")} for f in CONSTANTS]
     return tuple(found)
 
 
@@ -68,6 +71,7 @@ EFFECT = Effect(
     separated_by="poses repeated early and late in the session, in another order of the joints",
     told={
         "temperature": "per {} K", "reference": "from {} °C", "time": "over {} s", "T": "time constant {} s",
+        "start": "from {} s of the clock on",
     },
     moves=lambda robot, shape: {"T": Move(2.0)},
 )  # fmt: skip

@@ -10,7 +10,7 @@ from symstiff.discrepancy.numbers import p_equals, quantity
 from symstiff.discrepancy.remarks import FEW
 from symstiff.discrepancy.result import Name
 from symstiff.discrepancy.speech import named, place, spoken
-from symstiff.discrepancy.verdict import AS_WELL, INSUFFICIENT, NOT_ALONE, REFUTED
+from symstiff.discrepancy.verdict import AS_WELL, INSUFFICIENT, NO_TEST_NAMES, NOT_ALONE, REFUTED
 from symstiff.discrepancy.workflow import Finding, Found, unconfirmed
 from symstiff.effects.base import EffectInstance
 from symstiff.report.deciding import deciding
@@ -28,6 +28,8 @@ def name_text(name: Name) -> str:
 
 def _nothing_missing(finding: Finding) -> str:
     noise = finding.last.noise
+    if not finding.last.growth:
+        return "Nothing is missing"
     if noise.misstated and noise.ratio is not None and noise.ratio > LOUDER:
         return "Nothing found missing; the noise is larger than stated"
     if noise.mostly_shared:
@@ -49,6 +51,8 @@ def headline(finding: Finding) -> str:
         return "Nothing can be tested with these data"
     if finding.reason == NOT_ALONE:
         return "Something is missing, and the data do not tell whether the catalogue has a name for it"
+    if _against_sigma(finding):
+        return "More is left than the stated sigma allows, and no test finds anything missing"
     if finding.reason in (AS_WELL, REFUTED):
         return f"Something is missing, perhaps: {names(finding.named)}"
     return {
@@ -249,7 +253,17 @@ def _insufficient(finding: Finding) -> str:
     return f"The leading explanation is {listed(finding)}, but {why}; {gap(finding)}."
 
 
+def _against_sigma(finding: Finding) -> bool:
+    """Whether nothing but the stated sigma speaks against the model."""
+    return finding.reason.endswith(NO_TEST_NAMES)
+
+
 def _unexplained(finding: Finding) -> str:
+    if _against_sigma(finding):
+        return (
+            f"No test finds anything missing, and {finding.reason} (residual {size(finding.rms.before, finding)} rms "
+            f"per coordinate, noise as stated {size(finding.last.noise.stated, finding)}): check the stated sigma."
+        )
     accused = finding.last.localisation.accused if finding.last.localisation else ""
     text = "No effect of the catalogue accounts for the data"
     if finding.reason == NOT_ALONE:

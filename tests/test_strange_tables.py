@@ -1,0 +1,131 @@
+"""Tables that are odd without being wrong, and wrong ones that look like effects: what a diagnosis says of them."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from functools import cache
+from pathlib import Path
+
+import numpy as np
+import pytest
+from command_line import Run, assert_users_mistake, run_command_line  # noqa: F401
+
+from symstiff.calibration.identify import identify
+from symstiff.calibration.measurements import Measurements
+from symstiff.calibration.simulation import Effect, Noise, Truth, nominal_truth, simulate
+from symstiff.discrepancy.deciding import experiment_like
+from symstiff.discrepancy.verdict import NO_TEST_NAMES
+from symstiff.discrepancy.workflow import Finding, Task, run
+from symstiff.effects.base import EffectInstance, Scales, find
+from symstiff.model import StiffnessModel
+from symstiff.reduction import reduce
+from symstiff.report.words import headline, sentence
+from symstiff.robot import load
+from symstiff.symbolic.terms import TIME
+from tests.diagnosis_data import ROBOT, design, measured, saved
+
+
+def read(effect: Effect | None = None, start: float = 0.0, poses: int = 12) -> Measurements:
+    """What a tracker reads of the planar arm, up and down again in every pose, with a clock."""
+    robot, table = load(ROBOT), design(poses, (0.25, 0.5, 1.0, 0.6, 0.3))
+    n = len(table)
+    way = np.tile(np.repeat([1.0, 1.0, 1.0, -1.0, -1.0], 3), poses)
+    table = replace(table, time=start + 20.0 * np.arange(n), branch=way)
+    truth = Truth(robot, nominal_truth(robot), noise=Noise((0.02,) * 3))
+    clean = replace(table, time=table.time - start)
+    found = simulate(truth.with_effects(effect) if effect else truth, clean, 3)
+    return replace(found, time=table.time)
+
+
+def diagnosed(table: Measurements) -> Finding:
+    return run(Task(load(ROBOT), table))
+
+
+@cache
+def lag() -> Measurements:
+    return read(Effect("hysteresis", {"joint": 2}, values={"width": 4e-4, "knee": 1.0}))
+
+
+@pytest.mark.parametrize("start", [0.0, 32400.0, 1.7e9])
+def test_a_drift_is_found_wherever_the_clock_stands(start: float) -> None:
+    found = diagnosed(read(Effect("thermal_drift", None, "exponential", {"rate": [3e-4, 0, 2e-4]}), start))
+    assert [e.effect for e in found.named] == ["thermal_drift"]
+    assert found.verdict == "named"
+    assert found.named[0].shape.get("start", 0.0) == start
+
+
+def test_a_drift_counts_from_the_start_of_its_session() -> None:
+    drift = find("thermal_drift")
+    shapes = drift.shapes(load(ROBOT), {}, Scales(context={"time": 7200.0}, lowest={"time": 1.7e9}))
+    for shape in shapes:
+        law = drift.realise(load(ROBOT), {"measurement": "frame"}, shape).terms[0].factor
+        assert [float(law.subs(TIME, t)) for t in (1.7e9, 1.7e9 + 7200)] == pytest.approx([0, 1], abs=1e-9)
+        told = EffectInstance("thermal_drift", {"measurement": "frame"}, shape).shape_phrases(load(ROBOT))
+        assert "from 1700000000 s of the clock on" in told
+
+
+def test_an_exchanged_branch_is_asked_about() -> None:
+    swapped = diagnosed(replace(lag(), branch=-lag().branch))
+    assert "hysteresis" not in {e.effect for e in swapped.named}
+    assert any("hysteresis at joint 2 would lead" in r and "branch exchanged?" in r for r in swapped.remarks)
+    right = diagnosed(lag())
+    assert [e.effect for e in right.named] == ["hysteresis"]
+    assert not any("exchanged" in r for r in right.remarks)
+
+
+def test_one_wrong_digit_is_pointed_at() -> None:
+    table = measured()
+    values = table.values.copy()
+    values[40, 0] += 5e-3
+    found = diagnosed(replace(table, values=values))
+    (said,) = (r for r in found.remarks if "times the usual residual off" in r)
+    assert said.startswith("1 row lies")
+    assert table.place(40) in said
+
+
+def test_what_is_computed_and_not_measured_has_nothing_missing() -> None:
+    table = measured()
+    model = StiffnessModel.of(reduce(load(ROBOT), "force", "position"))
+    steps = {n: s * (1 + k % 3) for k, (n, s) in enumerate(model.steps.items())}
+    from symstiff.calibration.rows import predict
+
+    exact = predict(model.with_values(steps), table)
+    found = diagnosed(replace(table, values=np.where(np.isnan(table.values), np.nan, exact)))
+    assert found.verdict == "nothing_missing"
+    assert headline(found) == "Nothing is missing"
+    assert found.remarks[-1].startswith("the model gives the readings but for rounding")
+
+
+def test_a_sigma_that_is_far_too_small_is_named_as_what_speaks_against_the_model() -> None:
+    found = diagnosed(measured(stated=0.1))
+    assert found.verdict == "unexplained"
+    assert found.reason.endswith(NO_TEST_NAMES)
+    assert "than the stated sigma allows" in headline(found)
+    assert "times the stated sigma" in sentence(found)
+    assert "check the stated sigma" in sentence(found)
+    assert not any("masses" in r for r in found.remarks)
+
+
+def test_deflections_of_zero_alone_are_refused(run: Run, tmp_path: Path) -> None:
+    table = measured()
+    saved(replace(table, values=np.where(np.isnan(table.values), np.nan, 0.0)), tmp_path / "data.csv")
+    mistake = run("diagnose", ROBOT, tmp_path / "data.csv", "-o", tmp_path / "out")
+    assert_users_mistake(mistake, "every deflection is 0")
+
+
+@pytest.mark.parametrize("levels", [(0.5, 1.0), (0.25, 0.5, 1.0), (1.0,), (0.1, 0.5, 1.0)])
+def test_a_table_that_decides_holds_no_load_twice(levels: tuple[float, ...]) -> None:
+    loads = experiment_like(measured(levels=levels)).loads
+    assert len(np.unique(np.round(loads, 6), axis=0)) == len(loads)
+    sizes = np.linalg.norm(loads, axis=1) / np.linalg.norm(loads, axis=1).max()
+    assert {0.5, 1.0} <= {round(float(s), 6) for s in sizes} or len(levels) > 2
+
+
+def test_identify_leaves_out_what_has_no_size_and_says_so() -> None:
+    table = measured()
+    plain = StiffnessModel.of(reduce(load(ROBOT), "force", "position"))
+    grown = plain.with_effect(EffectInstance("large_deflection", {"robot": "all"}))
+    found, alone = (identify(load(ROBOT), table, start) for start in (grown, plain))
+    assert any("large deflection: has no size to fit" in r for r in found.remarks)
+    assert not found.model.effects
+    assert found.fit.values == pytest.approx(alone.fit.values)
