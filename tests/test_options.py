@@ -230,3 +230,11 @@ def test_the_header_tells_the_shape_of_a_law_with_units(name: str, unit: str) ->
     grown = StiffnessModel.of(reduce(load(name), "force", "position")).with_effect(gear)
     header = emit_c(Functions(grown), Options())[f"{name}.h"].decode()
     assert f"reference load 1350 {unit}, two slopes that meet at it, under a tapering arm of 500 kg" in header
+
+
+def test_a_temperature_is_told_in_ascii() -> None:
+    warm = {"temperature": 8.0, "reference": 22.0}
+    drift = EffectInstance("thermal_drift", {"measurement": "frame"}, warm)
+    grown = StiffnessModel.of(reduce(load("planar2r"), "force", "position")).with_effect(drift)
+    header = emit_c(Functions(grown), Options())["planar2r.h"].decode()
+    assert "from 22 degC" in header

@@ -163,7 +163,7 @@ def _effect_meaning(model: StiffnessModel, name: str) -> str:
             place = ", ".join(f"{k} {v}" for k, v in effect.where.items())
             told = "".join(f", {phrase}" for phrase in effect.shape_phrases(model.robot))
             text = f"{find(effect.effect).title.lower()} ({place}){told}"
-            text = text.replace("±", "+-").replace("·", "*")
+            text = text.replace("±", "+-").replace("·", "*").replace("°C", "degC")
             return text.encode("ascii", "replace").decode().replace("*/", "* /")
     return "parameter of an effect"
 
