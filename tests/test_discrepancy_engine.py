@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import weakref
 from dataclasses import dataclass, replace
-from typing import Any
 
 import numpy as np
 import pytest
@@ -12,14 +10,13 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from symstiff.discrepancy import baselines
-from symstiff.discrepancy import prepare as prepare_module
 from symstiff.discrepancy.design import confusability, detectable_noncentrality, share_left
 from symstiff.discrepancy.diagnose import diagnose
 from symstiff.discrepancy.noise import Noise
 from symstiff.discrepancy.null import tail
 from symstiff.discrepancy.prepare import prepare
 from symstiff.discrepancy.problem import Array, Candidate, Options, Parameter, Problem
-from symstiff.discrepancy.scan import Scan, evidence, explained, open_scan
+from symstiff.discrepancy.scan import evidence, explained, open_scan
 from symstiff.discrepancy.separation import Hypotheses, deciding_poses
 from symstiff.discrepancy.sharing import AXES, JOINTS, Sharing
 from symstiff.errors import UserError
@@ -398,20 +395,3 @@ def test_what_a_set_misses_is_judged_under_the_shared_error_that_is_left_with_it
     assert d.verdict == "named"
     found = {(name.effect, name.where["joint"]) for name, _, _ in d.leading}
     assert found == {("bend", 2), ("angle", 1)}
-
-
-def test_there_is_never_more_than_one_scan(monkeypatch: pytest.MonkeyPatch) -> None:
-    """A scan holds all columns at every sharing: of a large table that is most of the memory."""
-    a, bases = arm(), []
-    own = prepare_module.open_scan
-
-    def watched(*arguments: Any) -> Scan:
-        alive = sum(base() is not None for base in bases)
-        assert alive == 0, f"{alive} bases of earlier scans are kept"
-        scan = own(*arguments)
-        bases.extend(weakref.ref(layer.Q) for layer in scan.layers)
-        return scan
-
-    monkeypatch.setattr(prepare_module, "open_scan", watched)
-    ready = prepare(measured(a.problem, scaled(a.problem, saturating(a.problem, 1), 400.0)), a.candidates)
-    assert len(bases) > 2 * len(ready.scan.layers)

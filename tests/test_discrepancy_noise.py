@@ -2,16 +2,19 @@
 
 from __future__ import annotations
 
+import weakref
 from collections.abc import Sequence
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
 
+from symstiff.discrepancy import prepare as prepare_module
 from symstiff.discrepancy.diagnose import diagnose
 from symstiff.discrepancy.prepare import prepare
 from symstiff.discrepancy.problem import Array, Candidate, Parameter, Problem
-from symstiff.discrepancy.scan import evidence, likeliest
+from symstiff.discrepancy.scan import Scan, evidence, likeliest
 from symstiff.discrepancy.sharing import EACH, JOINTS, LEARNED, sizes
 from symstiff.discrepancy.strata import strata
 from tests.test_discrepancy_engine import QUICK, SIGMA, arm, catalogue, measured, saturating, scaled
@@ -304,3 +307,20 @@ def test_what_is_missing_does_not_make_the_start_model_worse_than_it_is() -> Non
     alone, with_it = ready.scan.best.sharing, likeliest(ready.scan, (entry,)).sharing
     assert alone.ratio > 1.0
     assert with_it.ratio < 0.2
+
+
+def test_there_is_never_more_than_one_scan(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A scan holds all columns at every sharing: of a large table that is most of the memory."""
+    a, bases = arm(), []
+    own = prepare_module.open_scan
+
+    def watched(*arguments: Any) -> Scan:
+        alive = sum(base() is not None for base in bases)
+        assert alive == 0, f"{alive} bases of earlier scans are kept"
+        scan = own(*arguments)
+        bases.extend(weakref.ref(layer.Q) for layer in scan.layers)
+        return scan
+
+    monkeypatch.setattr(prepare_module, "open_scan", watched)
+    ready = prepare(measured(a.problem, scaled(a.problem, saturating(a.problem, 1), 400.0)), a.candidates)
+    assert len(bases) > 2 * len(ready.scan.layers)

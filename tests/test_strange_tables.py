@@ -12,17 +12,19 @@ from command_line import Run, assert_users_mistake, run_command_line  # noqa: F4
 
 from symstiff.calibration.identify import identify
 from symstiff.calibration.measurements import Measurements
+from symstiff.calibration.rows import predict
 from symstiff.calibration.simulation import Effect, Noise, Truth, nominal_truth, simulate
 from symstiff.discrepancy.deciding import experiment_like
+from symstiff.discrepancy.result import Rms
 from symstiff.discrepancy.verdict import NO_TEST_NAMES
-from symstiff.discrepancy.workflow import Finding, Task, run
+from symstiff.discrepancy.workflow import Finding, Task, _better, run
 from symstiff.effects.base import EffectInstance, Scales, find
 from symstiff.model import StiffnessModel
 from symstiff.reduction import reduce
 from symstiff.report.words import headline, sentence
 from symstiff.robot import load
 from symstiff.symbolic.terms import TIME
-from tests.diagnosis_data import ROBOT, design, measured, saved
+from tests.diagnosis_data import HARDENING, ROBOT, design, measured, saved
 
 
 def read(effect: Effect | None = None, start: float = 0.0, poses: int = 12) -> Measurements:
@@ -87,8 +89,6 @@ def test_what_is_computed_and_not_measured_has_nothing_missing() -> None:
     table = measured()
     model = StiffnessModel.of(reduce(load(ROBOT), "force", "position"))
     steps = {n: s * (1 + k % 3) for k, (n, s) in enumerate(model.steps.items())}
-    from symstiff.calibration.rows import predict
-
     exact = predict(model.with_values(steps), table)
     found = diagnosed(replace(table, values=np.where(np.isnan(table.values), np.nan, exact)))
     assert found.verdict == "nothing_missing"
@@ -111,6 +111,27 @@ def test_deflections_of_zero_alone_are_refused(run: Run, tmp_path: Path) -> None
     saved(replace(table, values=np.where(np.isnan(table.values), np.nan, 0.0)), tmp_path / "data.csv")
     mistake = run("diagnose", ROBOT, tmp_path / "data.csv", "-o", tmp_path / "out")
     assert_users_mistake(mistake, "every deflection is 0")
+
+
+def test_few_poses_give_no_sure_names() -> None:
+    found = diagnosed(measured(HARDENING, poses=3))
+    assert all(e.confidence <= 0.75 for e in found.effects)
+    assert bool(found.effects) == any("so few poses leave none to predict" in r for r in found.remarks)
+    assert found.effects
+
+
+@pytest.mark.parametrize(
+    ("wider", "better"),
+    [
+        (Rms(1.0, 1.0, 1.2, 1.0, 0.9), True),
+        (Rms(1.0, 1.0, 5.0, 1.0, 0.9), False),
+        (Rms(1.0, 1.0, None, None, 0.9), True),
+        (Rms(3.0, 1.0, 1.2, 1.0, 0.9), False),
+    ],
+)
+def test_a_model_that_left_out_poses_refute_does_not_take_over(wider: Rms, better: bool) -> None:
+    """Four poses fit all links and predict none."""
+    assert _better(wider, Rms(2.0, 2.0, 2.1, 2.1, 0.9)) is better
 
 
 @pytest.mark.parametrize("levels", [(0.5, 1.0), (0.25, 0.5, 1.0), (1.0,), (0.1, 0.5, 1.0)])

@@ -12,11 +12,15 @@ from symstiff.calibration.measurements import Measurements
 from symstiff.calibration.simulation.chain import chain_of, posture
 from symstiff.discrepancy import diagnose as engine
 from symstiff.discrepancy.assemble import assemble
+from symstiff.discrepancy.bank import build
 from symstiff.discrepancy.laws import _lagging
-from symstiff.discrepancy.localise import FittedLaw, _scales
+from symstiff.discrepancy.localise import FittedLaw, _scales, _validated
+from symstiff.discrepancy.noise import start
 from symstiff.discrepancy.problem import Problem
 from symstiff.discrepancy.proof import HeldOut
 from symstiff.discrepancy.result import Rms
+from symstiff.discrepancy.scan import open_scan
+from symstiff.discrepancy.sharing import Split
 from symstiff.discrepancy.workflow import Finding, Task, run, unconfirmed
 from symstiff.report import unnamed, words
 from symstiff.robot import load
@@ -310,3 +314,29 @@ def test_the_folds_that_select_what_all_data_do_are_counted() -> None:
     agree = [fold == ("nonlinear_stiffness@joint=2",) for fold in found.selected]
     assert found.again == np.mean(agree) > 0.8
     assert not found.refutes
+
+
+def test_a_law_is_judged_on_poses_that_the_model_has_not_seen_either() -> None:
+    """By hand: plain least squares of model and law on the other poses, and what that misses in those left out."""
+    problem = hardening()
+    scan = open_scan(build(problem, (), ()), start(problem, Split()), problem.y, problem.A)
+    layer = next(la for la in scan.layers if la.sharing.ratio == 0.0)
+    sigma = scan.noise.spread
+    law = np.tanh(np.arange(problem.rows) / 40.0)[:, None]
+    white = law / sigma[:, None]
+    outside = white - layer.basis @ (layer.basis.T @ white)
+    fold = np.unique(problem.pose, return_inverse=True)[1].reshape(-1) % 5
+    left = whole = 0.0
+    for k in range(5):
+        train = fold != k
+        for columns in (problem.A, np.hstack([problem.A, law])):
+            length = np.linalg.norm(columns, axis=0)
+            X = columns / sigma[:, None] / np.where(length > 0, length, 1.0)
+            beta = np.linalg.lstsq(X[train], (problem.y / sigma)[train], rcond=1e-9)[0]
+            missed = float(np.sum(((problem.y / sigma)[~train] - X[~train] @ beta) ** 2))
+            left, whole = (left, whole + missed) if columns is problem.A else (left + missed, whole)
+    assert _validated(layer, [outside], fold) == pytest.approx(1.0 - left / whole, abs=1e-6)
+
+
+def hardening() -> Problem:
+    return assemble(complete(ROBOT), measured(HARDENING), effects=()).problem

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -52,6 +52,11 @@ class Bank:
     def first_entry(self) -> Index:
         """First entry of every candidate (reduceat offsets)."""
         return np.searchsorted(self.owner, np.arange(len(self.candidates)))
+
+    @cached_property
+    def named(self) -> Mapping[str, int]:
+        """Numbers of the candidates that have a name, by their keys."""
+        return {c.key: k for k, c in enumerate(self.candidates) if not self.generic[k]}
 
     @cached_property
     def twin(self) -> tuple[int, ...]:

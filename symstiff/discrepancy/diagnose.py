@@ -14,7 +14,7 @@ from symstiff.discrepancy.bank import Bank
 from symstiff.discrepancy.localise import FittedLaw, Localisation, best_law, device_law, localise
 from symstiff.discrepancy.noise import CONTRADICTED, REPEATABILITY, NoiseReport
 from symstiff.discrepancy.prepare import Prepared, prepare
-from symstiff.discrepancy.problem import Array, Candidate, Options, Problem
+from symstiff.discrepancy.problem import Array, Candidate, Options, Problem, key_of
 from symstiff.discrepancy.proof import HeldOut, held_out, poses_of_their_own
 from symstiff.discrepancy.result import Diagnosis, Name, Rms
 from symstiff.discrepancy.scan import Scan, coefficients, column_space, one_sharing
@@ -94,8 +94,7 @@ def diagnose(
 
 def numbers(bank: Bank, names: Sequence[Name]) -> list[int]:
     """Numbers of named candidates in the bank; names that it does not hold are left out."""
-    place = {(c.effect, repr(dict(c.where))): k for k, c in enumerate(bank.candidates)}
-    found = [place.get((n.effect, repr(dict(n.where)))) for n in names]
+    found = [bank.named.get(key_of(n.effect, n.where)) for n in names]
     return [k for k in found if k is not None]
 
 

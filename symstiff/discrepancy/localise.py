@@ -12,7 +12,7 @@ from scipy.special import logsumexp
 
 from symstiff.discrepancy.laws import Law, every_law, largest_load
 from symstiff.discrepancy.problem import Array, Index, Problem
-from symstiff.discrepancy.scan import Evidence, Scan, coefficients
+from symstiff.discrepancy.scan import Evidence, Layer, Scan, coefficients
 
 _ROUNDING = 1e-9
 _SUSPECTS = 3
@@ -208,7 +208,7 @@ def best_law(
     best = 0.0
     for _ in range(terms):
         trial = [
-            (-np.inf if i in chosen else _validated([blocks[c] for c in [*chosen, i]], layer.y, fold))
+            (-np.inf if i in chosen else _gained([blocks[c] for c in [*chosen, i]], layer.y, fold))
             for i in range(len(laws))
         ]
         i = int(np.argmax(trial))
@@ -218,10 +218,9 @@ def best_law(
         chosen.append(i)
     if not chosen:
         return None
-    found = _written(problem, v, [laws[c] for c in chosen], [blocks[c] for c in chosen], layer.y, best)
-    return replace(
-        found, deviations=_deviations(found.explained, sum(blocks[c].shape[1] for c in chosen), scan)
-    )
+    own = [blocks[c] for c in chosen]
+    found = _written(problem, v, [laws[c] for c in chosen], own, layer.y, _validated(layer, own, fold))
+    return replace(found, deviations=_deviations(found.explained, sum(b.shape[1] for b in own), scan))
 
 
 def _deviations(explained: float, terms: int, scan: Scan) -> float:
@@ -230,8 +229,8 @@ def _deviations(explained: float, terms: int, scan: Scan) -> float:
     return float(np.sqrt(max(explained / max(noise, 1e-300) - (terms - 1), 0.0)))
 
 
-def _validated(blocks: list[Array], y: Array, fold: Array | Index) -> float:
-    """Share of the squares explained on rows of poses that were left out."""
+def _gained(blocks: list[Array], y: Array, fold: Array | Index) -> float:
+    """Share of the squares explained on rows of poses that were left out, of what the model of all poses leaves."""
     X = np.hstack(blocks)
     left = 0.0
     for k in np.unique(fold):
@@ -239,6 +238,22 @@ def _validated(blocks: list[Array], y: Array, fold: Array | Index) -> float:
         beta = np.linalg.lstsq(X[train], y[train], rcond=1e-9)[0]
         left += float(np.sum((y[~train] - X[~train] @ beta) ** 2))
     return 1.0 - left / max(float(y @ y), 1e-300)
+
+
+def _validated(layer: Layer, blocks: list[Array], fold: Array | Index) -> float:
+    """The same with the model, too, fitted without the poses left out, of whose readings it would hold a share.
+
+    So a law that rests on one pose is not confirmed. It scatters more: laws are chosen by the other.
+    """
+    X = np.hstack([layer.basis, *blocks])
+    left = whole = 0.0
+    for k in np.unique(fold):
+        train = fold != k
+        for columns in (layer.basis, X):
+            beta = np.linalg.lstsq(columns[train], layer.y[train], rcond=1e-9)[0]
+            missed = float(np.sum((layer.y[~train] - columns[~train] @ beta) ** 2))
+            left, whole = (left + missed, whole) if columns is X else (left, whole + missed)
+    return 1.0 - left / max(whole, 1e-300)
 
 
 def _written(

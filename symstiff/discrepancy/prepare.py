@@ -17,12 +17,11 @@ from symstiff.discrepancy.problem import Array, Candidate, Index, Problem
 from symstiff.discrepancy.scan import (
     Scan,
     at_sharings,
+    by_direction,
     column_space,
-    explained,
     likely,
     one_sharing,
     open_scan,
-    sum_entries,
 )
 from symstiff.discrepancy.sharing import (
     JOINTS,
@@ -128,8 +127,7 @@ def _opened(problem: Problem, bank: Bank, noise: noises.Noise, by_way: bool) -> 
     whole = open_scan(bank, noise, problem.y, problem.A)
     obvious = _obvious(whole)
     after = beside(whole, obvious)
-    kept = likely(whole, explained(whole), by_way)
-    kept |= likely(after.scan, sum_entries(bank, after.squares.T).T, by_way)
+    kept = likely(whole, by_direction(whole), by_way) | likely(after.scan, after.squares, by_way)
     # none may be the likeliest once everything that is missing is in the model
     kept |= np.array([layer.sharing.ratio == 0 for layer in whole.layers])
     return _Look(at_sharings(whole, kept), obvious, after.at(kept))

@@ -182,7 +182,12 @@ class Candidate:
     @property
     def key(self) -> str:
         """Stable text that identifies effect and place."""
-        return self.effect + "@" + ",".join(f"{k}={self.where[k]}" for k in sorted(self.where))
+        return key_of(self.effect, self.where)
+
+
+def key_of(effect: str, where: Mapping[str, object]) -> str:
+    """Stable text that identifies an effect at a place."""
+    return effect + "@" + ",".join(f"{k}={where[k]}" for k in sorted(where))
 
 
 @dataclass(frozen=True)

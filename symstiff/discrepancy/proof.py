@@ -15,6 +15,8 @@ from symstiff.discrepancy.problem import Array, Index, Options, Problem
 from symstiff.discrepancy.scan import evidence, extend, open_scan
 from symstiff.discrepancy.sharing import Roots
 
+FEWEST = 4
+"""Poses from which some are left out."""
 NO_GAP = 0.05
 """Gap, as a share of the noise, below which no share of it is told."""
 AGAIN = 0.5
@@ -62,7 +64,7 @@ def held_out(
     that are predicted.
     """
     poses = np.unique(problem.pose)
-    if len(poses) < 4:
+    if len(poses) < FEWEST:
         return None
     few, entries = _profile(bank), sets[0] if sets else ()
     # few poses leave little to learn from: more folds; many poses make every fold dear

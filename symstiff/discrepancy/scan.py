@@ -185,9 +185,10 @@ def extend(scan: Scan, entries: tuple[int, ...]) -> Scan:
 def likely(scan: Scan, squares: Array, by_way: bool = False, within: float = 5.0) -> Mask:
     """(R,) the sharings within some log-likelihood of the best, or of the best of their way.
 
-    It is enough to be so with or without the best candidate, by what every entry explains (R, S).
+    It is enough to be so with or without the best candidate, by what every direction explains (R, K).
     """
-    top = squares.max(axis=1) if squares.size else np.zeros(len(scan.layers))
+    explains = sum_entries(scan.bank, squares.T)
+    top = explains.max(axis=0) if explains.size else np.zeros(len(scan.layers))
     rss = np.array([layer.rss for layer in scan.layers])
     ways = np.array([layer.sharing.way for layer in scan.layers])
     kept = np.zeros(len(scan.layers), bool)

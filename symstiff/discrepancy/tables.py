@@ -131,14 +131,13 @@ def candidate_table(
 ) -> tuple[CandidateResult, ...]:  # fmt: skip
     """All candidates of the catalogue, tested ones best first, then those that these data cannot test."""
     bank, scan = ready.bank, ready.scan
-    place = {c.key: i for i, c in enumerate(bank.candidates) if not bank.generic[i]}
     threshold = critical(outcome.null.named, options.alpha)
     threshold = threshold if np.isfinite(threshold) else 0.0
     sigma2 = scan.best.rss / max(scan.freedom, 1)
     judged = {j.members[0]: j for j in outcome.tried if len(j.members) == 1}
     out = []
     for candidate in candidates:
-        i = place.get(candidate.key)
+        i = bank.named.get(candidate.key)
         if i is None:
             reason = candidate.unavailable or "its columns vanish for these data"
             out.append(_untested(candidate, reason, 0.0, {}))

@@ -25,6 +25,7 @@ from symstiff.discrepancy.growth import Fitted, fit, grow
 from symstiff.discrepancy.point import find_point
 from symstiff.discrepancy.prepare import at_first
 from symstiff.discrepancy.problem import Array, Options, Shape
+from symstiff.discrepancy.proof import FEWEST
 from symstiff.discrepancy.remarks import out_of_range, remarked
 from symstiff.discrepancy.result import CandidateResult, Diagnosis, Estimate, Name, Rms
 from symstiff.discrepancy.speech import named as named_at
@@ -154,15 +155,22 @@ def run(task: Task, tell: Tell = lambda stage: None) -> Finding:
     if wider is None:
         return _finding(task, table, model, model, assembly, first, first, (), remarks, tell)
     tell("complete model")
-    assembly, last = _diagnosed(wider, table, _options(task, max(task.max_effects - 1, 1)), tell)
-    if last.rms.before >= first.rms.before:
+    grown, last = _diagnosed(wider, table, _options(task, max(task.max_effects - 1, 1)), tell)
+    if not _better(last.rms, first.rms):
         return _finding(task, table, model, model, assembly, first, first, (), remarks, tell)
-    climbed = _climbed(first, wider, assembly, last)
+    climbed = _climbed(first, wider, grown, last)
     remarks.append(
         "no few links account for what the joints leave: all links give way, so the complete model "
         "takes the place of the joints-only model, and the diagnosis goes on from there"
     )
-    return _finding(task, table, model, wider, assembly, first, last, climbed, remarks, tell)
+    return _finding(task, table, model, wider, grown, first, last, climbed, remarks, tell)
+
+
+def _better(wider: Rms, narrow: Rms) -> bool:
+    """Whether a model of more parameters leaves less, also on poses that were left out where there are any."""
+    own, other = wider.held_out_before, narrow.held_out_before
+    refuted = own is not None and other is not None and own >= other
+    return wider.before < narrow.before and not refuted
 
 
 def first_assembly(model: StiffnessModel, table: Measurements) -> Assembly:
@@ -320,6 +328,9 @@ def _finding(
             "poses that were not used do not confirm what was found: there the residual does not fall. "
             "Measure more poses before relying on it"
         )
+    if named and len(np.unique(table.pose)) < FEWEST:
+        named = tuple(replace(e, confidence=min(e.confidence, _UNCONFIRMED)) for e in named)
+        remarks.append("so few poses leave none to predict: measure more before relying on what was found")
     if climbed:  # every admissible set holds them
         sets = sorted({e.set_number for e in named}) or [0]
         named = tuple(e for s in sets for e in (*(replace(c, set_number=s) for c in climbed),

@@ -75,4 +75,8 @@ def law_text(finding: Finding, law: FittedLaw) -> str:
         others += " and beyond(t, s) the part of t above s"
     if "late(" in text:
         others += " and late(t, s) following t with the time constant s of the session"
+    if re.search(r"\btime\b", text):
+        others += " and time running from 0 to 1 over the session"
+    if "temperature" in text:
+        others += " and temperature running from 0 at the lowest to 1 at the highest"
     return f"({text}) {unit} with t = τ/({number(law.tau_scale, 4)} {load}){others}"
