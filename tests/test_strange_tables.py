@@ -21,6 +21,7 @@ from symstiff.discrepancy.workflow import Finding, Task, _better, run
 from symstiff.effects.base import EffectInstance, Scales, find
 from symstiff.model import StiffnessModel
 from symstiff.reduction import reduce
+from symstiff.report.html import _unnamed
 from symstiff.report.words import headline, sentence
 from symstiff.robot import load
 from symstiff.symbolic.terms import TIME
@@ -104,6 +105,8 @@ def test_a_sigma_that_is_far_too_small_is_named_as_what_speaks_against_the_model
     assert "times the stated sigma" in sentence(found)
     assert "check the stated sigma" in sentence(found)
     assert not any("masses" in r for r in found.remarks)
+    assert found.last.law is None
+    assert _unnamed(found) is None
 
 
 def test_deflections_of_zero_alone_are_refused(run: Run, tmp_path: Path) -> None:

@@ -140,7 +140,7 @@ def _written(
     scan: Scan = ready.scan
     tell("growth")
     growth = steps(problem, ready, outcome.admissible[0] if outcome.admissible else None, outcome)
-    open_end = outcome.verdict == UNEXPLAINED
+    open_end = outcome.verdict == UNEXPLAINED and not outcome.reason.endswith(NO_TEST_NAMES)
     law = _law(problem, scan, place) if open_end else None
     device = device_law(problem, scan, outcome.found, place.accused) if open_end else None
     names, D = confusion(ready, outcome)

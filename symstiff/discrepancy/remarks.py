@@ -15,7 +15,7 @@ from symstiff.discrepancy.problem import Array
 from symstiff.discrepancy.result import Diagnosis, Estimate
 from symstiff.discrepancy.sharing import JOINTS
 from symstiff.discrepancy.speech import named as named_at
-from symstiff.discrepancy.verdict import INSUFFICIENT, NAMED, NO_TEST_NAMES, NOTHING, UNEXPLAINED, UNTESTABLE
+from symstiff.discrepancy.verdict import INSUFFICIENT, NAMED, NOTHING, UNEXPLAINED, UNTESTABLE
 from symstiff.effects.arm import untold_weight
 from symstiff.effects.base import EffectInstance, find
 
@@ -192,7 +192,7 @@ def _of_weights(view: View, last: Diagnosis) -> list[str]:
     accused = last.localisation.accused.split() if last.localisation is not None else []
     if view.table.kind == "absolute" or last.verdict not in (UNEXPLAINED, INSUFFICIENT):
         return []
-    if last.reason.endswith(NO_TEST_NAMES):
+    if last.against_sigma:
         return []
     if len(accused) != 2 or accused[0] != "joint" or not untold_weight(view.robot, int(accused[1])):
         return []

@@ -11,6 +11,7 @@ from symstiff.discrepancy.problem import Array, Shape
 from symstiff.discrepancy.proof import HeldOut
 from symstiff.discrepancy.separation import Decider
 from symstiff.discrepancy.strata import Stratum
+from symstiff.discrepancy.verdict import NO_TEST_NAMES
 
 
 @dataclass(frozen=True)
@@ -136,3 +137,8 @@ class Diagnosis:
     confusability_names: tuple[Name, ...]
     leading: tuple[tuple[Name, Shape, Mapping[str, Estimate]], ...] = ()
     """The effects of the set that explains most, whether the verdict names it or not."""
+
+    @property
+    def against_sigma(self) -> bool:
+        """Whether nothing but the stated sigma speaks against the model."""
+        return self.reason.endswith(NO_TEST_NAMES)

@@ -244,7 +244,8 @@ def _laws(finding: Finding) -> list[dict[str, Any]]:
 
 
 def _unnamed(finding: Finding) -> dict[str, Any] | None:
-    if finding.verdict not in ("unexplained", "named_insufficient") or not finding.testable:
+    known = finding.verdict not in ("unexplained", "named_insufficient")
+    if known or not finding.testable or finding.last.against_sigma:
         return None
     where, law, device = finding.last.localisation, finding.last.law, finding.last.device_law
     top = [] if where is None else [

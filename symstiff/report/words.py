@@ -10,7 +10,7 @@ from symstiff.discrepancy.numbers import p_equals, quantity
 from symstiff.discrepancy.remarks import FEW
 from symstiff.discrepancy.result import Name
 from symstiff.discrepancy.speech import named, place, spoken
-from symstiff.discrepancy.verdict import AS_WELL, INSUFFICIENT, NO_TEST_NAMES, NOT_ALONE, REFUTED
+from symstiff.discrepancy.verdict import AS_WELL, INSUFFICIENT, NOT_ALONE, REFUTED
 from symstiff.discrepancy.workflow import Finding, Found, unconfirmed
 from symstiff.effects.base import EffectInstance
 from symstiff.report.deciding import deciding
@@ -51,7 +51,7 @@ def headline(finding: Finding) -> str:
         return "Nothing can be tested with these data"
     if finding.reason == NOT_ALONE:
         return "Something is missing, and the data do not tell whether the catalogue has a name for it"
-    if _against_sigma(finding):
+    if finding.last.against_sigma:
         return "More is left than the stated sigma allows, and no test finds anything missing"
     if finding.reason in (AS_WELL, REFUTED):
         return f"Something is missing, perhaps: {names(finding.named)}"
@@ -253,13 +253,8 @@ def _insufficient(finding: Finding) -> str:
     return f"The leading explanation is {listed(finding)}, but {why}; {gap(finding)}."
 
 
-def _against_sigma(finding: Finding) -> bool:
-    """Whether nothing but the stated sigma speaks against the model."""
-    return finding.reason.endswith(NO_TEST_NAMES)
-
-
 def _unexplained(finding: Finding) -> str:
-    if _against_sigma(finding):
+    if finding.last.against_sigma:
         return (
             f"No test finds anything missing, and {finding.reason} (residual {size(finding.rms.before, finding)} rms "
             f"per coordinate, noise as stated {size(finding.last.noise.stated, finding)}): check the stated sigma."
