@@ -79,6 +79,12 @@ def test_a_bad_option_is_one_line_and_nothing_is_written(
     assert list(tmp_path.iterdir()) == []
 
 
+def test_a_plan_for_too_few_points_says_how_to_go_on(run: Run, tmp_path: Path) -> None:
+    result = run("plan", "scara", "--poses", "10", "--markers", "p1", "-o", str(tmp_path / "poses.csv"))
+    assert_users_mistake(result, "no plan tells k0_22", "--measure position")
+    assert list(tmp_path.iterdir()) == []
+
+
 BAD_USAGE = [
     (("frob",), ("no such command 'frob'", "symstiff --help")),
     (("generate",), ("missing argument 'robot'", "symstiff generate --help")),

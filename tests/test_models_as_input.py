@@ -12,12 +12,15 @@ from command_line import OBLIQUE, Run, assert_users_mistake, run_command_line  #
 from symstiff.calibration.identify import identify
 from symstiff.calibration.measurements import measurements
 from symstiff.calibration.rows import equations, stated_sigma
+from symstiff.discrepancy.workflow import Task
+from symstiff.discrepancy.workflow import run as diagnose
 from symstiff.effects.base import EffectInstance, Scales, catalogue
 from symstiff.errors import UserError
 from symstiff.model import StiffnessModel
 from symstiff.reduction.reduce import reduce
 from symstiff.robot import load
 from symstiff.robot.table import to_table
+from tests.diagnosis_data import ROBOT, measured
 
 DRIFT = EffectInstance("thermal_drift", {"measurement": "frame"}, {"T": 3600.0})
 
@@ -44,6 +47,16 @@ def test_a_model_of_another_geometry_is_refused(run: Run, tmp_path: Path) -> Non
         assert_users_mistake(run(*command), "model.toml", "another geometry", "mm apart")
     assert not (tmp_path / "out").exists()
     assert not (tmp_path / "out.toml").exists()
+
+
+def test_a_diagnosis_starts_from_a_model_that_is_no_file_too(tmp_path: Path) -> None:
+    table, complete = measured(), StiffnessModel.of(reduce(load(ROBOT), "force", "position"))
+    given = diagnose(Task(load(ROBOT), table, complete))
+    complete.save(tmp_path / "model.toml")
+    read = diagnose(Task(load(ROBOT), table, str(tmp_path / "model.toml")))
+    assert (given.verdict, given.rms, given.task.origin) == (read.verdict, read.rms, "a model")
+    with pytest.raises(UserError, match=f"the start model is a model of scara, not of {ROBOT}"):
+        identify(load(ROBOT), table, scara())
 
 
 def test_generated_code_leaves_out_what_the_measuring_device_does(run: Run, tmp_path: Path) -> None:

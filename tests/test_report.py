@@ -15,7 +15,7 @@ import sympy as sp
 
 from symstiff.calibration.table import read_poses
 from symstiff.cli.diagnose import _more
-from symstiff.discrepancy.numbers import number, p_equals, quantity
+from symstiff.discrepancy.numbers import milli, number, p_equals, quantity
 from symstiff.discrepancy.result import Estimate
 from symstiff.discrepancy.workflow import Finding, Found, Task, run
 from symstiff.effects import EffectInstance
@@ -369,6 +369,12 @@ def test_text_from_the_user_is_escaped(named: Finding) -> None:
 )
 def test_quantities_read_as_a_person_writes_them(value: float, std: float, unit: str, text: str) -> None:
     assert quantity(Estimate(value, std, unit)) == text
+
+
+def test_a_residual_below_a_thousandth_is_not_shown_as_none() -> None:
+    assert [milli(x) for x in (0.0, 1.234e-2, 2.6e-5, 4.18e-7, -3e-9)] == [
+        "0.000", "12.340", "0.026", "0.00042", "-3e-06",
+    ]  # fmt: skip
 
 
 def test_numbers_far_from_one_have_powers_of_ten() -> None:

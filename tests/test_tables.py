@@ -188,6 +188,8 @@ def test_a_row_given_in_two_files_names_both(tmp_path):
     one, two = save(tmp_path, GOOD, "one.csv"), save(tmp_path, GOOD, "two.csv")
     with pytest.raises(UserError, match=r"two\.csv: line 2: duplicate of .*one\.csv: line 2"):
         read_measurements([one, two])
+    with pytest.raises(UserError, match=r"one\.csv is given twice"):
+        read_measurements([one, tmp_path / ".." / tmp_path.name / "one.csv"])
 
 
 def test_different_kinds_of_data_do_not_mix(tmp_path):

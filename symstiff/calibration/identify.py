@@ -106,9 +106,12 @@ class Identification:
 
 
 def start_model(
-    robot: Robot, start: str, experiment: ExperimentClass
+    robot: Robot, start: str | StiffnessModel, experiment: ExperimentClass
 ) -> tuple[StiffnessModel, Reduction | None]:
-    """The model to fit: ``complete`` (reduced for the experiment), ``joints``, or a model file."""
+    """The model to fit: ``complete`` (reduced for the experiment), ``joints``, a model file, or the model itself."""
+    if isinstance(start, StiffnessModel):
+        check_same_robot(start, robot, "the start model")
+        return start, None
     if start == "complete":
         reduction = reduce(robot, experiment.loads, experiment.measure, experiment.fixed)
         return StiffnessModel.of(reduction), reduction
@@ -147,10 +150,7 @@ def identify(
     seen = experiment_of(table, robot)
     remarks += [*_of_loads(table, seen.loads), *_repeated(table)]
     experiment = ExperimentClass(loads or seen.loads, measure or seen.measure, seen.fixed)
-    if isinstance(start, StiffnessModel):
-        model, reduction = start, None
-    else:
-        model, reduction = start_model(robot, start, experiment)
+    model, reduction = start_model(robot, start, experiment)
     if experiment.fixed and start in ("complete", "joints"):
         names = ", ".join(f"q{i}" for i in experiment.fixed)
         remarks.append(f"{names} never move(s): the model is reduced for that")

@@ -69,6 +69,9 @@ def _read(paths: Paths, purpose: Literal["measured", "poses"]) -> Measurements:
         paths = [paths]
     if not paths:
         raise UserError("no table given: name at least one CSV file")
+    for k, path in enumerate(paths):
+        if Path(path).resolve() in [Path(other).resolve() for other in paths[:k]]:
+            raise UserError(f"{path} is given twice: name each table once")
     table = concatenate([read_file(Path(path), purpose) for path in paths])
     check_rows(table)
     return table

@@ -141,6 +141,8 @@ def print_residuals(out: Console, parts: list[tuple[str, Any]]) -> None:
     """MAX and RMS by axis before and after compensation, as the seed's Table 2."""
     from rich.table import Table
 
+    from symstiff.discrepancy.numbers import milli
+
     for title, residuals in parts:
         if residuals is None:
             continue
@@ -153,5 +155,5 @@ def print_residuals(out: Console, parts: list[tuple[str, Any]]) -> None:
         for axis, before in residuals.before.items():
             unit = "mrad" if axis.startswith("r") else "mm"
             both = (before, residuals.after[axis])
-            table.add_row(f"{axis} [{unit}]", *(f"{1e3 * x:.3f}" for s in both for x in (s.max, s.rms)))
+            table.add_row(f"{axis} [{unit}]", *(milli(x) for s in both for x in (s.max, s.rms)))
         out.print(table)

@@ -28,6 +28,11 @@ def number(value: float, digits: int = 3) -> str:
     return f"{mantissa}·10{str(int(exponent)).translate(_SUPER)}"
 
 
+def milli(value: float) -> str:
+    """A length [m] or an angle [rad] in thousandths: three decimals, or two digits where these would show nothing."""
+    return f"{1e3 * value:.3f}" if value == 0 or abs(value) >= 1e-5 else f"{1e3 * value:.2g}"
+
+
 def quantity(estimate: Estimate) -> str:
     """A value with its standard deviation and unit: ``(1.44 ± 0.10)·10⁻⁷ rad/(N·m)``."""
     unit, factor = _SHOWN.get(estimate.unit, (unit_text(estimate.unit), 1.0))

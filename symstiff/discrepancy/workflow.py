@@ -54,12 +54,17 @@ class Task:
 
     robot: Robot
     table: Measurements
-    start: str = "complete"
+    start: str | StiffnessModel = "complete"
     loads: str | None = None
     measure: str | None = None
     max_effects: int = 3
     max_poses: int | None = None
     seed: int = 0
+
+    @property
+    def origin(self) -> str:
+        """What the diagnosis starts from, as text."""
+        return self.start if isinstance(self.start, str) else "a model"
 
 
 @dataclass(frozen=True)

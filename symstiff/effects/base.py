@@ -289,7 +289,10 @@ def catalogue() -> dict[str, Effect]:
 def find(identifier: str) -> Effect:
     """An effect by its identifier. Raises UserError for an unknown one."""
     if identifier not in catalogue():
-        raise UserError(f"unknown effect {identifier!r}: known are {', '.join(catalogue())}")
+        raise UserError(
+            f"unknown effect {identifier!r}: known are {', '.join(catalogue())}; one of another package is known "
+            "where that package is installed (entry points symstiff.effects)"
+        )
     return catalogue()[identifier]
 
 

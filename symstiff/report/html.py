@@ -44,7 +44,7 @@ def _context(finding: Finding, files: dict[str, Any], changes: list[Line]) -> di
     return {
         "version": __version__,
         "robot": robot.title or robot.name,
-        "start": finding.task.start,
+        "start": finding.task.origin,
         "headline": words.headline(finding),
         "sentence": words.sentence(finding, files.get("decide")),
         "verdict": finding.verdict if finding.testable else "untestable",
@@ -389,7 +389,9 @@ def _noise(finding: Finding) -> list[str]:
         lines.append(f"load cases of a pose share an error of {words.size(n.approach, finding)}{how}")
     if n.homogeneity_p < _SEEN:
         units = ("mm", "mrad")
-        by = ", ".join(f"{plots.COMPONENTS[a]} {1e3 * s:.3f} {units[a > 2]}" for a, s in n.by_axis.items())
+        by = ", ".join(
+            f"{plots.COMPONENTS[a]} {numbers.milli(s)} {units[a > 2]}" for a, s in n.by_axis.items()
+        )
         lines.append(f"the noise differs between axes: {by}")
     for what, power in n.growth.items():
         if abs(power) > 0.25:

@@ -11,6 +11,7 @@ from typing import Any
 
 import numpy as np
 
+from symstiff.discrepancy.numbers import milli
 from symstiff.discrepancy.problem import Array
 from symstiff.discrepancy.workflow import Finding
 from symstiff.report.tables import by_state, standardised
@@ -78,12 +79,12 @@ def draw_gap(finding: Finding) -> Picture:
                 axes.barh(k + shift, 1e3 * value, 0.34, color=colour)
                 right = max(value, r.noise) if 0.8 * r.noise < value < 1.15 * r.noise else value
                 axes.annotate(
-                    f"{1e3 * value:.3f}", (1e3 * right, k + shift), va="center", fontsize=8,
+                    milli(value), (1e3 * right, k + shift), va="center", fontsize=8,
                     xytext=(4, 0), textcoords="offset points",
                 )  # fmt: skip
         axes.axvline(1e3 * r.noise, color=NOISE, linewidth=1.4, linestyle="--")
         axes.annotate(
-            f"noise {1e3 * r.noise:.3f}", (1e3 * r.noise, -0.62), color=NOISE, fontsize=8,
+            f"noise {milli(r.noise)}", (1e3 * r.noise, -0.62), color=NOISE, fontsize=8,
             xytext=(3, 0), textcoords="offset points",
         )  # fmt: skip
         axes.set_yticks(range(len(rows)), [name for name, *_ in rows])

@@ -26,7 +26,7 @@ def verdict_table(finding: Finding) -> dict[str, Any]:
         "reason": finding.reason,
         "remarks": list(finding.remarks),
         "robot": finding.task.robot.name,
-        "start": finding.task.start,
+        "start": finding.task.origin,
         "effects": [effect_table(e) for e in finding.effects],
         "alternatives": [effect_table(e) for e in finding.alternatives],
         "candidates": [_candidate(c) for c in finding.candidates],

@@ -6,7 +6,7 @@ import math
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-from symstiff.discrepancy.numbers import p_equals, quantity
+from symstiff.discrepancy.numbers import milli, p_equals, quantity
 from symstiff.discrepancy.remarks import FEW
 from symstiff.discrepancy.result import Name
 from symstiff.discrepancy.speech import named, place, spoken
@@ -42,7 +42,7 @@ def _nothing_missing(finding: Finding) -> str:
 def size(value: float | None, finding: Finding) -> str:
     """A residual as millimetres; as milliradians where rotations alone were measured."""
     unit = "mm" if finding.table.measured[:, :3].any() else "mrad"
-    return "–" if value is None else f"{1e3 * value:.3f} {unit}"
+    return "–" if value is None else f"{milli(value)} {unit}"
 
 
 def headline(finding: Finding) -> str:

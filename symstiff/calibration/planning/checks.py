@@ -53,7 +53,8 @@ def check_rank(rows: np.ndarray, parameters: Sequence[str]) -> np.ndarray:
         mixed = [name for name, s in zip(parameters, share, strict=True) if s > 1e-6]
         raise UserError(
             f"no plan tells {_names(mixed)} apart with these loads, points and joints ({int(missing.sum())} "
-            "combinations stay unknown): reduce the model for this load and measurement first"
+            "combinations stay unknown): reduce the model for this load and measurement first (fewer than "
+            "three points tell no pose: --measure position), or measure more points"
         )
     return np.asarray(1.0 / size)
 
