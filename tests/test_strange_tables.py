@@ -5,12 +5,14 @@ from __future__ import annotations
 from dataclasses import replace
 from functools import cache
 from pathlib import Path
+from typing import Literal
 
 import numpy as np
 import pytest
 from command_line import Run, assert_users_mistake, run_command_line  # noqa: F401
 
 from symstiff.calibration.identify import identify
+from symstiff.calibration.markers import marker_hint
 from symstiff.calibration.measurements import Measurements
 from symstiff.calibration.rows import predict
 from symstiff.calibration.simulation import Effect, Noise, Truth, nominal_truth, simulate
@@ -74,6 +76,33 @@ def test_an_exchanged_branch_is_asked_about() -> None:
     right = diagnosed(lag())
     assert [e.effect for e in right.named] == ["hysteresis"]
     assert not any("exchanged" in r for r in right.remarks)
+
+
+@pytest.mark.parametrize("kind", ["deflection", "absolute"])
+@pytest.mark.parametrize("names", [("p2", "p1", "p3"), ("p3", "p1", "p2")])
+def test_exchanged_markers_are_asked_about(
+    kind: Literal["deflection", "absolute"], names: tuple[str, ...]
+) -> None:
+    truth = Truth(load(ROBOT), nominal_truth(load(ROBOT)), noise=Noise((0.02,) * 3))
+    table = simulate(truth, replace(design(), kind=kind), 3)
+    assert diagnosed(table).verdict == "nothing_missing"
+    found = diagnosed(replace(table, points=names))
+    assert not found.testable
+    read = ", ".join(f"{a} as {b}" for a, b in zip(names, table.points, strict=True) if a != b)
+    assert f"markers look exchanged: to read {read}" in found.reason
+    if kind == "deflection":
+        said = identify(load(ROBOT), replace(table, points=names)).remarks
+        assert any("markers look exchanged" in remark for remark in said)
+        assert not any("exchanged" in remark for remark in identify(load(ROBOT), table).remarks)
+
+
+def test_of_many_markers_two_may_be_exchanged() -> None:
+    told = tuple("abcdef")
+    wrong = ("a", "e", "c", "d", "b", "f")
+    hint = marker_hint(told, lambda names: 4e-8 if names == wrong else 4.0)
+    assert hint == "markers look exchanged: to read b as e, e as b would leave 0 % of the residual"
+    assert marker_hint(told, lambda names: 1.0) == ""
+    assert marker_hint(("tcp",), lambda names: 1.0) == ""
 
 
 def test_one_wrong_digit_is_pointed_at() -> None:

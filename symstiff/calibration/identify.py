@@ -16,6 +16,7 @@ from symstiff.calibration.constrained import ConstrainedEstimate, constrain
 from symstiff.calibration.estimate import Estimate, estimate
 from symstiff.calibration.experiment.rounding import without_rounding
 from symstiff.calibration.loading import as_loading
+from symstiff.calibration.markers import left_of_deflections, marker_hint
 from symstiff.calibration.measurements import Measurements
 from symstiff.calibration.residuals import ResidualTable, residual_table, split
 from symstiff.calibration.robust import RobustEstimate, robust_estimate
@@ -166,7 +167,8 @@ def identify(
         return _from_absolute(model, reduction, table, remarks)
     train, validation = _split(table, held_out, seed)
     fitted, e, strong = fit_model(model, train, robust=robust)
-    remarks += axis_remarks(model, train, e)
+    exchanged = marker_hint(train.points, left_of_deflections(model, train))
+    remarks += [exchanged] if exchanged else axis_remarks(model, train, e)
     check_determined(fitted.rank, fitted.names, len(e.y), doubts)
     values, constrained = _values(fitted, reduction, physical)
     model = model.with_values(values, _finite(dict(zip(fitted.names, fitted.std.tolist(), strict=True))))

@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 
 from symstiff.calibration.experiment.placement import placed
 from symstiff.calibration.experiment.situation import Laws, look
 from symstiff.calibration.identify import axis_remarks
+from symstiff.calibration.markers import left_of_deflections, marker_hint
 from symstiff.calibration.measurements import Measurements
 from symstiff.calibration.rows import equations
 from symstiff.model import StiffnessModel
@@ -37,7 +39,12 @@ def _partial(values: np.ndarray) -> bool:
 
 def doubted(model: StiffnessModel, table: Measurements) -> str:
     """Why the table is to be looked at first: axes or places that cannot be as they are told; empty if they can."""
-    if table.kind == "absolute":
+    absolute = table.kind == "absolute"
+    left = partial(_excess, model, table) if absolute else left_of_deflections(model, table)
+    hint = marker_hint(table.points, left)
+    if hint:
+        return f"{hint}: correct the column point"
+    if absolute:
         return _misplaced(model, table)
     if not any(not p.is_joint for p in model.compliances):
         return ""
@@ -45,11 +52,16 @@ def doubted(model: StiffnessModel, table: Measurements) -> str:
     return f"{hints[0]}: correct the table, or the signs of its loads" if hints else ""
 
 
+def _excess(model: StiffnessModel, table: Measurements, names: tuple[str, ...]) -> float:
+    """Mean square of what positions are beyond the robot placed as well as it can be, points named otherwise [m²]."""
+    view = look(model.robot, replace(table, points=names))
+    view, excess = placed(view, Laws(view, model.terms, model.values))
+    return float(np.mean(excess[view.component < 3] ** 2))
+
+
 def _misplaced(model: StiffnessModel, table: Measurements) -> str:
     """Why absolute positions cannot be this robot's: placed as well as possible it is far from them."""
-    view = look(model.robot, table)
-    view, excess = placed(view, Laws(view, model.terms, model.values))
-    away = float(np.sqrt(3.0 * np.mean(excess[view.component < 3] ** 2)))
+    away = float(np.sqrt(3.0 * _excess(model, table, table.points)))
     if away < _AWAY * model.robot.reach:
         return ""
     return (

@@ -1,0 +1,62 @@
+"""A hint for exchanged markers: would the measured points, named otherwise, fit far better?"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+from itertools import permutations
+
+import numpy as np
+
+from symstiff.calibration.measurements import Measurements
+from symstiff.calibration.rows import equations
+from symstiff.model import StiffnessModel
+
+_FAR_BETTER = 0.5
+"""Part of the squares left as named up to which another naming is spoken of."""
+_MOST = 4
+"""Points of which every order is tried; of more, two at a time change their names."""
+
+
+def marker_hint(points: Sequence[str], left: Callable[[tuple[str, ...]], float]) -> str:
+    """Which points look exchanged; empty if none do.
+
+    ``left`` gives the sum of squares that is left where the points of a table have other names, in their order.
+    """
+    told = tuple(points)
+    if len(told) < 2:
+        return ""
+    now = left(told)
+    found = {names: left(names) for names in _orders(told)}
+    best = min(found, key=lambda names: found[names])
+    if found[best] > _FAR_BETTER * now:
+        return ""
+    read = ", ".join(f"{a} as {b}" for a, b in zip(told, best, strict=True) if a != b)
+    share = 100.0 * float(np.sqrt(found[best] / now))
+    return f"markers look exchanged: to read {read} would leave {share:.0f} % of the residual"
+
+
+def left_of_deflections(model: StiffnessModel, table: Measurements) -> Callable[[tuple[str, ...]], float]:
+    """What the model, fitted to deflections anew, leaves of them by the names of their points [m², rad²]."""
+
+    def left(names: tuple[str, ...]) -> float:
+        e = equations(model, replace(table, points=names))
+        scale = np.linalg.norm(e.A, axis=0)
+        fitted = np.linalg.lstsq(e.A / np.where(scale > 0, scale, 1.0), e.y, rcond=1e-10)[0]
+        rest = e.y - e.A / np.where(scale > 0, scale, 1.0) @ fitted
+        return float(rest @ rest)
+
+    return left
+
+
+def _orders(told: tuple[str, ...]) -> list[tuple[str, ...]]:
+    """Other orders of some names."""
+    if len(told) <= _MOST:
+        return [names for names in permutations(told) if names != told]
+    out = []
+    for a in range(len(told)):
+        for b in range(a):
+            names = list(told)
+            names[a], names[b] = told[b], told[a]
+            out.append(tuple(names))
+    return out
