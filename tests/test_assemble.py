@@ -111,6 +111,21 @@ def test_rows_say_what_they_are() -> None:
     )
 
 
+def test_load_cases_are_numbered_in_their_pose_as_measured_and_a_sensors_scatter_makes_none() -> None:
+    table = design("scara", "deflection", 4, (0.25, 0.5, 1.0, -0.5, -1.0))
+    rows = np.tile(np.arange(len(table)), 2)
+    twice = replace(table.select(rows), repeat=np.repeat([1.0, 2.0], len(table)))
+    twice = replace(twice, branch=np.full(len(twice), np.nan))
+    scatter = 5e-5 * np.abs(twice.w).max() * np.random.default_rng(2).normal(size=twice.w.shape)
+    for given in (twice, replace(twice, w=twice.w + scatter)):
+        values = np.tile([1e-3, 1e-3, 1e-3, np.nan, np.nan, np.nan], (len(given), 1))
+        problem = assemble(complete("scara"), replace(given, values=values), effects=()).problem
+        first = np.tile(np.repeat(np.arange(5), 3), 4)
+        found = problem.case.reshape(-1, 3)[:, 0]
+        assert list(found) == list(np.tile(first, 2))
+        assert len(np.unique(problem.cells)) == problem.rows / 2
+
+
 SIGNALS = [
     ("deflection", "joint_compliance", {"joint": 2}, "", {"c": 1e-8}, True),
     ("deflection", "backlash", {"joint": 3}, "tanh", {"gap": 1e-5, "knee": "width"}, False),

@@ -9,7 +9,6 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from symstiff.discrepancy import baselines
 from symstiff.discrepancy.design import confusability, detectable_noncentrality, share_left
 from symstiff.discrepancy.diagnose import diagnose
 from symstiff.discrepancy.noise import Noise
@@ -20,6 +19,7 @@ from symstiff.discrepancy.scan import evidence, explained, open_scan
 from symstiff.discrepancy.separation import Hypotheses, deciding_poses
 from symstiff.discrepancy.sharing import AXES, JOINTS, Sharing
 from symstiff.errors import UserError
+from tests.blind import baselines
 
 SIGMA = 3e-5
 QUICK = Options(draws=150, held_out=False)

@@ -5,17 +5,20 @@ from __future__ import annotations
 import weakref
 from collections.abc import Sequence
 from dataclasses import replace
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
 import pytest
 
 from symstiff.discrepancy import prepare as prepare_module
+from symstiff.discrepancy.bank import build
 from symstiff.discrepancy.diagnose import diagnose
+from symstiff.discrepancy.noise import start
 from symstiff.discrepancy.prepare import prepare
 from symstiff.discrepancy.problem import Array, Candidate, Parameter, Problem
-from symstiff.discrepancy.scan import Scan, evidence, likeliest
-from symstiff.discrepancy.sharing import EACH, JOINTS, LEARNED, sizes
+from symstiff.discrepancy.scan import Scan, evidence, likeliest, open_scan
+from symstiff.discrepancy.sharing import EACH, JOINTS, LEARNED, Sharing, Split, sizes
 from symstiff.discrepancy.strata import strata
 from tests.test_discrepancy_engine import QUICK, SIGMA, arm, catalogue, measured, saturating, scaled
 
@@ -53,8 +56,51 @@ def test_a_robot_that_comes_back_for_every_repeat_or_stays_raises_no_alarm(anew:
     assert [d.verdict for d in found].count("nothing_missing") >= 7
     assert np.median([d.noise.sigma for d in found]) == pytest.approx(SIGMA, rel=0.1)
     assert np.median([d.noise.approach for d in found]) == pytest.approx(3.0 * SIGMA, rel=0.25)
-    # what a robot misses its pose by every time anew is in its repeats, and the readings' noise is not told by them
-    assert {d.noise.source for d in found} == {"residual" if anew else "repeats"}
+    assert {d.noise.source for d in found} == {"repeats"}
+    assert [d.noise.misstated for d in found].count(True) <= 1
+
+
+@pytest.mark.parametrize("size", [0.0, 3.0])
+def test_a_lack_of_fit_is_seen_where_every_repeat_is_an_approach(size: float) -> None:
+    again = repeated(arm(12, levels=(0.25, 0.5, 0.75, 1.0)).problem, 3)
+    assert again.load is not None
+    each = 6.0 * SIGMA * np.random.default_rng(5).normal(size=(again.poses, 2))[again.pose, again.axis]
+    table = approached(replace(again, y=again.y + each * again.load**2), size * SIGMA, 2, True)
+    parts = {s.name: s for s in strata(table, prepare(table, ()).scan)}
+    assert parts["repeats"].degrees_of_freedom > 100
+    assert parts["proportional to load, by pose"].p_value < 1e-3  # type: ignore[operator]
+    clean = approached(again, size * SIGMA, 3, True)
+    for s in strata(clean, prepare(clean, ()).scan):
+        assert s.ratio == pytest.approx(1.0, abs=4.0 * np.sqrt(2.0 / s.degrees_of_freedom))
+
+
+def drifting(problem: Problem) -> Candidate:
+    """The frame, over the session."""
+    assert problem.time is not None
+    columns = (problem.axis[:, None] == np.unique(problem.axis)) * problem.time[:, None]
+    sizes = (Parameter("x", "m"), Parameter("y", "m"))
+    return Candidate("drift", {"measurement": "frame"}, sizes, lambda shape: columns)
+
+
+def test_a_drift_between_repeats_is_no_noise_once_it_is_in_the_model() -> None:
+    again = repeated(arm(12, levels=(0.5, 1.0)).problem, 3)
+    again = replace(again, time=np.arange(again.rows, dtype=float) / again.rows)
+    drift = 6.0 * SIGMA * again.time * (again.axis == 0)
+    noise = SIGMA * np.random.default_rng(8).normal(size=again.rows)
+    table = replace(again, y=again.y + drift + noise, sigma=np.full(again.rows, SIGMA))
+    found = diagnose(table, (*catalogue(table), drifting(table)), QUICK)
+    assert [e.effect for e in found.effects] == ["drift"]
+    assert found.noise.sigma == pytest.approx(SIGMA, rel=0.15)
+    assert not found.noise.misstated
+    assert found.rms.after == pytest.approx(found.rms.noise, rel=0.1)
+    assert all(s.degrees_of_freedom > 0 for step in found.growth for s in step.strata)
+    for s in found.growth[-1].strata:
+        assert s.ratio == pytest.approx(1.0, abs=4.0 * np.sqrt(2.0 / s.degrees_of_freedom))
+
+
+def test_too_few_rows_say_nothing_of_a_shared_error() -> None:
+    a = arm(2, levels=(0.5, 1.0))
+    assert prepare(measured(a.problem, 0.0, 1), ()).report.approach_p == 1.0
 
 
 def test_what_is_missing_is_named_where_every_repeat_is_an_approach() -> None:
@@ -274,16 +320,40 @@ def test_strata_know_loads_that_are_told_to_few_digits() -> None:
 
 
 def test_strata_share_out_the_whole_residual() -> None:
-    a = arm(10)
-    ready = prepare(measured(a.problem), a.candidates)
-    parts = strata(a.problem, ready.scan)
-    assert sum(s.degrees_of_freedom for s in parts) == a.problem.rows - 3
-    rest = parts[-1].sum_of_squares / parts[-1].degrees_of_freedom
-    total = sum(s.sum_of_squares for s in parts)
-    assert total * (rest and 1.0) == pytest.approx(
-        ready.scan.best.rss / (ready.scan.best.rss / total), rel=1e-9
-    )
-    assert {"nonlinear in load", "loading against unloading"} <= {s.name for s in parts}
+    """Against nested dense least squares, rows that share nothing."""
+    problem = measured(arm(10).problem)
+    assert problem.time is not None
+    assert problem.load is not None
+    noise = replace(start(problem, Split()), sharings=(Sharing(),))
+    parts = strata(problem, open_scan(build(problem, (), ()), noise, problem.y, problem.A))
+    axes = (problem.axis[:, None] == np.unique(problem.axis)).astype(float)
+    each = np.hstack([axes * (problem.pose == p)[:, None] for p in range(problem.poses)])
+    clock = problem.time - problem.time.mean()
+    further = {
+        "time": np.hstack([axes * clock[:, None], axes * clock[:, None] ** 2]),
+        "loading against unloading": each * problem.branch[:, None],  # type: ignore[index]
+        "proportional to load, by pose": each * problem.load[:, None],
+        "common to a pose's load cases": each,
+        "nonlinear in load": each * problem.load[:, None] ** 2,
+    }
+    X, left = problem.A, [_left_of(problem, problem.A)]
+    for columns in further.values():
+        X = np.hstack([X, columns])
+        left.append(_left_of(problem, X))
+    assert [s.name for s in parts] == [*further, "rest"]
+    assert [s.degrees_of_freedom for s in parts[:-1]] == [a[1] - b[1] for a, b in pairwise(left)]
+    reference = left[-1][0] / left[-1][1]
+    wanted = [(a[0] - b[0]) / reference for a, b in pairwise(left)]
+    assert [s.sum_of_squares for s in parts[:-1]] == pytest.approx(wanted, rel=1e-6)
+    assert parts[-1].sum_of_squares == pytest.approx(left[-1][1])
+
+
+def _left_of(problem: Problem, X: Array) -> tuple[float, int]:
+    """Sum of squares that columns leave, and its degrees of freedom."""
+    scaled_to_one = X / np.linalg.norm(X, axis=0)
+    fitted, _, rank, _ = np.linalg.lstsq(scaled_to_one, problem.y, rcond=1e-10)
+    rest = problem.y - scaled_to_one @ fitted
+    return float(rest @ rest), problem.rows - int(rank)
 
 
 def test_load_nonlinearity_shows_in_its_own_stratum() -> None:

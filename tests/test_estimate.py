@@ -11,11 +11,11 @@ import scipy.stats
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from symstiff.calibration.axes import assignment, axis_hint, axis_hint_refit, signed_permutations
+from symstiff.calibration.axes import assignment, axis_hint_refit, signed_permutations
 from symstiff.calibration.compact import component_sigma
 from symstiff.calibration.constrained import constrain
 from symstiff.calibration.estimate import estimate, unit_of
-from symstiff.calibration.residuals import folds, held_out_prediction, histograms, residual_table, split
+from symstiff.calibration.residuals import residual_table, split
 from symstiff.calibration.robust import robust_estimate
 from symstiff.calibration.soundness import check_determined, check_loads, check_poses, missing_information
 from symstiff.errors import UserError
@@ -270,7 +270,6 @@ def test_residual_tables_count_axes_positions_and_the_compensated_share():
     assert table.before["y"].rms == pytest.approx(np.sqrt(17 / 3))
     assert table.compensated == pytest.approx(0.9)
     assert "rx" not in table.before
-    assert histograms(np.random.default_rng(0).normal(size=(200, 3)))[0].normal_p > 1e-3
 
 
 @given(
@@ -282,37 +281,24 @@ def test_all_rows_of_a_pose_are_held_out_together(groups, seed):
     fit, held = split(groups, 0.3, seed)
     assert not set(groups[fit]) & set(groups[held])
     assert sorted([*fit, *held]) == list(range(len(groups)))
-    parts = [held for _, held in folds(groups, 4, seed)]
-    assert sorted(np.concatenate(parts)) == list(range(len(groups)))
-    assert all(not set(groups[a]) & set(groups[b]) for a, b in folds(groups, 4, seed))
-
-
-def test_held_out_predictions_are_worse_than_fitted_ones_and_close_to_the_noise():
-    A, x, _, _ = identified(poses=40)
-    rng, sigma = np.random.default_rng(12), np.tile(ROW_SIGMA, 40)
-    y = A @ x + sigma * rng.normal(size=len(sigma))
-    out = (y - held_out_prediction(A, y, sigma, np.repeat(np.arange(40), 6))) / sigma
-    fitted = estimate(A, y, sigma).whitened
-    assert np.std(fitted) < 1.0 < np.std(out) < 1.6
 
 
 @pytest.mark.parametrize("change", signed_permutations()[1:], ids=assignment)
 def test_every_swap_of_the_measured_axes_is_named(change):
-    A, x, _, _ = identified(poses=12)
-    true = (A @ x).reshape(-1, 6)[:, :3]
-    rng = np.random.default_rng(13)
-    prediction = 1.4 * true + 0.05 * np.std(true) * rng.normal(size=true.shape)
-    hint = axis_hint(true @ change, prediction)
+    A, x, kept, _ = identified(poses=40)
+    rows = np.flatnonzero(np.arange(len(A)) % 6 < 3)
+    true = (A @ x).reshape(-1, 6)[:, :3] + 1e-5 * np.random.default_rng(13).normal(size=(40, 3))
+    positive = [name[0] == "c" or name[-1] == name[-2] for name in kept]
+    hint = axis_hint_refit(A[rows], true @ change, positive=positive)
     assert hint is not None
     np.testing.assert_array_equal(hint.signed, change)
 
 
-def test_axes_that_fit_as_they_are_give_no_hint_and_a_refit_needs_no_nominal_model():
+def test_axes_that_fit_as_they_are_give_no_hint_and_an_axis_turned_round_does():
     A, x, kept, _ = identified(poses=25)
     rows = np.flatnonzero(np.arange(len(A)) % 6 < 3)
     true = (A @ x).reshape(-1, 6)[:, :3] + 1e-5 * np.random.default_rng(14).normal(size=(25, 3))
     positive = [name[0] == "c" or name[-1] == name[-2] for name in kept]
-    assert axis_hint(true, true) is None
     assert axis_hint_refit(A[rows], true, positive=positive) is None
     swap = np.array([[0, -1, 0], [1, 0, 0], [0, 0, 1.0]])
     hint = axis_hint_refit(A[rows], true @ swap, positive=positive)
@@ -326,24 +312,6 @@ def test_axes_that_fit_as_they_are_give_no_hint_and_a_refit_needs_no_nominal_mod
         A[rows], -true, positive=positive, force=-true
     )  # the forces do positive work
     assert another_robots is None
-
-
-def test_swapped_wrench_axes_are_told_from_swapped_deflection_axes():
-    complete = names()
-    x = truth(complete)
-    q, w = sample(12, 15)
-    swap = np.array([[0, 0, 1.0], [0, -1, 0], [1, 0, 0]])
-
-    def turn(S):
-        given_ = np.hstack([w[:, :3] @ swap, w[:, 3:] @ swap])
-        wrench = np.hstack([given_[:, :3] @ S.T, given_[:, 3:] @ S.T])
-        return (observation(q, wrench, complete) @ x).reshape(-1, 6)[:, :3]
-
-    measured = (observation(q, w, complete) @ x).reshape(-1, 6)[:, :3]
-    hint = axis_hint(measured, turn(np.eye(3)), turn)
-    assert hint is not None
-    assert hint.what == "wrench"
-    np.testing.assert_allclose(hint.signed @ swap.T, np.eye(3))
 
 
 def test_loads_that_say_little_are_named_and_no_load_at_all_is_refused():

@@ -371,6 +371,12 @@ def test_quantities_read_as_a_person_writes_them(value: float, std: float, unit:
     assert quantity(Estimate(value, std, unit)) == text
 
 
+def test_a_number_above_its_digits_is_rounded_and_written_out() -> None:
+    assert [number(x) for x in (2500.0, 12345.0, 99999.0, -1234.5, 999.4)] == [
+        "2500", "12300", "1.00·10⁵", "-1230", "999",
+    ]  # fmt: skip
+
+
 def test_a_residual_below_a_thousandth_is_not_shown_as_none() -> None:
     assert [milli(x) for x in (0.0, 1.234e-2, 2.6e-5, 4.18e-7, -3e-9)] == [
         "0.000", "12.340", "0.026", "0.00042", "-3e-06",

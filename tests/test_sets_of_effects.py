@@ -185,8 +185,7 @@ def test_a_law_without_a_name_may_take_the_place_of_one_member_or_of_all(
         score=lambda members, entries, generic: np.where(np.arange(3) == 2, score, none) if members == kept else none,
         scan=lambda entries: None,
     )  # fmt: skip
-    (score_, law), *further = search._rivals(cast(Workshop, shop), Proposal((0, 1), (0, 1), 20.0))
-    assert (score_, law, further) == (pytest.approx(-1.5), 2, [])
+    assert search._rivals(cast(Workshop, shop), Proposal((0, 1), (0, 1), 20.0)) == pytest.approx([-1.5])
 
 
 @pytest.mark.parametrize(("lead", "verdict_"), [(2.0, "named_insufficient"), (4.0, "unexplained")])

@@ -13,7 +13,7 @@ from command_line import Run, assert_users_mistake, run_command_line  # noqa: F4
 
 from symstiff.calibration.identify import identify
 from symstiff.calibration.markers import marker_hint
-from symstiff.calibration.measurements import Measurements
+from symstiff.calibration.measurements import Measurements, measurements
 from symstiff.calibration.rows import predict
 from symstiff.calibration.simulation import Effect, Noise, Truth, nominal_truth, simulate
 from symstiff.discrepancy.deciding import experiment_like
@@ -124,6 +124,19 @@ def test_what_is_computed_and_not_measured_has_nothing_missing() -> None:
     assert found.verdict == "nothing_missing"
     assert headline(found) == "Nothing is missing"
     assert found.remarks[-1].startswith("the model gives the readings but for rounding")
+
+
+def test_computed_data_are_named_from_the_joints_alone_too() -> None:
+    robot = load("ur5e")
+    q = np.random.default_rng(3).uniform(-2.5, 2.5, (20, 6))
+    w = np.random.default_rng(4).normal(size=(20, 6)) * [60.0, 60.0, 60.0, 6.0, 6.0, 6.0]
+    poses = measurements(np.repeat(q, 2, axis=0), np.repeat(w, 2, axis=0) * np.tile([[0.5], [1.0]], (20, 1)))
+    model = StiffnessModel.of(reduce(robot))
+    exact = predict(model.with_values(model.steps), poses)
+    found = run(Task(robot, replace(poses, values=exact, kind="deflection"), "joints"))
+    assert found.verdict == "named"
+    assert {e.effect for e in found.named} <= {"link_compliance", "base_compliance", "tool_compliance"}
+    assert found.rms.after < 1e-9
 
 
 def test_a_sigma_that_is_far_too_small_is_named_as_what_speaks_against_the_model() -> None:

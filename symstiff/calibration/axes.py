@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import permutations, product
 
@@ -22,20 +22,18 @@ _LETTERS = "xyz"
 class AxisHint:
     """Another assignment of axes that fits far better.
 
-    signed: (3, 3) signed permutation, true = signed @ given; what: "deflection" or "wrench";
-    unexplained, best: share of the squared deflection left as given and after the change; rivals: how many
-    others do as well.
+    signed: (3, 3) signed permutation, true = signed @ given; unexplained, best: share of the squared deflection
+    left as given and after the change; rivals: how many others do as well.
     """
 
     signed: Array
-    what: str
     unexplained: float
     best: float
     rivals: int
 
     def __str__(self) -> str:
         text = (
-            f"the {self.what} axes look swapped: {assignment(self.signed)} would leave {self.best:.1%} "
+            f"the deflection axes look swapped: {assignment(self.signed)} would leave {self.best:.1%} "
             f"of the squared deflection unexplained instead of {self.unexplained:.1%}"
         )
         more = f" ({self.rivals} other assignments do as well: more load directions would tell them apart)"
@@ -60,26 +58,6 @@ def assignment(signed: Array) -> str:
         source = int(np.argmax(np.abs(row)))
         parts.append(f"{letter} = {'-' if row[source] < 0 else ''}{_LETTERS[source]}")
     return ", ".join(parts)
-
-
-def axis_hint(
-    measured: Array, prediction: Array, wrench_prediction: Callable[[Array], Array] | None = None
-) -> AxisHint | None:
-    """Compare 48 assignments of the measured translation axes with a prediction, up to one common factor.
-
-    measured, prediction: (N, 3) in m, base axes; prediction by a nominal model or a fit to trusted data (a
-    fit to these data has bent towards them: use `axis_hint_refit`). wrench_prediction: gives the (N, 3)
-    prediction for force and moment axes turned by a signed permutation, to try those 48 as well.
-    """
-    measured, prediction = _triples(measured), _triples(prediction)
-    changes = signed_permutations()
-    hint = _judge([_unexplained(measured @ S.T, prediction) for S in changes], "deflection")
-    if wrench_prediction is None:
-        return hint
-    turned = [_unexplained(measured, _triples(wrench_prediction(S))) for S in changes]
-    other = _judge(turned, "wrench")
-    found = [h for h in (hint, other) if h is not None]
-    return min(found, key=lambda h: h.best) if found else None
 
 
 def axis_hint_refit(
@@ -117,23 +95,16 @@ def axis_hint_refit(
         if force is not None:
             mirrored &= np.array([np.sum(force * (measured @ S.T)) < 0 for S in changes])
         left = np.where(mirrored, 1.0, left)
-    return _judge([max(float(value), 0.0) for value in left], "deflection")
+    return _judge([max(float(value), 0.0) for value in left])
 
 
-def _unexplained(measured: Array, prediction: Array) -> float:
-    """Share of ‖measured‖² that no non-negative multiple of the prediction explains."""
-    along = max(float(np.sum(measured * prediction)), 0.0)
-    power = float(np.sum(measured**2)) * float(np.sum(prediction**2))
-    return 1.0 - along**2 / power if power > 0 else 1.0
-
-
-def _judge(left: Sequence[float], what: str) -> AxisHint | None:
+def _judge(left: Sequence[float]) -> AxisHint | None:
     """The best change if it is far better than none; `left` in the order of `signed_permutations`."""
     best = int(np.argmin(left))
     close = [i for i, value in enumerate(left) if value <= left[best] * _SAME + 1e-9]
     if 0 in close or left[0] < _WORTH_A_WORD or left[best] > _FAR_BETTER * left[0]:
         return None
-    return AxisHint(signed_permutations()[close[0]], what, left[0], left[close[0]], len(close) - 1)
+    return AxisHint(signed_permutations()[close[0]], left[0], left[close[0]], len(close) - 1)
 
 
 def _triples(values: Array) -> Array:

@@ -26,12 +26,13 @@ class ActiveBound:
 
     slack: least eigenvalue, in sizes (nominal ones times a common factor that brings them to the data's
     magnitude); multiplier: rate at which ½·chi² falls as the bound gives way, per size: the trace of the
-    condition's multiplier matrix.
+    condition's multiplier matrix; directions: k(k+1)/2 in which a matrix with k eigenvalues at the bound could go on.
     """
 
     label: str
     slack: float
     multiplier: float
+    directions: int
 
     def __str__(self) -> str:
         return f"{self.label}: at its bound, multiplier {self.multiplier:.3g}"
@@ -43,8 +44,8 @@ class ConstrainedEstimate:
 
     values: (r,) reduced parameters; complete: (n,) an admissible set with P·complete = values; chi2,
     free_chi2: whitened residual sums with and without the conditions, in units of the noise variance; active:
-    bounds pressed against, hardest first; multipliers: by block, of its matrix in SI units; implausible_p:
-    chance that noise alone makes the conditions cost as much (small: the data contradict the model).
+    bounds pressed against, hardest first; multipliers: by block, of its matrix in SI units; implausible_p: no less
+    than the chance that noise alone makes the conditions cost as much (small: the data contradict the model).
     """
 
     names: tuple[str, ...]
@@ -115,7 +116,8 @@ def constrain(
     pressure = {block.label: factor * dual_matrix(block, dual) for block, dual in duals}
     multipliers = {b.label: pressure[b.label] / np.outer(b.axes(scale), b.axes(scale)) for b in rules.blocks}
     active = _active(rules, scale, scale * x, pressure)
-    implausible = float(scipy.stats.chi2.sf(max(chi2 - free_chi2, 0.0), len(active))) if active else 1.0
+    directions = sum(bound.directions for bound in active)
+    implausible = float(scipy.stats.chi2.sf(max(chi2 - free_chi2, 0.0), directions)) if active else 1.0
     return ConstrainedEstimate(
         fit.names,
         P @ (scale * x),
@@ -141,10 +143,9 @@ def _active(
     rules: AdmissibleSet, scale: Array, values: Array, pressure: Mapping[str, Array]
 ) -> tuple[ActiveBound, ...]:
     """Blocks at their bound whose multiplier costs something, hardest first."""
-    slack = rules.smallest(values, scale)
-    found = [
-        ActiveBound(label, slack[label], float(np.trace(Z)))
-        for label, Z in pressure.items()
-        if slack[label] < _ACTIVE and np.trace(Z) > _COSTS
-    ]
+    found = []
+    for label, size in rules.eigenvalues(values, scale).items():
+        at_bound, cost = int(np.sum(size < _ACTIVE)), float(np.trace(pressure[label]))
+        if at_bound and cost > _COSTS:
+            found.append(ActiveBound(label, float(size[0]), cost, at_bound * (at_bound + 1) // 2))
     return tuple(sorted(found, key=lambda bound: -bound.multiplier))

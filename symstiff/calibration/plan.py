@@ -121,13 +121,3 @@ def robot_of(model: StiffnessModel) -> Geometry:
 
 def _load_class(loads: str) -> Any:
     return loads if loads in ("gravity", "force") else "wrench"
-
-
-def spread_of_tests(
-    model: StiffnessModel, count: int, load: Load, seed: int = 0
-) -> tuple[np.ndarray, np.ndarray]:
-    """Return test poses (T, n) and wrenches (T, 6) spread over the joint limits, where the user has none."""
-    from symstiff.calibration.planning.candidates import draw
-
-    drawn = draw(Space(geometry(model.robot), load), max(count, 1), seed)
-    return drawn.q, drawn.w

@@ -3,15 +3,14 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 import numpy.typing as npt
-import scipy.stats
 
-from symstiff.calibration.compact import Array, compact
+from symstiff.calibration.compact import Array
 from symstiff.errors import UserError
 
 AXES = ("x", "y", "z", "rx", "ry", "rz")
@@ -81,40 +80,6 @@ def sizes(values: Array) -> dict[str, Size]:
     return found
 
 
-@dataclass(frozen=True, eq=False)
-class Histogram:
-    """Residuals of one axis in bins: edges (B + 1,), counts (B,), with mean and deviation in m or rad.
-
-    bias_p: chance of a mean this far from zero without bias; normal_p: of a shape this far from
-    normal (D'Agostino and Pearson); nan with fewer than 20 values.
-    """
-
-    axis: str
-    edges: Array
-    counts: Ints
-    mean: float
-    std: float
-    bias_p: float
-    normal_p: float
-
-
-def histograms(residuals: Array, bins: int = 21) -> tuple[Histogram, ...]:
-    """Distribution of the residuals, (N, 3 or 6) with NaN, of every measured axis (seed Figure 3)."""
-    found = []
-    for axis, column in zip(AXES, np.asarray(residuals, dtype=float).T, strict=False):
-        values = column[np.isfinite(column)]
-        if len(values) < 2:
-            continue
-        reach = float(np.max(np.abs(values))) or 1.0
-        counts, edges = np.histogram(values, bins=bins, range=(-reach, reach))
-        std = float(np.std(values, ddof=1))
-        testable = len(values) >= 20 and std > 0
-        bias = float(scipy.stats.ttest_1samp(values, 0.0).pvalue) if testable else math.nan
-        normal = float(scipy.stats.normaltest(values).pvalue) if testable else math.nan
-        found.append(Histogram(axis, edges, counts, float(np.mean(values)), std, bias, normal))
-    return tuple(found)
-
-
 def split(groups: Sequence[int] | Ints, share: float = 0.2, seed: int = 0) -> tuple[Ints, Ints]:
     """Indices of rows to fit and rows to hold out, all rows of a pose together; groups: (M,) pose indices."""
     groups = np.asarray(groups)
@@ -127,34 +92,6 @@ def split(groups: Sequence[int] | Ints, share: float = 0.2, seed: int = 0) -> tu
     out = np.random.default_rng(seed).permutation(poses)[:count]
     held = np.isin(groups, out)
     return np.flatnonzero(~held), np.flatnonzero(held)
-
-
-def folds(groups: Sequence[int] | Ints, count: int = 5, seed: int = 0) -> Iterator[tuple[Ints, Ints]]:
-    """Cross-validation by pose: every pose is held out once, in one of `count` folds."""
-    groups = np.asarray(groups)
-    poses = np.random.default_rng(seed).permutation(np.unique(groups))
-    if len(poses) < 2:
-        raise UserError("cross-validation needs at least two poses")
-    for part in np.array_split(poses, min(count, len(poses))):
-        held = np.isin(groups, part)
-        yield np.flatnonzero(~held), np.flatnonzero(held)
-
-
-def held_out_prediction(
-    A: Array, y: Array, sigma: Array | None, groups: Sequence[int] | Ints, count: int = 5, seed: int = 0
-) -> Array:
-    """(M,) predictions of every row by a fit that never saw its pose.
-
-    A: (M, P), y, sigma: (M,); groups: (M,) pose indices. Directions that a fold does not resolve to rounding
-    stay at zero.
-    """
-    A, y = np.asarray(A, dtype=float), np.asarray(y, dtype=float)
-    predicted = np.empty(len(y))
-    for fit, held in folds(groups, count, seed):
-        form = compact(A[fit], y[fit], None if sigma is None else np.asarray(sigma)[fit])
-        solution = np.linalg.lstsq(form.R, form.z, rcond=len(fit) * np.finfo(float).eps)[0]
-        predicted[held] = A[held] @ (solution / form.scale)
-    return predicted
 
 
 def _size(values: Array) -> Size:

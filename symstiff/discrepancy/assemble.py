@@ -28,6 +28,8 @@ from symstiff.symbolic.terms import VirtualJoint
 
 _UNLOADED = 1e-9
 """Load on a virtual joint, against the largest, that is rounding."""
+_SAME_LOAD = 1e-3
+"""Difference of loads, against the largest, up to which they are one."""
 
 
 @dataclass(frozen=True)
@@ -94,14 +96,12 @@ def _problem(situation: Situation, current: Current) -> Problem:
     view = situation.view
     table, state = view.table, view.state
     pose = np.unique(table.pose, return_inverse=True)[1].reshape(-1)
-    keys = np.column_stack([table.w, np.nan_to_num(table.branch), np.nan_to_num(table.load_step)])
-    case = np.unique(np.round(keys, 9), axis=0, return_inverse=True)[1].reshape(-1)
     point = np.unique(table.point, return_inverse=True)[1].reshape(-1)
     return Problem(
         y=current.y,
         A=current.A,
         pose=pose[state],
-        case=case[state],
+        case=_load_cases(table, pose)[state],
         channel=point[state] * 6 + view.component,
         axis=np.array(view.component, dtype=np.intp),
         sigma=sigma_of(view),
@@ -122,6 +122,27 @@ def _problem(situation: Situation, current: Current) -> Problem:
         differences=table.kind == "deflection",
         spread=_spreads(view),
     )
+
+
+def _load_cases(table: Measurements, pose: np.ndarray) -> np.ndarray:
+    """(N,) number of each row's load case within its pose, in the order of the table.
+
+    A sensor reads the same load a little different each time: what agrees to a thousandth of the largest is one load.
+    """
+    largest = [np.abs(part).max(initial=0.0) for part in (table.w[:, :3], table.w[:, 3:])]
+    loads = table.w / (_SAME_LOAD * np.repeat(np.maximum(largest, 1e-300), 3))
+    keys = np.column_stack([loads, np.nan_to_num(table.branch), np.nan_to_num(table.load_step)])
+    case = np.zeros(len(table), dtype=np.intp)
+    for p in np.unique(pose):
+        rows = np.flatnonzero(pose == p)
+        _, first, number = np.unique(keys[rows], axis=0, return_index=True, return_inverse=True)
+        known, own = list[np.ndarray](), np.zeros(len(first), dtype=np.intp)
+        for k in np.argsort(first):
+            key = keys[rows[first[k]]]
+            own[k] = next((n for n, other in enumerate(known) if np.abs(key - other).max() < 1.0), len(known))
+            known += [key] if own[k] == len(known) else []
+        case[rows] = own[number.reshape(-1)]
+    return case
 
 
 def _weight(view: View) -> Array | None:

@@ -16,6 +16,8 @@ NUMERIC_ZERO = 1e-9
 """Share of a column's squared length below which nothing of it is left outside the model."""
 _NOTHING = 1e-8
 """Squared length of a unit direction below which nothing of it is left."""
+UNNAMED = 0.3
+"""Prior share of laws without a name: the catalogue holds most of what robots have, and not all."""
 _LEAST_SIZE = 0.02
 """Usual size, against the largest of an effect's, below which no parameter is taken to be."""
 
@@ -125,7 +127,6 @@ def build(
     problem: Problem,
     candidates: Sequence[Candidate],
     generic: Sequence[Candidate],
-    generic_share: float = 0.3,
 ) -> Bank:
     """Evaluate every shape of every available candidate once.
 
@@ -158,7 +159,7 @@ def build(
     return Bank(
         tuple(kept),
         mask,
-        _log_prior(kept, mask, generic_share),
+        _log_prior(kept, mask),
         columns / length,
         length,
         np.concatenate([[0], np.cumsum(width)[:-1]]).astype(np.intp) if len(width) else width,
@@ -220,17 +221,17 @@ def _blocks(problem: Problem, candidate: Candidate) -> list[tuple[int, Array]]:
     return out
 
 
-def _log_prior(kept: Sequence[Candidate], generic: NDArrayBool, share: float) -> Array:
+def _log_prior(kept: Sequence[Candidate], generic: NDArrayBool) -> Array:
     """Every effect weighs the same and divides its weight among the kinds of its places, and each kind among its own.
 
-    A frame drifts as often as any of the links. Unnamed laws divide ``share``.
+    A frame drifts as often as any of the links. Unnamed laws divide ``UNNAMED``.
     """
     kinds = [(c.effect, tuple(sorted(c.where))) for c in kept]
     places = Counter(kind for kind, g in zip(kinds, generic, strict=True) if not g)
     several = Counter(effect for effect, _ in places)
     total = int(np.sum(generic))
     weight = [
-        share / max(total, 1) if g else (1.0 - share) / (len(several) * several[kind[0]] * places[kind])
+        UNNAMED / max(total, 1) if g else (1.0 - UNNAMED) / (len(several) * several[kind[0]] * places[kind])
         for kind, g in zip(kinds, generic, strict=True)
     ]
     return np.log(np.array(weight)) if weight else np.zeros(0)

@@ -101,9 +101,7 @@ def numbers(bank: Bank, names: Sequence[Name]) -> list[int]:
 def untestable(problem: Problem) -> str:
     """Why nothing can be tested with these data; empty if something can."""
     freedom = problem.rows - column_space(problem.A).shape[1]
-    repeats = problem.rows - len(
-        np.unique(np.column_stack([problem.pose, problem.case, problem.channel]), axis=0)
-    )
+    repeats = problem.rows - len(np.unique(problem.cells))
     if freedom < LEAST_FREEDOM:
         return f"{freedom} degrees of freedom are left outside the model: measure more poses"
     if problem.poses < 2:
@@ -150,7 +148,7 @@ def _written(
         outcome.p_named, outcome.p_unnamed, ready.report, parts, place, law, device, growth,
         Rms(growth[0].rms, growth[-1].rms, proof.before if proof else None, proof.after if proof else None,
             noise_floor(ready)),
-        proof, None, D, names, leading(problem, ready, outcome),
+        proof, D, names, leading(problem, ready, outcome),
     )  # fmt: skip
 
 
@@ -201,5 +199,5 @@ def _without_tests(verdict: str, problem: Problem, candidates: Sequence[Candidat
     rms = float(np.sqrt(np.mean(ready.residual**2)))
     return Diagnosis(
         verdict, reason, (), unavailable(candidates, reason), 1.0, 1.0, ready.report, (), None, None, None, (),
-        Rms(rms, rms, None, None, ready.report.sigma), None, None, np.zeros((0, 0)), (),
+        Rms(rms, rms, None, None, ready.report.sigma), None, np.zeros((0, 0)), (),
     )  # fmt: skip

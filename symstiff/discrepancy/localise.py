@@ -34,8 +34,6 @@ class BackProjection:
     tau: Array
     explained: float
     """Share of the residual's weighted sum of squares."""
-    with_tau: float
-    """Correlation of |delta| signed by the load with the load."""
 
 
 @dataclass(frozen=True)
@@ -77,10 +75,6 @@ class Localisation:
     """Best explanation first."""
     accused: str
     """Virtual joint or measurement axis with the most evidence over all unnamed laws; empty if none."""
-    by_axis: dict[int, float]
-    by_pose: dict[int, float]
-    by_case: dict[int, float]
-    """Root mean square of the residual in units of the noise."""
     suspects: tuple[int, ...]
     """Poses without which far less is left, if few: mislabelled, or read wrongly."""
     suspected: float
@@ -96,9 +90,6 @@ def localise(problem: Problem, scan: Scan, found: Evidence, residual: Array) -> 
     return Localisation(
         tuple(views),
         _accused(scan, found),
-        {int(a): _rms(z[problem.axis == a]) for a in np.unique(problem.axis)},
-        {int(p): _rms(z[problem.pose == p]) for p in np.unique(problem.pose)},
-        {int(c): _rms(z[problem.case == c]) for c in np.unique(problem.case)},
         *suspects(problem, scan),
     )
 
@@ -133,10 +124,6 @@ def suspects(problem: Problem, scan: Scan) -> tuple[tuple[int, ...], float]:
     return tuple(chosen), 1.0 - variance * max(scan.freedom, 1) / max(layer.rss, 1e-300) if chosen else 0.0
 
 
-def _rms(z: Array) -> float:
-    return float(np.sqrt(np.mean(z**2)))
-
-
 def back_project(problem: Problem, z: Array, scale: Array, v: int) -> BackProjection | None:
     """Δθ_v of every pose and load case by weighted least squares of the residual on J_v alone."""
     if problem.J is None or problem.tau is None:
@@ -153,12 +140,9 @@ def back_project(problem: Problem, z: Array, scale: Array, v: int) -> BackProjec
     deviation = np.where(seen, 1.0 / np.sqrt(np.where(seen, weight, 1.0)), np.inf)
     tau = np.bincount(label, problem.tau[:, v]) / np.bincount(label)
     explained = float(np.sum(inner[seen] ** 2 / weight[seen]) / max(float(z @ z), 1e-300))
-    loaded = np.sqrt(np.where(seen, weight, 0.0))
-    norm = np.linalg.norm(delta * loaded) * np.linalg.norm(tau * loaded)
-    relation = float(np.sum(delta * tau * loaded**2) / norm) if norm > 0 else 0.0
     return BackProjection(
         problem.virtual_joints[v], cells[:, 0].astype(np.intp), cells[:, 1].astype(np.intp),
-        delta, deviation, tau, explained, relation,
+        delta, deviation, tau, explained,
     )  # fmt: skip
 
 

@@ -39,6 +39,8 @@ REPEATABILITY = 5.0
 """The same where every axis is read once in a pose: how a robot misses its poses is in the residual then."""
 _KNOWN = 1.3
 """Factor to which the variance that a pose's rows share is known, about."""
+_LEAST = 1e-12
+"""Least standard deviation that is told [m, rad]."""
 ENOUGH = 20
 """Degrees of freedom between repeats from which the noise is taken from them."""
 
@@ -54,8 +56,6 @@ class Noise:
     """K of each way: (n, m) row numbers of equal-sized blocks, their eigenvectors (n, m, k) and eigenvalues (n, k)."""
     learned: Mapping[str, tuple[float, ...]] = field(default_factory=dict)
     """The variances of the ways that were learned."""
-    anew: float = 0.0
-    """Part of the shared error that each repeat of a pose has alone."""
 
     def root(self, sharing: Sharing, power: float) -> Roots:
         """(I + ratio K)^power, less the identity."""
@@ -116,15 +116,21 @@ class NoiseReport:
     """That they share none."""
     shared: str = AXES
     """What they share: errors of the axes or of the joints."""
-    repeats: bool = False
-    """Whether enough was measured again to take the noise from."""
     single: bool = False
     """Every axis is read once in a pose: what its rows share cannot be told from the noise."""
+    approach_by_axis: dict[int, float] = field(default_factory=dict)
+    """Of each axis, what a pose's rows share."""
 
     @property
     def mostly_shared(self) -> bool:
         """Whether the error that a pose's load cases share exceeds what each has for itself."""
         return self.approach > self.sigma
+
+    def by_component(self, shared: bool = True) -> Array:
+        """(6,) standard deviation of a component [m, rad], with or without what a pose's rows share."""
+        own = np.array([self.by_axis.get(k) or self.sigma for k in range(6)])
+        common = np.array([self.approach_by_axis.get(k, 0.0) if shared else 0.0 for k in range(6)])
+        return np.asarray(np.maximum(np.hypot(own, common), _LEAST))
 
 
 def stated(problem: Problem) -> Array:
@@ -145,7 +151,7 @@ def start(problem: Problem, split: Split) -> Noise:
 
 def _noise(problem: Problem, spread: Array, split: Split) -> Noise:
     ways = patterns(problem, spread, split)
-    return Noise(spread, at_first(problem, ways), ways, split.learned, split.anew)
+    return Noise(spread, at_first(problem, ways), ways, split.learned)
 
 
 def refine(
@@ -187,18 +193,6 @@ def refine(
     return _noise(problem, spread, split), growth, by_marker
 
 
-def pure_error(problem: Problem, spread: Array) -> tuple[float, int]:
-    """Sum of squares between repeats in units of ``spread``, and its degrees of freedom."""
-    label = np.unique(
-        np.column_stack([problem.pose, problem.case, problem.channel]), axis=0, return_inverse=True
-    )[1]
-    label = label.reshape(-1)
-    count = np.bincount(label)
-    mean = np.bincount(label, problem.y) / count
-    difference = (problem.y - mean[label]) / spread
-    return float(difference @ difference), int(np.sum(count - 1))
-
-
 def report(
     problem: Problem,
     noise: Noise,
@@ -209,21 +203,22 @@ def report(
     growth: dict[str, float],
     by_marker: dict[str, float],
     approach_p: float,
+    between: tuple[float, int],
 ) -> NoiseReport:
     """Compare the noise found with the noise stated.
 
-    ``scale2`` is the whitened residual's mean square, ``residual`` the residual in the data's unit.
+    ``residual`` is the whitened residual in the data's unit, ``scale2`` its mean square in units of the spread;
+    ``between`` the sum of squares between repeats in these units, and its degrees of freedom.
     """
     rows = main_rows(problem)
-    square, repeats = pure_error(problem, noise.spread)
+    square, repeats = between
     # directions that the shared error takes over say nothing of the rows' own
     taken = sum(
         float(np.sum(sharing.ratio * value / (1.0 + sharing.ratio * value)))
         for _, _, value in noise.ways[sharing.way]
     )
     source, found, freedom = "residual", scale2, max(dof - taken, 1.0)
-    # what a robot that comes back misses its pose by is in the repeats as well
-    if repeats >= ENOUGH and (noise.anew < 0.5 or sharing.ratio == 0.0):
+    if repeats >= ENOUGH:
         source, found, freedom = "repeats", square / repeats, float(repeats)
     sigma = float(np.sqrt(found * np.mean(noise.spread[rows] ** 2)))
     stated = None if problem.sigma is None else float(np.sqrt(np.mean(problem.sigma[rows] ** 2)))
@@ -235,15 +230,14 @@ def report(
         high = np.sqrt(freedom / stats.chi2.ppf(0.02, freedom))
         interval = (float(relative * low), float(relative * high))
         misstated = off(interval) and not (problem.differences and _off_by_half(interval, noise, sharing))
-    by_axis = {
-        int(a): float(np.sqrt(np.mean(residual[problem.axis == a] ** 2))) for a in np.unique(problem.axis)
-    }
+    axes = [(int(a), problem.axis == a) for a in np.unique(problem.axis)]
+    by_axis = {a: float(np.sqrt(np.mean(residual[own] ** 2))) for a, own in axes}
+    common = found * noise.spread**2 * _diagonal(noise, sharing)
     return NoiseReport(
         sigma, stated, relative, interval, misstated, freedom, source, by_axis,
         _homogeneity(problem, residual, dof), growth, by_marker,
-        float(np.sqrt(found * np.mean((noise.spread**2 * _diagonal(noise, sharing))[rows]))),
-        approach_p, _mostly(problem, noise, sharing), repeats >= ENOUGH,
-        not shares(problem, AXES),
+        float(np.sqrt(np.mean(common[rows]))), approach_p, _mostly(problem, noise, sharing),
+        not shares(problem, AXES), {a: float(np.sqrt(np.mean(common[own]))) for a, own in axes},
     )  # fmt: skip
 
 

@@ -77,7 +77,7 @@ def tail(sample: Array, value: float) -> float:
     n = len(sample)
     if n == 0 or not np.isfinite(sample[-1]):
         return 1.0
-    cut = max(20, n // 20)
+    cut = min(n, max(20, n // 20))
     level = sample[-cut]
     if value <= level:
         return float((1 + np.sum(sample >= value)) / (n + 1))

@@ -23,7 +23,9 @@ def number(value: float, digits: int = 3) -> str:
     if not math.isfinite(value):
         return "∞"
     if value == 0 or 1e-2 <= abs(value) < 1e5:
-        return f"{value:.{digits}g}"
+        kept = float(f"{value:.{digits}g}")
+        if abs(kept) < 1e5:
+            return f"{kept:.0f}" if abs(kept) >= 10**digits else f"{value:.{digits}g}"
     mantissa, exponent = f"{value:.{digits - 1}e}".split("e")
     return f"{mantissa}·10{str(int(exponent)).translate(_SUPER)}"
 

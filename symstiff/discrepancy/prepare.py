@@ -16,6 +16,7 @@ from symstiff.discrepancy.laws import unnamed_laws
 from symstiff.discrepancy.problem import Array, Candidate, Index, Problem
 from symstiff.discrepancy.scan import (
     Scan,
+    at_sharing,
     at_sharings,
     by_direction,
     column_space,
@@ -34,6 +35,7 @@ from symstiff.discrepancy.sharing import (
     several_markers,
     sizes,
 )
+from symstiff.discrepancy.strata import pure_error
 
 SAME_SHARE = 0.1
 """Change of the markers' or the repeats' own part of a shared error up to which the coarse grid is not seen again."""
@@ -93,6 +95,7 @@ def prepare(problem: Problem, candidates: Sequence[Candidate]) -> Prepared:
     report = noises.report(
         problem, noise, _within_residual(clean), clean.best.rss / max(clean.freedom, 1), clean.freedom,
         clean.best.sharing, growth, by_marker, _sharing_none(clean),
+        pure_error(problem, at_sharing(seen.scan, clean.best.sharing), seen.obvious),
     )  # fmt: skip
     return Prepared(seen.scan, bank, report, _data_residual(seen.scan))
 
@@ -136,11 +139,11 @@ def _opened(problem: Problem, bank: Bank, noise: noises.Noise, by_way: bool) -> 
 def _sharing_none(scan: Scan) -> float:
     """p-value that a pose's rows share no error: half of χ² for each way, as the ratio cannot be negative."""
     value = scan.log_likelihood
-    alone = [v for v, layer in zip(value, scan.layers, strict=True) if layer.sharing.ratio == 0.0]
-    if not alone:  # sharings that are out of the question are not kept
-        return 0.0
+    alone = next(v for v, layer in zip(value, scan.layers, strict=True) if layer.sharing.ratio == 0.0)
     ways = len({layer.sharing.way for layer in scan.layers if layer.sharing.ratio > 0})
-    return min(1.0, float(0.5 * ways * stats.chi2.sf(2.0 * (np.max(value) - alone[0]), 1)))
+    if np.max(value) == alone:
+        return 1.0
+    return min(1.0, float(0.5 * ways * stats.chi2.sf(2.0 * (np.max(value) - alone), 1)))
 
 
 def _obvious(scan: Scan, most: int = 3, least: float = 4.0) -> tuple[int, ...]:
@@ -163,7 +166,7 @@ def _data_residual(scan: Scan) -> Array:
 
 
 def _within_residual(scan: Scan) -> Array:
-    """Residual with the shared error predicted and removed, data's unit."""
+    """Residual whitened of the shared error, data's unit."""
     layer = scan.best
     return np.asarray(layer.y * scan.noise.spread)
 

@@ -110,6 +110,12 @@ class Problem:
         return len(self.y)
 
     @property
+    def cells(self) -> Index:
+        """(M,) a number for pose, load case and channel together, ascending by pose: repeats have the same."""
+        keys = np.column_stack([self.pose, self.case, self.channel])
+        return np.unique(keys, axis=0, return_inverse=True)[1].reshape(-1)
+
+    @property
     def points(self) -> Index:
         """(M,) a number for each measured point: what is left of the channel without the axis."""
         return self.channel - self.axis

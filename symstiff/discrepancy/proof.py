@@ -33,8 +33,6 @@ class HeldOut:
     before: float
     after: float
     """With what each fold selected for itself."""
-    fixed: float
-    """With the effects named on all data, coefficients from the fold."""
     noise: float
     selected: tuple[tuple[str, ...], ...]
     """What each fold selected."""
@@ -73,8 +71,7 @@ def held_out(
     order = np.random.default_rng(options.seed).permutation(len(poses))
     fold = order[number] % folds
     translation = problem.axis < 3 if np.any(problem.axis < 3) else np.ones(problem.rows, bool)
-    error = {name: np.zeros(problem.rows) for name in ("before", "after", "fixed")}
-    fixed = [bank.columns[:, bank.slice(e)] for e in entries]
+    error = {name: np.zeros(problem.rows) for name in ("before", "after")}
     admitted = sets or [()]
     selected, again = [], []
     for k in range(folds):
@@ -83,11 +80,11 @@ def held_out(
         names, chosen = _select(problem, few, noise, train, allowed, len(there[0]))
         selected.append(names)
         again.append(sorted(names) in [_names(bank, found) for found in there])
-        for name, used in (("before", ()), ("after", chosen), ("fixed", fixed)):
+        for name, used in (("before", ()), ("after", chosen)):
             error[name][test] = _predict(problem, noise, train, test, used)
     told = translation & ~np.isin(problem.pose, poses_of_their_own(problem, bank, entries))
     rms = {name: float(np.sqrt(np.mean(e[told] ** 2))) for name, e in error.items()}
-    return HeldOut(rms["before"], rms["after"], rms["fixed"], sigma, tuple(selected), float(np.mean(again)))
+    return HeldOut(rms["before"], rms["after"], sigma, tuple(selected), float(np.mean(again)))
 
 
 def _names(bank: Bank, entries: Sequence[int]) -> list[str]:

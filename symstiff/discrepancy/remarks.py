@@ -54,12 +54,10 @@ def remarked(view: View, last: Diagnosis) -> list[str]:
 
 def _of_sigma(noise: NoiseReport) -> list[str]:
     if noise.stated is None and noise.source == "residual":
-        why = (
-            "the repeats may each have an approach of their own"
-            if noise.repeats
-            else "too little was measured twice"
-        )
-        return [f"no sigma is stated and {why}: the noise is taken from what is left, and nothing checks it"]
+        return [
+            "no sigma is stated and too little was measured twice: the noise is taken from what is left, and nothing "
+            "checks it"
+        ]
     if not noise.misstated or noise.ratio_interval is None:
         return []
     low, high = noise.ratio_interval

@@ -9,7 +9,6 @@ from symstiff.discrepancy.localise import FittedDevice, FittedLaw, Localisation
 from symstiff.discrepancy.noise import NoiseReport
 from symstiff.discrepancy.problem import Array, Shape
 from symstiff.discrepancy.proof import HeldOut
-from symstiff.discrepancy.separation import Decider
 from symstiff.discrepancy.strata import Stratum
 from symstiff.discrepancy.verdict import NO_TEST_NAMES
 
@@ -42,8 +41,6 @@ class NamedEffect:
     p_value: float
     """Family-wise, given the other effects of its set."""
     confidence: float
-    noncentrality: float
-    """Sum of squares explained given the rest, in units of the noise variance."""
     confounded_with: tuple[Name, ...]
     set_number: int
     """Effects of one set stand together; an ambiguous verdict has several sets, best first."""
@@ -89,7 +86,6 @@ class Step:
     effects: tuple[tuple[Name, Mapping[str, Estimate]], ...]
     rms: float
     """Residual root mean square of the translations, data's unit."""
-    maximum: float
     strata: tuple[Stratum, ...]
     p_left: float
     """Family-wise p-value of the best further candidate."""
@@ -131,7 +127,6 @@ class Diagnosis:
     growth: tuple[Step, ...]
     rms: Rms
     held_out: HeldOut | None
-    deciders: Decider | None
     confusability: Array
     """(n, n) D_ij of the leading candidates, in the order of ``confusability_names``."""
     confusability_names: tuple[Name, ...]

@@ -60,7 +60,6 @@ class Judged:
     rival: float
     """Score of the best set in which an unnamed law of another form takes a member's place, minus this score: the set
     is ahead where it is negative."""
-    rival_candidate: int
     rivals: float
     """Log evidence of all such sets together, minus this score."""
     sufficient: bool
@@ -223,8 +222,7 @@ def judge(shop: Workshop, proposal: Proposal) -> Judged:
     p_members = tuple(_needed(shop, proposal, i) for i in range(len(members)))
     return Judged(
         members, entries, proposal.score, scan.bank, scan.best.sharing, scan.best.rss, scan.freedom, p_named,
-        p_unnamed, missed, *(rivals[0] if rivals else (-np.inf, -1)),
-        float(np.logaddexp.reduce([score for score, _ in rivals], initial=-np.inf)),
+        p_unnamed, missed, max(rivals, default=-np.inf), float(np.logaddexp.reduce(rivals, initial=-np.inf)),
         not (lack_named or lack_unnamed or _lacking(shop, scan, gained, usual)), p_members,
     )  # fmt: skip
 
@@ -332,11 +330,11 @@ def _gained(shop: Workshop, scan: Scan, layer: Layer) -> float:
     return (before - layer.rss) / max(layer.rss / max(scan.freedom, 1), 1e-300)
 
 
-def _rivals(shop: Workshop, proposal: Proposal) -> list[tuple[float, int]]:
-    """The sets in which an unnamed law of another form takes the place of one member, or of all, best first: the score
-    of each over the set's, and its law. Those that are far behind are left out.
+def _rivals(shop: Workshop, proposal: Proposal) -> list[float]:
+    """The scores over the set's of sets in which an unnamed law of another form takes the place of one member, or of
+    all. Those that are far behind are left out.
     """
-    out = list[tuple[float, int]]()
+    out = list[float]()
     n = len(proposal.members)
     for kept in [(), *(tuple(k for k in range(n) if k != i) for i in range(n) if n > 1)]:
         members = tuple(proposal.members[k] for k in kept)
@@ -353,8 +351,8 @@ def _rivals(shop: Workshop, proposal: Proposal) -> list[tuple[float, int]]:
             if not score[candidate] > -_FAR:
                 break
             if not _same(shop.scan(entries), int(found.best_entry[candidate]), replaced):
-                out.append((float(score[candidate]), int(candidate)))
-    return sorted(out, reverse=True)
+                out.append(float(score[candidate]))
+    return out
 
 
 def _same(scan: Scan, law: int, entries: tuple[int, ...]) -> bool:

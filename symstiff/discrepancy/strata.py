@@ -8,9 +8,8 @@ import numpy as np
 from scipy import stats
 
 from symstiff.calibration.decomposition import svd
-from symstiff.discrepancy.noise import pure_error
 from symstiff.discrepancy.problem import Array, Index, Problem
-from symstiff.discrepancy.scan import Scan
+from symstiff.discrepancy.scan import Scan, directions
 
 PROPORTIONAL = "proportional to load, by pose"
 """The stratum in which compliances, frames and sensors speak."""
@@ -20,6 +19,8 @@ _MOST = 0.7
 """Share of what the model leaves in a stratum beyond which a candidate or a set would fit anything there."""
 _UNUSUAL = 10
 """Directions, beside those that usual sizes take, in which what is something else would be seen by unusual sizes."""
+LEAST_REPEATS = 5
+"""Degrees of freedom between repeats from which strata are held against them."""
 _THEIRS = 1e-2
 """Part of a direction outside others below which it is theirs: loads are told to a few digits, and never quite
 proportional."""
@@ -74,11 +75,34 @@ def strata(problem: Problem, scan: Scan) -> tuple[Stratum, ...]:
     rest = problem.rows - before_rank
     square = before_square
     reference, freedom = square / max(rest, 1), rest
-    repeats, count = pure_error(problem, scan.noise.spread)
-    if count >= 5:
+    repeats, count = _between_repeats(problem, scan, local, overall, y)
+    if count >= LEAST_REPEATS:
         reference, freedom = repeats / count, count
-        parts.append(("rest", rest - count, max(square - repeats, 0.0)))
-    return _table(parts, reference, freedom, count >= 5, rest, square)
+        if rest > count:
+            parts.append(("rest", rest - count, max(square - repeats, 0.0)))
+    return _table(parts, reference, freedom, count >= LEAST_REPEATS, rest, square)
+
+
+def pure_error(problem: Problem, scan: Scan, entries: tuple[int, ...]) -> tuple[float, int]:
+    """Sum of squares between repeats that a scan with some entries leaves, whitened, and its degrees of freedom.
+
+    What differs between repeats because the model has it (a drift, an approach that each repeat has alone) is no noise.
+    """
+    layer = scan.best
+    overall = np.hstack([layer.basis, directions(scan, layer, entries)[0]])
+    return _between_repeats(problem, scan, np.zeros((problem.rows, 0)), overall, layer.y[:, None])
+
+
+def _between_repeats(
+    problem: Problem, scan: Scan, local: Array, overall: Array, y: Array
+) -> tuple[float, int]:
+    """The same of y (M, 1), further columns taken out: by pose, and over all poses."""
+    if len(np.unique(problem.cells)) == problem.rows:
+        return 0.0, 0
+    each = np.unique(np.column_stack([problem.case, problem.channel]), axis=0, return_inverse=True)[1]
+    means = scan.noise.apply(scan.best.whiten, _indicators(each.reshape(-1)) / scan.noise.spread[:, None])
+    square, rank = _left(problem.pose, np.hstack([local, means]), overall, y)
+    return square, problem.rows - rank
 
 
 def _left(pose: Index, local: Array, overall: Array, y: Array) -> tuple[float, int]:

@@ -58,17 +58,12 @@ def named_effects(problem: Problem, ready: Prepared, outcome: Outcome) -> tuple[
     for number, judged in enumerate(outcome.admissible):
         effects = _fitted(problem, ready, judged.entries)[3]
         for i, (member, entry) in enumerate(zip(judged.members, judged.entries, strict=True)):
-            others = tuple(e for e in judged.entries if e != entry)
-            without = extend(at_sharing(ready.scan, judged.sharing), others)
-            scale2 = judged.rss / max(judged.freedom, 1)
-            gained = (without.best.rss - judged.rss) / max(scale2, 1e-300)
             candidate = bank.candidates[member]
             out.append(
                 NamedEffect(
                     candidate.effect, candidate.where, bank.shape_of(entry), effects[i][1],
                     judged.p_members[i], float(np.clip(sure[number][member], 0.0, 1.0)),
-                    max(gained - float(without.best.rank[entry]), 0.0), _confused(ready, entry), number,
-                    _twins(bank, member),
+                    _confused(ready, entry), number, _twins(bank, member),
                 )
             )  # fmt: skip
     return tuple(out)
@@ -210,8 +205,7 @@ def steps(problem: Problem, ready: Prepared, named: Judged | None, outcome: Outc
         out.append(
             Step(
                 effects[-1][0] if effects else None, model, std, tuple(effects),
-                float(np.sqrt(np.mean(residual[rows] ** 2))), float(np.max(np.abs(residual[rows]))),
-                strata(problem, scan), p_left, residual,
+                float(np.sqrt(np.mean(residual[rows] ** 2))), strata(problem, scan), p_left, residual,
             )
         )  # fmt: skip
     return tuple(out)

@@ -161,9 +161,9 @@ def run(task: Task, tell: Tell = lambda stage: None) -> Finding:
         return _finding(task, table, model, model, assembly, first, first, (), remarks, tell)
     tell("complete model")
     grown, last = _diagnosed(wider, table, _options(task, max(task.max_effects - 1, 1)), tell)
-    if not _better(last.rms, first.rms):
+    if last.verdict == UNTESTABLE or not _better(last.rms, first.rms):
         return _finding(task, table, model, model, assembly, first, first, (), remarks, tell)
-    climbed = _climbed(first, wider, grown, last)
+    climbed = _climbed(first, fit(wider, table).model)
     remarks.append(
         "no few links account for what the joints leave: all links give way, so the complete model "
         "takes the place of the joints-only model, and the diagnosis goes on from there"
@@ -275,13 +275,11 @@ def _wider(
     return start_model(task.robot, "complete", experiment)[0]
 
 
-def _climbed(
-    found: Diagnosis, wider: StiffnessModel, assembly: Assembly, last: Diagnosis
-) -> tuple[Found, ...]:
-    """The complete model's links as effects of the verdict."""
+def _climbed(found: Diagnosis, wider: StiffnessModel) -> tuple[Found, ...]:
+    """The links of the complete model, fitted, as effects of the verdict."""
     estimates = {
-        n: Estimate(float(v), float(s), wider.units[n])
-        for n, v, s in zip(assembly.names, last.growth[0].model, last.growth[0].model_std, strict=False)
+        n: Estimate(value, wider.deviations.get(n, np.inf), wider.units[n])
+        for n, value in wider.values.items()
     }
     out = []
     for link in sorted({p.body for p in wider.compliances if not p.is_joint}):

@@ -61,13 +61,17 @@ class AdmissibleSet:
     names: tuple[str, ...]
     blocks: tuple[Block, ...]
 
-    def smallest(self, values: Array, scale: Array) -> dict[str, float]:
-        """Smallest eigenvalue of every block relative to `scale` (n,); negative: not admissible."""
-        found = {}
+    def eigenvalues(self, values: Array, scale: Array) -> dict[str, Array]:
+        """Eigenvalues of every block relative to `scale` (n,), ascending."""
+        found: dict[str, Array] = {}
         for block in self.blocks:
             axes = block.axes(scale)
-            found[block.label] = float(np.linalg.eigvalsh(block.matrix(values) / np.outer(axes, axes))[0])
+            found[block.label] = np.asarray(np.linalg.eigvalsh(block.matrix(values) / np.outer(axes, axes)))
         return found
+
+    def smallest(self, values: Array, scale: Array) -> dict[str, float]:
+        """Smallest eigenvalue of every block relative to `scale` (n,); negative: not admissible."""
+        return {label: float(found[0]) for label, found in self.eigenvalues(values, scale).items()}
 
 
 def admissible_set(

@@ -13,7 +13,6 @@ import numpy as np
 from symstiff.calibration.identify import ExperimentClass, experiment_of, start_model
 from symstiff.calibration.measurements import COMPONENTS, Measurements
 from symstiff.discrepancy.deciding import Choice, Rival, decide_poses, experiment_like
-from symstiff.discrepancy.problem import Array
 from symstiff.discrepancy.separate import TAKEN
 from symstiff.discrepancy.workflow import Finding
 from symstiff.errors import UserError
@@ -115,7 +114,7 @@ def write_deciding_poses(
         return None
     experiment = experiment_like(finding.table)
     table, found = decide_poses(
-        _free_model(finding), rivals, experiment, _noise(finding),
+        _free_model(finding), rivals, experiment, finding.last.noise.by_component(),
         Choice(MOST, FEWEST, AMPLE, finding.task.seed), finding.table, tell,
     )  # fmt: skip
     record = {
@@ -154,14 +153,6 @@ def _joints(table: Measurements, pose: int) -> dict[str, float]:
 def _without_readings(table: Measurements) -> Measurements:
     nothing = np.full((len(table), len(COMPONENTS)), np.nan)
     return replace(table, kind="none", values=nothing, sigma=nothing)
-
-
-def _noise(finding: Finding) -> Array:
-    """(6,) standard deviation of a component, a pose's shared error included [m, rad]."""
-    noise = finding.last.noise
-    sigma = np.array([noise.by_axis.get(k) or noise.sigma for k in range(6)])
-    sigma[:3] = np.hypot(sigma[:3], noise.approach)
-    return np.asarray(np.maximum(sigma, 1e-9))
 
 
 def _free_model(finding: Finding) -> StiffnessModel:

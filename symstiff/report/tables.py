@@ -71,19 +71,12 @@ def shift(finding: Finding, virtual_joint: str) -> str:
 
 def weights(finding: Finding) -> Array:
     """(M,) standard deviations of the problem's rows, by axis."""
-    noise = finding.last.noise
-    return np.array([noise.by_axis.get(int(a)) or noise.sigma for a in finding.assembly.problem.axis])
+    return np.asarray(finding.last.noise.by_component(shared=False)[finding.assembly.problem.axis])
 
 
 def standardised(finding: Finding, residual: Array) -> Array:
     """(N, 6) residuals in units of the noise of their axis, a pose's shared error included."""
-    noise = finding.last.noise
-    deviation = np.full(6, max(noise.sigma, 1e-300))
-    for axis, value in noise.by_axis.items():
-        if value > 0:
-            deviation[axis] = value
-    deviation[:3] = np.hypot(deviation[:3], noise.approach)
-    return np.asarray(by_state(finding, residual) / deviation)
+    return np.asarray(by_state(finding, residual) / finding.last.noise.by_component())
 
 
 @dataclass(frozen=True)

@@ -9,8 +9,9 @@ import argparse
 import time
 from dataclasses import replace
 
-from symstiff.calibration.plan import Goal, Load, Plan, Region, Search, plan_for, spread_of_tests
-from symstiff.calibration.planning import above_floor
+from symstiff.calibration.plan import Goal, Load, Plan, Region, Search, plan_for
+from symstiff.calibration.planning import Space, above_floor, geometry
+from symstiff.calibration.planning.candidates import draw
 from symstiff.model import StiffnessModel
 from symstiff.reduction.reduce import reduce
 from symstiff.robot import load
@@ -32,7 +33,8 @@ def main() -> None:
     parser.add_argument("--workers", type=int, default=1)
     options = parser.parse_args()
     model = StiffnessModel.of(reduce(load("kuka_kr270"), loads="gravity", measure="pose"))
-    test_q, test_w = spread_of_tests(model, 30, LOAD, seed=99)
+    tests = draw(Space(geometry(model.robot), LOAD), 30, 99)  # spread over the joint limits
+    test_q, test_w = tests.q, tests.w
     print(f"{len(model.parameters)} parameters, 15 poses of {options.candidates} candidates")
     print(
         "criterion  seconds  over random  of best known  of bound  refined over candidates (seconds in all)"
