@@ -40,6 +40,7 @@ from symstiff.calibration.planning.exchange import exchange, greedy
 from symstiff.calibration.planning.frames import origins
 from symstiff.calibration.planning.measurement import whitened_rows
 from symstiff.calibration.planning.refine import Problem, refine
+from symstiff.calibration.planning.region import allowed
 from symstiff.calibration.table import write_table
 from symstiff.errors import UserError
 from symstiff.robot import load
@@ -179,7 +180,7 @@ def test_the_same_seed_gives_the_same_plan_and_another_seed_other_candidates():
 
 @pytest.mark.parametrize("symbolic", [False, True])
 def test_poses_keep_limits_keep_out_fixed_joints_and_levels_through_refinement(symbolic: bool):
-    box = Box((0.2, -0.5, 0.3), (0.6, 0.5, 0.6))
+    box = Box((0.7, -0.5, 0.3), (1.1, 0.5, 0.6))
     region = Region((box,), (above_floor(0.05),), reach=(0.2, 1.2))
     space = {"region": region, "fixed": {1: 0.4}, "levels": {2: 3}}
     plan = small_plan(
@@ -188,7 +189,12 @@ def test_poses_keep_limits_keep_out_fixed_joints_and_levels_through_refinement(s
         search={"refine": True, "candidates": 400},
         casadi_observation=casadi_three_axes if symbolic else None,
     )
-    points = origins(THREE, plan.q)[:, 1:]
+    ends = origins(THREE, plan.q)
+    along = np.linspace(0.0, 1.0, 41)[:, None, None, None]
+    links = ends[:, :-1] + along * np.diff(ends, axis=1)
+    within = (links > np.array(box.low) + 1e-6) & (links < np.array(box.high) - 1e-6)
+    assert not np.all(within, axis=3).any()
+    points = ends[:, 1:]
     inside = np.all((points > np.array(box.low) + 1e-6) & (points < np.array(box.high) - 1e-6), axis=2)
     assert not inside.any()
     assert points[..., 2].min() >= 0.05 - 1e-6
@@ -389,3 +395,19 @@ def test_plots_of_plan_and_workspace_are_reproducible_files(tmp_path):
     assert (tmp_path / "map.png").read_bytes().startswith(b"\x89PNG")
     with pytest.raises(UserError, match=r"\.png or \.svg"):
         save_figure(draw_map(result), tmp_path / "map.pdf")
+
+
+def test_a_box_is_kept_clear_of_the_lines_between_joints():
+    """The upper arm would pass through it with both ends outside."""
+    box = Region((Box((0.2, -0.1, 0.2), (0.4, 0.1, 0.4)),))
+    rng = np.random.default_rng(4)
+    q = rng.uniform(*np.array(LIMITS).T, (4000, 3))
+    points = origins(THREE, q)
+    along = np.linspace(0.0, 1.0, 101)[:, None, None, None]
+    links = points[:, :-1] + along * np.diff(points, axis=1)
+    inside = np.all((links > [0.2, -0.1, 0.2]) & (links < [0.4, 0.1, 0.4]), axis=3).any(axis=(0, 2))
+    ends_inside = np.all((points > [0.2, -0.1, 0.2]) & (points < [0.4, 0.1, 0.4]), axis=2).any(axis=1)
+    kept = allowed(box, THREE, q)
+    assert np.sum(inside & ~ends_inside) > 5
+    assert not np.any(kept & inside)
+    assert np.mean(kept[~inside]) > 0.98

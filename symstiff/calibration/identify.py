@@ -22,6 +22,7 @@ from symstiff.calibration.residuals import ResidualTable, residual_table, split
 from symstiff.calibration.robust import RobustEstimate, robust_estimate
 from symstiff.calibration.rows import Equations, equations, predict, shared_blocks, weights
 from symstiff.calibration.soundness import (
+    check_beside_geometry,
     check_determined,
     check_loads,
     check_poses,
@@ -223,7 +224,8 @@ def _from_absolute(
     found = fit_absolute(model, table)
     values = dict(zip(found.fit.names, found.fit.values.tolist(), strict=True))
     spread = dict(zip(found.fit.names, found.fit.std.tolist(), strict=True))
-    names = [n for n in model.parameters if n in values]
+    names = [n for n in model.parameters if np.isfinite(spread.get(n, np.inf))]
+    check_beside_geometry([n for n in model.parameters if n not in names])
     model = model.with_values({n: values[n] for n in names}, _finite({n: spread[n] for n in names}))
     geometry = sum(n.startswith("geometry_") for n in values)
     beside = [n for n in values if not n.startswith("geometry_") and n not in model.parameters]
@@ -232,10 +234,6 @@ def _from_absolute(
         *remarks,
         f"absolute positions: {geometry} constants of geometry and placement were fitted along{weights}",
     ]
-    open_ones = [n for n in names if not np.isfinite(spread[n])]
-    if open_ones or len(names) < len(model.parameters):
-        missing = [n for n in model.parameters if n not in names]
-        remarks.append(f"not determined by these data: {', '.join([*open_ones, *missing])}")
     remarks += [
         *_explained(found.residuals),
         *_fits(found.fit, found.equations),

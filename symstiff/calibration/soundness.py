@@ -192,6 +192,16 @@ def check_determined(
         )
 
 
+def check_beside_geometry(open_ones: Sequence[str]) -> None:
+    """Raise UserError for parameters that absolute positions do not determine beside the geometry."""
+    if open_ones:
+        shown = ", ".join(open_ones[:8]) + (f" and {len(open_ones) - 8} more" * (len(open_ones) > 8))
+        raise UserError(
+            f"the positions do not determine {shown} beside geometry and placement: measure more poses and loads, or "
+            "deflections (dx[mm] …, loaded minus unloaded), or use symstiff diagnose, which leaves them at zero"
+        )
+
+
 def _needed(names: Sequence[str]) -> str:
     """Loads that would excite parameters that no row contains."""
     wishes: dict[str, None] = {}

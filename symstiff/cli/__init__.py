@@ -8,12 +8,12 @@ import sys
 import threading
 from typing import Any
 
-_INTERRUPTED = 130
+_INTERRUPTED, _CLOSED = 130, 141
 _FULL = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)
 
 
 def main() -> None:
-    """Run a command; bad input is one line and exit code 2, a fault of ours exit code 1, an interrupt 130."""
+    """Run a command; bad input is one line and exit code 2, a fault of ours 1, an interrupt 130, a closed pipe 141."""
     from symstiff.cli.app import app
     from symstiff.errors import UserError
 
@@ -27,8 +27,8 @@ def main() -> None:
     except KeyboardInterrupt:
         print("symstiff: interrupted", file=sys.stderr)
         raise SystemExit(_INTERRUPTED) from None
-    except BrokenPipeError:
-        raise SystemExit(1) from None
+    except BrokenPipeError:  # as of a program that the signal ends
+        raise SystemExit(_CLOSED) from None
     except Exception as error:
         if hasattr(error, "format_message"):
             raise SystemExit(_usage(error)) from None

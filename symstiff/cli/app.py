@@ -140,7 +140,10 @@ def plan(
         str | None, typer.Option(help="Measured points, e.g. p1,p2,p3; the pose itself where none.")
     ] = None,
     fixed: Fixed = None,
-    keep_out: Annotated[str | None, typer.Option(help="Box to avoid \\[m]: x1,y1,z1,x2,y2,z2.")] = None,
+    keep_out: Annotated[
+        str | None,
+        typer.Option(help="Box \\[m], world axes, that no line between frames enters: x1,y1,z1,x2,y2,z2."),
+    ] = None,
     floor: Annotated[float | None, typer.Option(help="Nothing of the robot below this height \\[m].")] = None,
     separate: Annotated[
         Path | None, typer.Option(help="A verdict.json: choose poses that decide among its effects.")

@@ -23,6 +23,8 @@ from symstiff.model import StiffnessModel
 
 _ROUNDS, _SETTLED = 8, 1e-3
 """Most linearisations of a fit, and the change of what is left, as a share of it, at which it has settled."""
+_ASTRAY = 10.0
+"""Growth of what the parameters are fitted to, by a round, from which that has gone astray: it does not count."""
 _INSIDE = 1e-5
 """Share of a column's length outside the columns before it below which it says nothing of its own."""
 
@@ -62,10 +64,14 @@ def fit(model: StiffnessModel, table: Measurements, noise: Noise | None = None) 
     settles. ``noise``: one that is known, as of a better model of the same table. Raises UserError for data that
     do not fit the robot.
     """
-    known, left, weights = model, np.zeros(0), noise
+    known, weights, found = model, noise, None
     for _ in range(1 if model.is_linear and table.kind != "absolute" else _ROUNDS):
         assembly = assemble(known, table, effects=(), noise=weights)
         problem, names = assembly.problem, assembly.names
+        if found is not None and np.linalg.norm(problem.y) > _ASTRAY * np.linalg.norm(
+            found.assembly.problem.y
+        ):
+            break
         kept = independent(problem, [model.steps[n] for n in names])
         own = [names[k] for k in kept if k < len(names)]
         kept_only = replace(problem, A=problem.A[:, kept])
@@ -76,11 +82,13 @@ def fit(model: StiffnessModel, table: Measurements, noise: Noise | None = None) 
         values |= dict(zip(own, value[: len(own)].tolist(), strict=True))
         deviations = {n: float(s) for n, s in zip(own, std[: len(own)], strict=True) if np.isfinite(s)}
         known = model.with_values(values, deviations)
-        left, before = problem.y - fitted, left
-        if before.size and np.linalg.norm(left - before) < _SETTLED * np.linalg.norm(left):
+        left, before = problem.y - fitted, found.residual if found is not None else None
+        absorbed = tuple(n for n in model.parameters if n not in own and n not in _nominal(model))
+        found = Fitted(known, absorbed, left, _rigid(assembly), assembly, weights)
+        if before is not None and np.linalg.norm(left - before) < _SETTLED * np.linalg.norm(left):
             break
-    absorbed = tuple(n for n in model.parameters if n not in own and n not in _nominal(model))
-    return Fitted(known, absorbed, left, _rigid(assembly), assembly, one_sharing(scan))
+    assert found is not None
+    return found
 
 
 def _weighed(problem: Problem, noise: Noise) -> Scan:

@@ -37,6 +37,8 @@ FEW = 20.0
 _FEW_ROWS = 0.02
 _ALONE = 2.5
 """How far the largest residual of a row stands above the next from which that row alone is spoken of."""
+_DOUBTS = 4.0
+"""Standard deviations by which a size is beyond its physical range for sure."""
 _MOSTLY = 0.5
 """Share of the residual's variance that few poses bring from which they are spoken of."""
 
@@ -198,6 +200,18 @@ def _of_weights(view: View, last: Diagnosis) -> list[str]:
         f"joint {accused[1]} carries the arm's weight, which the robot file does not tell: the law of its gear may "
         "look like none of the catalogue for want of that; enter masses and centres of mass and diagnose again"
     ]
+
+
+def astray(effects: Sequence[Found], robot: Robot) -> bool:
+    """Whether a size is beyond its physical range by more than the range is wide, and not for want of data."""
+    for effect in effects:
+        for p in effect.instance.realise(robot).parameters:
+            found, width = effect.parameters.get(p.name), p.high - p.low
+            if found is not None and np.isfinite(width):
+                beyond = max(found.value - p.high, p.low - found.value)
+                if beyond > max(width, _DOUBTS * found.std):
+                    return True
+    return False
 
 
 def out_of_range(effects: Sequence[Found], robot: Robot) -> list[str]:

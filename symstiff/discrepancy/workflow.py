@@ -26,7 +26,7 @@ from symstiff.discrepancy.point import find_point
 from symstiff.discrepancy.prepare import at_first
 from symstiff.discrepancy.problem import Array, Options, Shape
 from symstiff.discrepancy.proof import FEWEST
-from symstiff.discrepancy.remarks import out_of_range, remarked
+from symstiff.discrepancy.remarks import astray, out_of_range, remarked
 from symstiff.discrepancy.result import CandidateResult, Diagnosis, Estimate, Name, Rms
 from symstiff.discrepancy.speech import named as named_at
 from symstiff.discrepancy.strata import Stratum
@@ -318,13 +318,16 @@ def _finding(
     tell("identification")
     grown = grow(base, [e.instance for e in named if e.set_number == 0])
     after = fit(grown, table)
+    if astray([_as_identified(e, after) for e in named if e.set_number == 0], task.robot):
+        last = _taken_back(last)
+        return _finding(task, table, start, base, assembly, first, last, climbed, remarks, tell)
     before = after if grown is start else fit(start, table, after.noise)
     verdict, reason = last.verdict, last.reason
     if climbed and verdict == NOTHING:
         verdict, reason = NAMED, "the links give way; beyond the complete model no test rejects"
     testable = verdict != UNTESTABLE
     remarks = [*remarks, *remarked(assembly.situation.view, last)]
-    remarks += _undetermined(base, assembly, last)
+    remarks += _undetermined(base, assembly, last) if last.growth else _left_at_zero(after)
     if unconfirmed(last.rms):
         named = tuple(replace(e, confidence=min(e.confidence, _UNCONFIRMED)) for e in named)
         remarks.append(
@@ -350,11 +353,31 @@ def _finding(
     )  # fmt: skip
 
 
+def _taken_back(last: Diagnosis) -> Diagnosis:
+    """The diagnosis without the effects whose sizes go astray where all parameters are identified jointly."""
+    reason = "what accounts for the data goes far beyond its physical range where all parameters are identified jointly"
+    rms = replace(last.rms, after=last.rms.before, held_out_after=last.rms.held_out_before)
+    return replace(
+        last, verdict=UNEXPLAINED, reason=reason, effects=(), growth=last.growth[:1], rms=rms, held_out=None
+    )
+
+
+def _left_at_zero(fitted: Fitted) -> list[str]:
+    """A remark on the parameters that a fit leaves at zero, where nothing was tested."""
+    if not fitted.absorbed:
+        return []
+    return [
+        f"{len(fitted.absorbed)} of the model's {len(fitted.model.parameters)} parameters are not determined by these "
+        "data and are zero, the others bear their part: model.toml is no model of the robot before more poses are "
+        "measured"
+    ]
+
+
 def _undetermined(model: StiffnessModel, assembly: Assembly, last: Diagnosis) -> list[str]:
     """A remark on parameters of the start model that the data do not determine."""
     known = {
         name for name, std in zip(assembly.names, last.growth[0].model_std, strict=False) if np.isfinite(std)
-    } if last.growth else set(model.parameters)  # fmt: skip
+    }
     nominal = {n for r in model.realisations for n in r.nominal}
     open_ones = [n for n in model.parameters if n not in known | nominal]
     if not open_ones:

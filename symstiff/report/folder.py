@@ -59,6 +59,8 @@ def _code(finding: Finding, folder: Path) -> dict[str, Any]:
     """Regenerate the code; a model that no controller can evaluate gets none, with the reason."""
     from symstiff.codegen.generate import generate
 
+    if not finding.testable and finding.grown.absorbed:
+        return _no_code("no code was written: the data do not determine the model", fault=False)
     model = finding.grown.model.of_robot()
     left_out = [e.effect for e in finding.grown.model.effects if e not in model.effects]
     note = (

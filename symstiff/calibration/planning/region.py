@@ -1,4 +1,4 @@
-"""Where a pose may be: reach, keep-out boxes and half-spaces, for the tool and every moving DH frame."""
+"""Where a pose may be: reach, half-spaces, and keep-out boxes that the arm's straight links stay beside."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ _TOUCH = 1e-9  # m; a point on a boundary is allowed
 
 @dataclass(frozen=True)
 class Box:
-    """A box in base axes [m] that no frame's origin may enter."""
+    """A box in world axes [m] that no line between the origins of neighbouring frames may enter."""
 
     low: tuple[float, float, float]
     high: tuple[float, float, float]
@@ -42,10 +42,10 @@ class HalfSpace:
 
 @dataclass(frozen=True)
 class Region:
-    """What the tool centre point and the origins of DH frames 1 to n must keep.
+    """What the tool centre point, the origins of DH frames 1 to n and the lines between them must keep.
 
-    ``reach`` bounds the distance of the tool centre point from the origin of frame 0 [m]. Links between two
-    origins are not checked: choose boxes with the links' thickness in mind.
+    ``reach`` bounds the distance of the tool centre point from the origin of frame 0 [m]. Links are lines here: choose
+    boxes with their thickness in mind.
     """
 
     boxes: tuple[Box, ...] = ()
@@ -68,9 +68,7 @@ def clearance(region: Region, robot: Geometry, q: np.ndarray) -> np.ndarray:
     points = origins(robot, q)
     moving = points[:, 1:]
     margins = [np.full(len(q), np.inf)]
-    for box in region.boxes:
-        faces = np.concatenate([np.array(box.low) - moving, moving - np.array(box.high)], axis=2)
-        margins.append(faces.max(axis=2).min(axis=1))
+    margins += [_separated(box, points)[1].max(axis=2).min(axis=1) for box in region.boxes]
     for side in region.half_spaces:
         normal = np.array(side.normal) / np.linalg.norm(side.normal)
         margins.append((moving @ normal - side.offset / np.linalg.norm(side.normal)).min(axis=1))
@@ -80,26 +78,51 @@ def clearance(region: Region, robot: Geometry, q: np.ndarray) -> np.ndarray:
     return np.asarray(np.min(margins, axis=0))
 
 
+def _separated(box: Box, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Planes that part each line between neighbouring points (N, P, 3) from a box.
+
+    Unit normals (N, P-1, 6, 3), away from the box, and how far it is beyond the box along each (N, P-1, 6) [m].
+    A line and a box that do not meet are parted along an axis of the box, or across one and the line.
+    """
+    low, high = np.array(box.low), np.array(box.high)
+    ends = points - (low + high) / 2.0
+    a, b = ends[:, :-1, None], ends[:, 1:, None]
+    across = np.cross(np.eye(3), b - a)
+    length = np.linalg.norm(across, axis=3, keepdims=True)
+    along = np.broadcast_to(np.eye(3), across.shape)
+    axes = np.concatenate(
+        [along, np.where(length > _TOUCH, across / np.maximum(length, _TOUCH), along)], axis=2
+    )
+    first, last = np.sum(axes * a, axis=3), np.sum(axes * b, axis=3)
+    side = np.where(first + last < 0, -1.0, 1.0)
+    gaps = np.minimum(side * first, side * last) - np.abs(axes) @ ((high - low) / 2.0)
+    return axes * side[..., None], gaps
+
+
 def allowed(region: Region, robot: Geometry, q: np.ndarray) -> np.ndarray:
     """Return which configurations (N, n) keep the region, (N,) booleans."""
     return np.asarray(clearance(region, robot, q) >= -_TOUCH)
 
 
 def planes_around(region: Region, robot: Geometry, q: np.ndarray) -> np.ndarray:
-    """Return linear constraints that keep a configuration (n,) on its side, (n+1, boxes + half-spaces, 4).
+    """Return linear constraints that keep a configuration (n,) on its side, (n+1, 2·boxes + half-spaces, 4).
 
-    Entry (a, b, c, d) demands a·x + b·y + c·z ≥ d of one moving origin. A box is replaced by its face that
-    separates best at ``q``: stricter than the box, smooth, and true at ``q``.
+    Entry (a, b, c, d) demands a·x + b·y + c·z ≥ d of one moving origin. A box is replaced, for each of the two lines
+    that meet there, by the plane that parts it from the line best at ``q``: stricter than the box, smooth, true there.
     """
-    moving = origins(robot, np.atleast_2d(q))[0, 1:]
-    planes = np.zeros((len(moving), len(region.boxes) + len(region.half_spaces), 4))
+    points = origins(robot, np.atleast_2d(q))
+    lines = points.shape[1] - 1
+    planes = np.zeros((lines, 2 * len(region.boxes) + len(region.half_spaces), 4))
     for k, box in enumerate(region.boxes):
-        faces = np.concatenate([np.array(box.low) - moving, moving - np.array(box.high)], axis=1)
-        for point, face in enumerate(faces.argmax(axis=1)):
-            axis, upper = face % 3, face >= 3
-            planes[point, k, axis] = 1.0 if upper else -1.0
-            planes[point, k, 3] = box.high[axis] if upper else -box.low[axis]
-    for k, side in enumerate(region.half_spaces, start=len(region.boxes)):
+        low, high = np.array(box.low), np.array(box.high)
+        normals, gaps = (found[0] for found in _separated(box, points))
+        for line, best in enumerate(gaps.argmax(axis=1)):
+            normal = normals[line, best]
+            plane = np.append(normal, normal @ (low + high) / 2.0 + np.abs(normal) @ (high - low) / 2.0)
+            planes[line, 2 * k] = plane
+            planes[max(line - 1, 0), 2 * k + 1] = plane
+        planes[-1, 2 * k + 1] = planes[-1, 2 * k]  # one line ends at the tool
+    for k, side in enumerate(region.half_spaces, start=2 * len(region.boxes)):
         length = float(np.linalg.norm(side.normal))
         planes[:, k] = np.array([*side.normal, side.offset]) / length
     return planes
@@ -111,7 +134,7 @@ def constraint_values(region: Region, points: Sequence[Any], planes: Any) -> lis
     ``planes`` is the flattened result of ``planes_around``; reach is constrained by its square.
     """
     values = []
-    per_point = len(region.boxes) + len(region.half_spaces)
+    per_point = 2 * len(region.boxes) + len(region.half_spaces)
     for index, (x, y, z) in enumerate(points[1:]):
         for k in range(per_point):
             a, b, c, d = (planes[4 * (index * per_point + k) + e] for e in range(4))
