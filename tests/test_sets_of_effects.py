@@ -239,7 +239,7 @@ def test_an_effect_divides_its_weight_among_kinds_of_places_and_each_among_its_o
     where: tuple[dict[str, object], ...] = ({"measurement": "frame"}, {"link": 1}, {"link": 2}, {"link": 3})
     drifts = [replace(lawful("drift", column), where=w) for w in where]
     unnamed = [lawful(f"law {k}", column) for k in range(3)]
-    weight = np.exp(build(bare, (*drifts, lawful("gear", column)), unnamed, 0.3).log_prior)
+    weight = np.exp(build(bare, (*drifts, lawful("gear", column)), unnamed).log_prior)
     assert weight == pytest.approx([0.175, *[0.175 / 3.0] * 3, 0.35, *[0.1] * 3])
 
 

@@ -13,7 +13,7 @@ from command_line import Run, assert_users_mistake, run_command_line  # noqa: F4
 
 from symstiff.calibration.identify import identify
 from symstiff.calibration.markers import marker_hint
-from symstiff.calibration.measurements import Measurements, measurements
+from symstiff.calibration.measurements import Measurements, concatenate, measurements
 from symstiff.calibration.rows import predict
 from symstiff.calibration.simulation import Effect, Noise, Truth, nominal_truth, simulate
 from symstiff.discrepancy.deciding import experiment_like
@@ -76,6 +76,20 @@ def test_an_exchanged_branch_is_asked_about() -> None:
     right = diagnosed(lag())
     assert [e.effect for e in right.named] == ["hysteresis"]
     assert not any("exchanged" in r for r in right.remarks)
+
+
+def test_rows_that_have_come_back_to_no_load_are_left_out() -> None:
+    """What a load leaves behind has the sign of a load that is gone."""
+    table = lag()
+    none = replace(
+        table.select(np.flatnonzero(table.branch < 0)), w=np.zeros((int(np.sum(table.branch < 0)), 6))
+    )
+    back = none.select(np.flatnonzero(np.arange(len(none)) % 6 < 3))
+    back = replace(back, time=back.time + 40.0, values=back.values * 0.0 + 2e-4)
+    found = diagnosed(concatenate([table, back]))
+    assert [(e.effect, dict(e.where)) for e in found.named] == [("hysteresis", {"joint": 2})]
+    assert len(found.table) == len(table)
+    assert f"{len(back)} rows have come back to no load (they read 0.200 mm rms)" in " ".join(found.remarks)
 
 
 @pytest.mark.parametrize("kind", ["deflection", "absolute"])
@@ -195,3 +209,37 @@ def test_identify_leaves_out_what_has_no_size_and_says_so() -> None:
     assert any("large deflection: has no size to fit" in r for r in found.remarks)
     assert not found.model.effects
     assert found.fit.values == pytest.approx(alone.fit.values)
+
+
+def test_a_size_that_goes_astray_is_not_named(tmp_path: Path) -> None:
+    """One joint, a quarter of a radian of deflection: far beyond what the second order tells."""
+    (tmp_path / "one.toml").write_text('format = 1\nname = "one"\n[[joint]]\na = 0.5\nalpha = 0\nd = 0\n')
+    robot = load(str(tmp_path / "one.toml"))
+    q = np.linspace(-2.0, 2.0, 12)[:, None]
+    poses = measurements(q, np.tile([0.0, 0.0, -1000.0, 0.0, 0.0, 0.0], (12, 1)))
+    for seed in (0, 5):
+        truth = Truth(robot, nominal_truth(robot), noise=Noise((0.01,) * 3, (0.01,) * 3))
+        found = run(Task(robot, simulate(truth, poses, seed)))
+        for effect in found.named:
+            for p in effect.instance.realise(robot).parameters:
+                width = p.high - p.low
+                assert p.low - width <= effect.parameters[p.name].value <= p.high + width
+
+
+def test_no_code_is_written_where_the_data_do_not_determine_the_model(run: Run, tmp_path: Path) -> None:
+    table = measured().select(measured().pose == 0)
+    saved(table, tmp_path / "one_pose.csv")
+    result = run("diagnose", ROBOT, str(tmp_path / "one_pose.csv"), "-o", str(tmp_path / "report"))
+    assert result.code == 0
+    assert "no code was written: the data do not determine the model" in result.out
+    assert "are not determined by these data" in " ".join((result.out + result.err).split())
+    assert not (tmp_path / "report" / "code").exists()
+
+
+def test_positions_that_do_not_determine_the_model_are_refused(run: Run, tmp_path: Path) -> None:
+    table = replace(design(3, (1.0,)), kind="absolute")
+    truth = Truth(load(ROBOT), nominal_truth(load(ROBOT)), noise=Noise((0.02,) * 3))
+    saved(simulate(truth, table, 3), tmp_path / "data.csv")
+    result = run("identify", ROBOT, str(tmp_path / "data.csv"), "-o", str(tmp_path / "model.toml"))
+    assert_users_mistake(result, "the positions do not determine", "beside geometry")
+    assert not (tmp_path / "model.toml").exists()

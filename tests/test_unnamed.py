@@ -13,10 +13,10 @@ from symstiff.calibration.simulation.chain import chain_of, posture
 from symstiff.discrepancy import diagnose as engine
 from symstiff.discrepancy.assemble import assemble
 from symstiff.discrepancy.bank import build
-from symstiff.discrepancy.laws import _lagging
+from symstiff.discrepancy.laws import _lagging, every_law
 from symstiff.discrepancy.localise import FittedLaw, _scales, _validated
 from symstiff.discrepancy.noise import start
-from symstiff.discrepancy.problem import Problem
+from symstiff.discrepancy.problem import HISTORY, Problem
 from symstiff.discrepancy.proof import HeldOut
 from symstiff.discrepancy.result import Rms
 from symstiff.discrepancy.scan import open_scan
@@ -29,6 +29,7 @@ from tests.diagnosis_data import HARDENING, ROBOT, design, measured
 from tests.test_assemble import complete, truth_of
 from tests.test_assemble import design as experiment
 from tests.test_assemble import measured as exact
+from tests.test_discrepancy_engine import arm
 
 
 def _diagnosed(table: Measurements) -> Finding:
@@ -49,7 +50,7 @@ def test_a_marker_that_gives_way_is_accused_with_its_size() -> None:
     law = found.last.device_law
     assert law is not None
     assert law.place == "marker p2"
-    assert [value for _, value, _, _ in law.terms] == pytest.approx([1e-4, -0.5e-4, 0.2e-4], abs=1.5e-5)
+    assert [value for _, value, _, _ in law.text] == pytest.approx([1e-4, -0.5e-4, 0.2e-4], abs=1.5e-5)
     assert "marker p2" in words.sentence(found)
     assert "mm)" in unnamed.device_text(law)
 
@@ -199,7 +200,7 @@ def test_a_foot_that_lifts_is_accused_with_its_tilt() -> None:
     law = found.last.device_law
     assert law is not None
     assert law.place == "foot of the base"
-    assert law.terms[0][1] == pytest.approx(3e-4, rel=0.15)
+    assert law.text[0][1] == pytest.approx(3e-4, rel=0.15)
     assert "the foot of the base, where a tilt beyond 50 % of the largest moment" in words.sentence(found)
     view = found.assembly.situation.view
     column = _law(found.assembly.problem, "foot of the base", "tilt beyond 50 % of the largest moment")[:, 0]
@@ -216,7 +217,7 @@ def test_a_flange_that_slips_the_way_of_the_force_is_accused_with_its_slip() -> 
     law = found.last.device_law
     assert law is not None
     assert law.place == "flange"
-    assert law.terms[0][1] == pytest.approx(1e-4, abs=1.5e-5)
+    assert law.text[0][1] == pytest.approx(1e-4, abs=1.5e-5)
     assert "strongest at the flange, where a slip beyond 50 % of the largest force" in words.sentence(found)
 
 
@@ -245,7 +246,7 @@ def test_a_marker_that_gives_way_along_the_force_is_accused() -> None:
     assert found.verdict == "unexplained"
     law = found.last.device_law
     assert law is not None
-    assert (law.place, law.terms[0][0][:27]) == ("marker p3", "shift the way of the force:")
+    assert (law.place, law.text[0][0][:27]) == ("marker p3", "shift the way of the force:")
 
 
 @pytest.mark.parametrize("of_tool", [False, True])
@@ -264,8 +265,8 @@ def test_a_marker_whose_bracket_bends_across_the_force_is_accused(of_tool: bool)
     law = found.last.device_law
     assert law is not None
     assert law.place == "marker p2"
-    sizes = {title.partition(": ")[2]: value for title, value, _, _ in law.terms}
-    titles = {title.partition(": ")[0] for title, _, _, _ in law.terms}
+    sizes = {title.partition(": ")[2]: value for title, value, _, _ in law.text}
+    titles = {title.partition(": ")[0] for title, _, _, _ in law.text}
     assert titles == {"shift by the force" + " in the tool's axes" * of_tool}
     force = np.abs(table.w[:, :3]).max()
     assert sizes["x by fy"] == pytest.approx(1.5e-6 * force, rel=0.25)
@@ -283,8 +284,8 @@ def test_a_rig_that_rubs_is_accused_with_its_friction() -> None:
     law = found.last.device_law
     assert law is not None
     assert law.place == "force sensor"
-    assert law.terms[0][:1] == ("gain*branch",)
-    assert law.terms[0][1] == pytest.approx(-10.0, abs=2.0)
+    assert law.text[0][:1] == ("gain*branch",)
+    assert law.text[0][1] == pytest.approx(-10.0, abs=2.0)
     assert "friction in the rig" in words.sentence(found)
 
 
@@ -296,7 +297,7 @@ def test_what_unused_poses_refute_is_not_named(
     after: float, again: float, verdict: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Most folds have to select something else, and what they select must not predict the poses left out."""
-    proof = HeldOut(2.1e-5, after, 2e-5, 2e-5, (), again)
+    proof = HeldOut(2.1e-5, after, 2e-5, (), again)
     monkeypatch.setattr(engine, "held_out", lambda *_: proof)
     found = _diagnosed(measured(HARDENING, poses=16))
     assert found.verdict == verdict
@@ -340,3 +341,17 @@ def test_a_law_is_judged_on_poses_that_the_model_has_not_seen_either() -> None:
 
 def hardening() -> Problem:
     return assemble(complete(ROBOT), measured(HARDENING), effects=()).problem
+
+
+def test_the_order_of_the_loads_is_a_law_where_the_load_does_not_tell_it() -> None:
+    """Of loads that grow it is the load; on the way down again it is a loop, of which hysteresis is a shape."""
+    for levels, there in (
+        ((0.3, 0.65, 1.0, 0.6, 0.3), True),
+        ((0.2, 0.4, 0.6, 0.8, 1.0), False),
+        ((1.0,), False),
+    ):
+        problem = arm(levels=levels).problem
+        laws = {law.text: law for law in every_law(problem, 1)}
+        assert (("tau*load_case",) in laws) == there
+    order = [law for law in every_law(arm().problem, 1) if law.text == ("tau*load_case",)]
+    assert [law.driven for law in order] == [frozenset({HISTORY})]

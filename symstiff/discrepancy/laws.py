@@ -21,6 +21,8 @@ _SLIPS = (0.2, 0.4, 0.65)
 """Shares of the largest load at which a link's law without a name begins: a foot that slips, a bolt that opens."""
 _LAGS = (0.01, 0.05, 0.25)
 """Time constants, as shares of the session, with which a joint without a name may follow its load."""
+_TOLD = 0.9
+"""Correlation of the order of the load cases with the load from which it says nothing of its own."""
 _SPOTS = 6
 """Widths of a soft spot that a joint's range holds."""
 
@@ -280,7 +282,7 @@ def _lagging(clock: Array, t: Array, constant: float) -> Array:
 
 
 def _laws_of_clock(problem: Problem, v: int) -> list[Law]:
-    """Of time, temperature and the order of the load cases, with the load and without."""
+    """Of time, or the order of the poses, and temperature, with the load and without."""
     assert problem.tau is not None
     t = problem.tau[:, v] / largest_load(problem, v)
     name, s = _clock(problem)
@@ -288,14 +290,20 @@ def _laws_of_clock(problem: Problem, v: int) -> list[Law]:
     if problem.temperature is not None and np.ptp(problem.temperature) > 0:
         warm = _unit(problem.temperature - problem.temperature.min())
         out.append(Law(("tau*temperature",), (t * warm)[:, None]))
-    if np.ptp(problem.case) > 1:
-        step = (problem.case - problem.case.mean()) / np.ptp(problem.case)
-        out.append(Law(("tau*load_case",), (t * step)[:, None]))
     return out
 
 
+def _order_of_loads(problem: Problem) -> Array | None:
+    """(M,) the place of a load case among those of its pose; None where it is told by the load."""
+    if np.ptp(problem.case) < 2 or problem.load is None:
+        return None
+    step = (problem.case - problem.case.mean()) / np.ptp(problem.case)
+    told = np.ptp(problem.load) > 0 and abs(np.corrcoef(step, np.abs(problem.load))[0, 1]) > _TOLD
+    return None if told else np.asarray(step)
+
+
 def _laws_of_history(problem: Problem, v: int) -> list[Law]:
-    """Of the loads that were there before: followed late, and the branch with the load and without."""
+    """Of the loads that were there before: followed late, their order, and the branch with the load and without."""
     assert problem.tau is not None
     t = problem.tau[:, v] / largest_load(problem, v)
     _, s = _clock(problem)
@@ -303,6 +311,9 @@ def _laws_of_history(problem: Problem, v: int) -> list[Law]:
         Law((f"late(tau,{constant:g})",), _lagging(s, t, constant)[:, None], family="tau, late")
         for constant in _LAGS
     ]
+    order = _order_of_loads(problem)
+    if order is not None:
+        out.append(Law(("tau*load_case",), (t * order)[:, None]))
     if problem.branch is not None and np.ptp(problem.branch) > 0:
         out.append(Law(("branch",), problem.branch[:, None]))
         out.append(Law(("branch*tau",), (problem.branch * t)[:, None]))

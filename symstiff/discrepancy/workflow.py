@@ -20,7 +20,7 @@ from symstiff.calibration.loading import as_loading
 from symstiff.calibration.measurements import Measurements
 from symstiff.discrepancy.assemble import Assembly, added_loads, assemble
 from symstiff.discrepancy.diagnose import diagnose
-from symstiff.discrepancy.doubts import doubted, known_throughout
+from symstiff.discrepancy.doubts import doubted, known_throughout, under_load
 from symstiff.discrepancy.growth import Fitted, fit, grow
 from symstiff.discrepancy.point import find_point
 from symstiff.discrepancy.prepare import at_first
@@ -144,7 +144,8 @@ def run(task: Task, tell: Tell = lambda stage: None) -> Finding:
     table, remarks = _thinned(task)
     table, gaps = known_throughout(table)
     table, copies = without_copies(table)
-    remarks = [*warnings, *remarks, *gaps, *copies]
+    table, back = under_load(table)
+    remarks = [*warnings, *remarks, *gaps, *copies, *back]
     tell("model")
     experiment = experiment_of(table, task.robot)
     experiment = ExperimentClass(
