@@ -50,7 +50,7 @@ def test_a_marker_that_gives_way_is_accused_with_its_size() -> None:
     law = found.last.device_law
     assert law is not None
     assert law.place == "marker p2"
-    assert [value for _, value, _, _ in law.text] == pytest.approx([1e-4, -0.5e-4, 0.2e-4], abs=1.5e-5)
+    assert [value for _, value, _, _ in law.terms] == pytest.approx([1e-4, -0.5e-4, 0.2e-4], abs=1.5e-5)
     assert "marker p2" in words.sentence(found)
     assert "mm)" in unnamed.device_text(law)
 
@@ -200,7 +200,7 @@ def test_a_foot_that_lifts_is_accused_with_its_tilt() -> None:
     law = found.last.device_law
     assert law is not None
     assert law.place == "foot of the base"
-    assert law.text[0][1] == pytest.approx(3e-4, rel=0.15)
+    assert law.terms[0][1] == pytest.approx(3e-4, rel=0.15)
     assert "the foot of the base, where a tilt beyond 50 % of the largest moment" in words.sentence(found)
     view = found.assembly.situation.view
     column = _law(found.assembly.problem, "foot of the base", "tilt beyond 50 % of the largest moment")[:, 0]
@@ -217,7 +217,7 @@ def test_a_flange_that_slips_the_way_of_the_force_is_accused_with_its_slip() -> 
     law = found.last.device_law
     assert law is not None
     assert law.place == "flange"
-    assert law.text[0][1] == pytest.approx(1e-4, abs=1.5e-5)
+    assert law.terms[0][1] == pytest.approx(1e-4, abs=1.5e-5)
     assert "strongest at the flange, where a slip beyond 50 % of the largest force" in words.sentence(found)
 
 
@@ -246,7 +246,7 @@ def test_a_marker_that_gives_way_along_the_force_is_accused() -> None:
     assert found.verdict == "unexplained"
     law = found.last.device_law
     assert law is not None
-    assert (law.place, law.text[0][0][:27]) == ("marker p3", "shift the way of the force:")
+    assert (law.place, law.terms[0][0][:27]) == ("marker p3", "shift the way of the force:")
 
 
 @pytest.mark.parametrize("of_tool", [False, True])
@@ -265,8 +265,8 @@ def test_a_marker_whose_bracket_bends_across_the_force_is_accused(of_tool: bool)
     law = found.last.device_law
     assert law is not None
     assert law.place == "marker p2"
-    sizes = {title.partition(": ")[2]: value for title, value, _, _ in law.text}
-    titles = {title.partition(": ")[0] for title, _, _, _ in law.text}
+    sizes = {title.partition(": ")[2]: value for title, value, _, _ in law.terms}
+    titles = {title.partition(": ")[0] for title, _, _, _ in law.terms}
     assert titles == {"shift by the force" + " in the tool's axes" * of_tool}
     force = np.abs(table.w[:, :3]).max()
     assert sizes["x by fy"] == pytest.approx(1.5e-6 * force, rel=0.25)
@@ -284,8 +284,8 @@ def test_a_rig_that_rubs_is_accused_with_its_friction() -> None:
     law = found.last.device_law
     assert law is not None
     assert law.place == "force sensor"
-    assert law.text[0][:1] == ("gain*branch",)
-    assert law.text[0][1] == pytest.approx(-10.0, abs=2.0)
+    assert law.terms[0][:1] == ("gain*branch",)
+    assert law.terms[0][1] == pytest.approx(-10.0, abs=2.0)
     assert "friction in the rig" in words.sentence(found)
 
 
