@@ -31,7 +31,7 @@ def write_file(path: str | Path, data: bytes | str) -> None:
         os.replace(temporary, target)
     except OSError as error:
         _remove(temporary)
-        raise cannot_write(Path(path), error) from error
+        raise cannot_write(Path(path), error, "") from error
 
 
 @contextmanager
@@ -211,4 +211,6 @@ def _remove_empty(folders: Iterable[Path]) -> None:
 def cannot_write(target: Path, error: OSError, option: str = "-o") -> UserError:
     """The message for a place that cannot be written."""
     reason = error.strerror or str(error)
-    return UserError(f"cannot write {target}: {reason}: choose another place with {option}")
+    return UserError(
+        f"cannot write {target}: {reason}: choose another place" + f" with {option}" * bool(option)
+    )

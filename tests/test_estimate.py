@@ -262,6 +262,18 @@ def test_data_from_an_admissible_robot_press_against_no_bound_beyond_the_noise()
     assert np.max(np.abs(found.values - x) / fit.std) < 6
 
 
+def test_noise_alone_seldom_makes_the_conditions_look_contradicted():
+    """At the corner of the cone, where a matrix of two rows can go on in three directions."""
+    rng, kept = np.random.default_rng(12), ["k2_22", "k2_66", "k2_26"]
+    found = []
+    for _ in range(160):
+        A = rng.normal(size=(30, 3))
+        fit = estimate(A, 0.1 * rng.normal(size=30), np.full(30, 0.1), kept)
+        found.append(constrain(fit, nominal=dict.fromkeys(kept, 1.0)).implausible_p)
+    assert np.mean(np.array(found) < 0.05) < 0.08
+    assert np.mean(np.array(found) < 0.01) < 0.03
+
+
 def test_residual_tables_count_axes_positions_and_the_compensated_share():
     measured = np.array([[3.0, 4.0, 0.0], [0.0, 0.0, -1.0], [np.nan, 1.0, 1.0]])
     table = residual_table(measured, np.nan_to_num(0.9 * measured))

@@ -130,6 +130,11 @@ MISTAKES = [
         "joint = 1979-05-27\n",
         "gravity_compensator.joint: expected an integer, found 1979-05-27",
     ),
+    (
+        "joint = 1\n",
+        "joint = 1\nax = 0\nay = 0\n",
+        "ax and ay are both 0: a spring that is held in the joint's axis turns nothing",
+    ),
     ("joint = 1\n", "joint = 1\nL = 0\n", "gravity_compensator.L: a spring's lever is longer than nothing"),
     ("11 = 1e-8", "22 = 1e-8\n66 = 1e-8\n26 = 2e-8", "entry 26: of an elastic body its square is at most"),
     ("11 = 1e-8", "22 = 0\n66 = 1e-8\n26 = 2e-8", "0 times 1e-08: correct 2e-08, or one of these"),

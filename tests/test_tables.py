@@ -161,7 +161,8 @@ def test_a_mistake_is_refused_with_file_and_line(tmp_path, old, new, line, says)
         ("pose,q1[deg],dx[mm]\na,1,1\n", "every wrench is zero"),
         ("pose,q1[deg],x[mm],rx[rad]\na,1,1,0\n", "rotation vector"),
         ("pose,q1[deg],x[mm],y[mm],z[mm],rx[rad],ry[rad],rz[rad]\na,1,1,1,1,90,0,0\n", "degrees"),
-        ('pose,q1[deg],x[mm]\n"a,1,1\n', "quotes"),
+        ('pose,q1[deg],x[mm]\n"a,1,1\n', "line 2: not a row"),
+        ('pose,q1[deg],x[mm]\na,1,1\n"b,1,1\nc,1,1\nd,1,1\n', "line 3: not a row"),
     ],
 )  # fmt: skip
 def test_a_file_that_is_no_table_is_refused(tmp_path, text, says):

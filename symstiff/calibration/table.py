@@ -122,15 +122,16 @@ def _text(path: Path, origin: str) -> str:
 def _cells(text: str, origin: str) -> tuple[list[int], list[list[str]]]:
     """Split into rows of cells, with the line each row ends on; empty lines are skipped."""
     reader = csv.reader(io.StringIO(text, newline=""), strict=True)
-    lines, rows = [], []
+    lines, rows, read = [], [], 0
     try:
         for row in reader:
+            read = reader.line_num
             if any(cell.strip() for cell in row):
                 lines.append(reader.line_num)
                 rows.append(row)
     except csv.Error as error:
         raise UserError(
-            f"{origin}: line {reader.line_num}: not a row of a CSV table ({error}): check its quotes"
+            f"{origin}: line {read + 1}: not a row of a CSV table ({error}): check its quotes"
         ) from error
     if not rows:
         raise UserError(f"{origin}: empty file: a table has a header line and rows")

@@ -278,6 +278,12 @@ class GravityCompensator(_Frozen):
     s0: FreeLength | None = None
     rate: Number | None = None
 
+    @model_validator(mode="after")
+    def _turns(self) -> GravityCompensator:
+        if self.ax is not None and self.ay is not None and float(self.ax) == 0.0 == float(self.ay):
+            raise UserError("ax and ay are both 0: a spring that is held in the joint's axis turns nothing")
+        return self
+
 
 class Template(_Frozen):
     """A user's compliance template: six rows of six characters, ``*`` a term, ``0`` or ``.`` none."""
