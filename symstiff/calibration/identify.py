@@ -225,8 +225,14 @@ def _from_absolute(
     values = dict(zip(found.fit.names, found.fit.values.tolist(), strict=True))
     spread = dict(zip(found.fit.names, found.fit.std.tolist(), strict=True))
     names = [n for n in model.parameters if np.isfinite(spread.get(n, np.inf))]
-    check_beside_geometry([n for n in model.parameters if n not in names])
-    model = model.with_values({n: values[n] for n in names}, _finite({n: spread[n] for n in names}))
+    sizes = np.array([model.steps.get(n, 1.0) for n in found.fit.names])
+    shown = dict(zip(found.fit.names, np.any(without_rounding(found.equations.A, sizes), axis=0), strict=True))
+    silent = [n for n in model.parameters if not shown.get(n, False)]
+    check_beside_geometry([n for n in model.parameters if n not in names and n not in silent])
+    if silent:
+        remarks = [*remarks, f"no row shows {', '.join(silent)}: not determined by these data, and zero"]
+    known = dict.fromkeys(silent, 0.0) | {n: values[n] for n in names}
+    model = model.with_values(known, {n: spread[n] for n in names})
     geometry = sum(n.startswith("geometry_") for n in values)
     beside = [n for n in values if not n.startswith("geometry_") and n not in model.parameters]
     weights = f", and what only the links' weights show: {', '.join(beside)}" if beside else ""
