@@ -226,7 +226,9 @@ def _from_absolute(
     spread = dict(zip(found.fit.names, found.fit.std.tolist(), strict=True))
     names = [n for n in model.parameters if np.isfinite(spread.get(n, np.inf))]
     sizes = np.array([model.steps.get(n, 1.0) for n in found.fit.names])
-    shown = dict(zip(found.fit.names, np.any(without_rounding(found.equations.A, sizes), axis=0), strict=True))
+    shown = dict(
+        zip(found.fit.names, np.any(without_rounding(found.equations.A, sizes), axis=0), strict=True)
+    )
     silent = [n for n in model.parameters if not shown.get(n, False)]
     check_beside_geometry([n for n in model.parameters if n not in names and n not in silent])
     if silent:
