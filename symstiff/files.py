@@ -22,16 +22,18 @@ def write_file(path: str | Path, data: bytes | str) -> None:
     """Write one file atomically; a device or pipe is written to, never replaced. Raises UserError."""
     target = Path(os.path.realpath(path))  # a link stays a link
     content = data.encode() if isinstance(data, str) else data
-    temporary = target.with_name(f".{target.name}.part")
+    temporary = target.with_name(f".symstiff-{os.getpid()}-{os.urandom(4).hex()}.part")
     try:
         if target.exists() and not target.is_file() and not target.is_dir():
             target.write_bytes(content)
             return
         temporary.write_bytes(content)
         os.replace(temporary, target)
-    except OSError as error:
+    except BaseException as error:  # an interrupt leaves nothing behind either
         _remove(temporary)
-        raise cannot_write(Path(path), error, "") from error
+        if isinstance(error, OSError):
+            raise cannot_write(Path(path), error, "") from error
+        raise
 
 
 @contextmanager

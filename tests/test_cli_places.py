@@ -121,7 +121,9 @@ def test_mistakes_in_tables_name_file_and_line(run: Run, place: Path) -> None:
     done = run("simulate", "truth.toml", "--poses", "bare.csv", "-o", "x.csv")
     assert_users_mistake(done, "bare.csv: line 2: every wrench is zero")
     (place / "other.csv").write_text("q1[deg],q2[deg],q3[deg],fx[N]\n0,10,0,5\n")
-    done = run("plan", "planar2r", "--poses", "9", "--test-poses", "other.csv", "-o", "x.csv")
+    done = run(
+        "plan", "planar2r", "--poses", "9", "--test-poses", "other.csv", "--criterion", "test", "-o", "x.csv"
+    )
     assert_users_mistake(done, "other.csv: line 2: 3 joint columns")
     text = (place / "data.csv").read_text().splitlines()
     marked = [f"{line},{'point' if k == 0 else 'zz'}" for k, line in enumerate(text)]

@@ -25,7 +25,7 @@ from symstiff.errors import UserError
 from symstiff.model import StiffnessModel, joints_only, load_model
 from symstiff.reduction.reduce import reduce
 from symstiff.robot import load
-from symstiff.symbolic.algebras import NumpyAlgebra
+from symstiff.symbolic.algebras import NumpyAlgebra, evaluate_numpy
 from symstiff.symbolic.program import walk
 from symstiff.symbolic.reading import laws_latex
 from symstiff.symbolic.terms import q
@@ -167,6 +167,37 @@ def test_latex_of_a_model_shows_every_term_that_an_effect_adds() -> None:
         assert text.startswith("$$")
         for term in realised.terms:
             assert sp.latex(sp.Symbol(term.parameter)) in text
+
+
+OF_THE_READING = {"force_sensor_misalignment", "frame_misalignment"}
+"""What they turn is a load or a reading, and no compliance of the robot."""
+
+
+@pytest.mark.parametrize(
+    "name", sorted(n for n, e in catalogue().items() if e.columns is None and n not in OF_THE_READING)
+)
+def test_a_models_compliance_is_the_slope_of_its_deflection_without_load(name: str) -> None:
+    robot = load("ur10")
+    plain = StiffnessModel.of(reduce(robot))
+    angles = np.array([[0.3, -1.1, 0.9, 0.4, 0.7, 0.2]])
+    for where in catalogue()[name].places(robot)[1:3]:
+        shapes = catalogue()[name].shapes(robot, where, Scales())
+        model = plain.with_effect(EffectInstance(name, where, shapes[0] if shapes else {}))
+        values = {n: 1e-8 * (1 + k % 3) for k, n in enumerate(model.parameters)}
+        model = model.with_values(values | {p.name: p.typical for p in model.effect_parameters})
+        context = dict.fromkeys(("time", "temperature", "branch"), 1.0)
+        inputs = {
+            "context": np.ones((1, len(v.symbols)))
+            for v in model.compliance_program.inputs
+            if v.name == "context"
+        }
+        C = evaluate_numpy(model.compliance_program, p=model.vector(), q=angles, **inputs)["C"][0]
+        step = 1e-3 * np.eye(6)
+        ends = [
+            [model.deflection(angles, s * w[None], context=context)[0] for w in step] for s in (1.0, -1.0)
+        ]
+        slope = (np.array(ends[0]) - np.array(ends[1])).T / 2e-3
+        np.testing.assert_allclose(C, slope, atol=2e-6 * np.abs(slope).max())
 
 
 def test_a_place_the_robot_does_not_have_is_refused() -> None:

@@ -87,6 +87,15 @@ def batch_estimate(q, w, dt, start, deviation, weights=None, sigma=SIGMA):
     return x / scale, np.linalg.inv(rows.T @ rows)
 
 
+def test_it_starts_anew_from_the_parameters_that_it_has(estimator):
+    start = np.linspace(1e-8, 1e-6, estimator.size)
+    assert estimator.init(start, 1.0, 0.99, 1e6) == 0
+    address = estimator.state.ctypes.data_as(ctypes.c_void_p)
+    again = estimator.library[f"{ROBOT}_rls_init"]
+    assert again(address, address, estimator.c(2.0), estimator.c(0.99), estimator.c(1e6)) == 0
+    np.testing.assert_array_equal(estimator.estimate, start)
+
+
 def test_without_forgetting_it_is_the_batch_estimate(estimator):
     q, w, dt = data(150)
     start = np.zeros(estimator.size)

@@ -18,11 +18,11 @@ from symstiff.calibration.simulation import (
     describe_effects,
     load_truth,
     nominal_truth,
-    run_simulation,
     simulate,
     truth_from_table,
 )
 from symstiff.calibration.table import read_measurements, write_table
+from symstiff.cli.calibrate import run_simulate
 from symstiff.errors import UserError
 from symstiff.robot import load
 
@@ -193,15 +193,15 @@ def design(rows=6):
 def test_a_truth_and_poses_give_a_table_without_a_trace_of_the_truth(tmp_path):
     (tmp_path / "truth.toml").write_text(TRUTH)
     write_table(design(), tmp_path / "poses.csv")
-    run_simulation(tmp_path / "truth.toml", tmp_path / "poses.csv", 0.01, 5, tmp_path / "data.csv")
+    run_simulate(tmp_path / "truth.toml", tmp_path / "poses.csv", tmp_path / "data.csv", 0.01, 5)
     data = read_measurements(tmp_path / "data.csv")
     assert data.kind == "deflection"
     assert data.measures == "position"
     text = (tmp_path / "data.csv").read_text()
     assert not any(word in text for word in ("backlash", "gap", "truth", "seed", "effect"))
-    run_simulation(tmp_path / "truth.toml", tmp_path / "poses.csv", 0.01, 5, tmp_path / "again.csv")
+    run_simulate(tmp_path / "truth.toml", tmp_path / "poses.csv", tmp_path / "again.csv", 0.01, 5)
     assert (tmp_path / "again.csv").read_text() == text
-    run_simulation(tmp_path / "truth.toml", tmp_path / "poses.csv", 0.01, 6, tmp_path / "other.csv")
+    run_simulate(tmp_path / "truth.toml", tmp_path / "poses.csv", tmp_path / "other.csv", 0.01, 6)
     assert (tmp_path / "other.csv").read_text() != text
 
 
@@ -297,7 +297,7 @@ def test_a_mistake_in_a_truth_is_one_line_with_the_file(tmp_path, change, messag
     (tmp_path / "truth.toml").write_text(TRUTH.replace(change, message))
     write_table(design(1), tmp_path / "poses.csv")
     with pytest.raises(UserError) as error:
-        run_simulation(tmp_path / "truth.toml", tmp_path / "poses.csv", None, 1, tmp_path / "data.csv")
+        run_simulate(tmp_path / "truth.toml", tmp_path / "poses.csv", tmp_path / "data.csv", None, 1)
     assert "truth.toml" in str(error.value)
     assert "\n" not in str(error.value)
     assert not (tmp_path / "data.csv").exists()

@@ -8,8 +8,8 @@
 #include <float.h>
 #include <math.h>
 
-#if defined(__FAST_MATH__)
-#error "kuka_kr270: compile without -ffast-math: the checks for NaN need IEEE arithmetic"
+#if defined(__FAST_MATH__) || (defined(__FINITE_MATH_ONLY__) && (__FINITE_MATH_ONLY__ > 0))
+#error "kuka_kr270: compile without -ffast-math and -ffinite-math-only: the checks for NaN need IEEE arithmetic"
 #endif
 
 #define N_JOINTS 6

@@ -51,7 +51,15 @@ def fit_absolute(model: StiffnessModel, table: Measurements) -> AbsoluteFit:
     e = Equations(A, current.y, known, view.state, view.component)
     compliances = [*(model.units[n] for n in current.names), *(unit_of(n) for n in hidden)]
     names = (*current.names, *hidden, *labels)
-    fit = estimate(e.A, e.y, weights(e), names, units=(*compliances, *units), blocks=shared_blocks(e, table))
+    fit = estimate(
+        e.A,
+        e.y,
+        weights(e),
+        names,
+        units=(*compliances, *units),
+        blocks=shared_blocks(e, table),
+        estimated=known is None,
+    )
     before = e.spread(e.y, len(table))
     after = e.spread(e.A @ fit.values, len(table))
     return AbsoluteFit(fit, e, residual_table(before, after))

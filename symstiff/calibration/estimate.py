@@ -106,6 +106,7 @@ def estimate(
     *,
     units: Sequence[str] | None = None,
     blocks: npt.ArrayLike | None = None,
+    estimated: bool = False,
     confidence: float = 0.95,
     truncate: Literal["noise", "rounding"] = "noise",
 ) -> Estimate:
@@ -113,7 +114,8 @@ def estimate(
 
     A: (M, P) observation matrix, y: (M,) measured deflections in m and rad; sigma: (M,) their standard
     deviations, or None for equal ones estimated from the residuals; names, units: (P,), units by the names
-    where absent; blocks: (M,) numbers of rows that may share an error, which the deviations then hold.
+    where absent; blocks: (M,) numbers of rows that may share an error, which the deviations then hold; estimated:
+    whether sigma comes from residuals of the same rows, so that no test of the fit can be made of it.
     truncate: whether directions drowned in noise are dropped like those lost in rounding.
     Raises UserError for shapes, NaN and deviations that cannot be used. Source: seed eq. (7)–(8), (15)–(20).
     """
@@ -147,7 +149,7 @@ def estimate(
         covariance += shared.shared_variance * (root @ shared.spread @ root.T)
     std = np.sqrt(np.diag(covariance))
     std[[name in decision.affected for name in named]] = np.inf
-    half = std * interval_factor(confidence, dof if sigma is None else None)
+    half = std * interval_factor(confidence, dof if sigma is None or estimated else None)
     return Estimate(
         names=named,
         units=tuple(units) if units is not None else tuple(unit_of(name) for name in named),
@@ -163,7 +165,9 @@ def estimate(
         dof=dof,
         condition=float(singular[0] / singular[rank - 1]) if rank else math.inf,
         confidence=confidence,
-        fit_p=float(scipy.stats.chi2.sf(total, dof)) if sigma is not None and dof > 0 else None,
+        fit_p=float(scipy.stats.chi2.sf(total, dof))
+        if sigma is not None and not estimated and dof > 0
+        else None,
         rank=decision,
         combinations=combinations(decision, named, form.scale, values, covariance),
         compact=form,

@@ -17,7 +17,7 @@ from symstiff.calibration.estimate import Estimate, estimate
 from symstiff.calibration.experiment.rounding import without_rounding
 from symstiff.calibration.loading import as_loading
 from symstiff.calibration.markers import left_of_deflections, marker_hint
-from symstiff.calibration.measurements import Measurements
+from symstiff.calibration.measurements import COMPONENTS, Measurements
 from symstiff.calibration.residuals import ResidualTable, residual_table, split
 from symstiff.calibration.robust import RobustEstimate, robust_estimate
 from symstiff.calibration.rows import Equations, equations, predict, shared_blocks, weights
@@ -262,7 +262,7 @@ def fit_model(
         e = replace(e, A=without_rounding(e.A, np.array([model.steps[n] for n in model.parameters])))
         fit = estimate(
             e.A, e.y, weights(e), model.parameters, units=[model.units[n] for n in model.parameters],
-            blocks=shared_blocks(e, table),
+            blocks=shared_blocks(e, table), estimated=e.sigma is None,
         )  # fmt: skip
         step = fit.values - model.vector(values)
         values = dict(zip(model.parameters, fit.values.tolist(), strict=True))
@@ -277,6 +277,9 @@ def fit_model(
         model.parameters,
         groups=table.pose[e.row],
         labels=table.labels,
+        row_labels=[
+            f"{table.place(int(r))}, {COMPONENTS[c]}" for r, c in zip(e.row, e.component, strict=True)
+        ],
         units=[model.units[n] for n in model.parameters],
         blocks=shared_blocks(e, table),
     )
@@ -371,7 +374,7 @@ def _of_loads(table: Measurements, loads: str) -> list[str]:
     if table.kind != "deflection":
         return []
     # a model for vertical loads is reduced for one direction: nothing to warn of
-    return [r for r in check_loads(table.w) if loads != "gravity" or "one direction" not in r]
+    return [r for r in check_loads(table.w, table.place) if loads != "gravity" or "one direction" not in r]
 
 
 def _repeated(table: Measurements) -> list[str]:

@@ -41,11 +41,13 @@ class Suspect:
         return f"{self.label}: residuals {self.size:.1f} times the noise, weight {self.weight:.2f}"
 
 
-def row_suspects(Q: Array, fit: HuberFit, significance: float) -> tuple[Suspect, ...]:
+def row_suspects(
+    Q: Array, fit: HuberFit, labels: Sequence[str] | None, significance: float
+) -> tuple[Suspect, ...]:
     """Rows whose standardised residual a clean data set of this size would show with chance `significance`.
 
     Q: (M, r) orthonormal whitened observation matrix. The residual's variance counts the fit's own share:
-    full for a row that was used fully, more than the noise for one that was weighed down.
+    full for a row that was used fully, more than the noise for one that was weighed down. labels: (M,).
     """
     dof = len(Q) - Q.shape[1]
     if fit.scale <= 0.0 or dof <= 0:
@@ -60,7 +62,13 @@ def row_suspects(Q: Array, fit: HuberFit, significance: float) -> tuple[Suspect,
     found = np.flatnonzero(p < significance / len(Q))
     worst = found[np.argsort(-np.abs(standard[found]), kind="stable")]
     return tuple(
-        Suspect(f"row {m}", (int(m),), abs(float(standard[m])), float(fit.weights[m]), float(p[m]))
+        Suspect(
+            f"row {m + 1}" if labels is None else labels[m],
+            (int(m),),
+            abs(float(standard[m])),
+            float(fit.weights[m]),
+            float(p[m]),
+        )
         for m in worst
     )
 

@@ -63,6 +63,7 @@ def robust_estimate(
     *,
     groups: npt.ArrayLike | None = None,
     labels: Sequence[str] | None = None,
+    row_labels: Sequence[str] | None = None,
     units: Sequence[str] | None = None,
     blocks: npt.ArrayLike | None = None,
     confidence: float = 0.95,
@@ -71,9 +72,9 @@ def robust_estimate(
 ) -> RobustEstimate:
     """Identify with Huber's loss on whitened residuals and report which rows and poses do not fit.
 
-    A: (M, P), y, sigma, blocks as in `estimate`; groups: (M,) pose index of every row, with labels by index; tuning:
-    residuals beyond tuning·scale count linearly; significance: chance that a clean data set shows any suspect
-    row (and any suspect pose). Raises UserError as `estimate`. Source: Huber, Robust Statistics, ch. 7.
+    A: (M, P), y, sigma, blocks as in `estimate`; groups: (M,) pose index of every row, with labels by index;
+    row_labels: (M,); tuning: residuals beyond tuning·scale count linearly; significance: chance that a clean data set
+    shows any suspect row (and any suspect pose). Raises UserError as `estimate`. Source: Huber, Robust Statistics.
     """
     start = estimate(A, y, sigma, names, units=units, blocks=blocks, confidence=confidence)
     A, y, sigma, _ = checked(A, y, sigma, start.names)
@@ -82,7 +83,7 @@ def robust_estimate(
     fit = _huber(Q, y if sigma is None else y / sigma, tuning)
     if fit.iterations:
         start = _with_fit(start, A, y, sigma, root, Q, fit, tuning, blocks)
-    rows = row_suspects(Q, fit, significance)
+    rows = row_suspects(Q, fit, row_labels, significance)
     poses = () if groups is None else pose_suspects(Q, fit, np.asarray(groups), labels, significance)
     return RobustEstimate(start, fit.weights, fit.scale, rows, poses, fit.iterations, fit.converged)
 

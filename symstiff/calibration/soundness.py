@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -35,8 +35,11 @@ _LOADS = {
 }
 
 
-def check_loads(w: Array) -> list[str]:
-    """Warnings about wrenches, (N, 6) in N and N·m, that say little; UserError where all are zero."""
+def check_loads(w: Array, place: Callable[[int], str] = lambda row: f"row {row + 1}") -> list[str]:
+    """Warnings about wrenches, (N, 6) in N and N·m, that say little; UserError where all are zero.
+
+    ``place`` tells where a row stands.
+    """
     w = np.asarray(w, dtype=float)
     sizes = np.linalg.norm(w, axis=1)
     if not len(w) or not sizes.any():
@@ -49,7 +52,7 @@ def check_loads(w: Array) -> list[str]:
     if len(loaded) < len(w):
         rows = np.flatnonzero(sizes == 0)
         warnings.append(
-            f"{len(rows)} of {len(w)} rows carry no load (first: row {rows[0]}): they show noise only"
+            f"{len(rows)} of {len(w)} rows carry no load (first: {place(int(rows[0]))}): they show noise only"
         )
     singular = np.linalg.svd(loaded, compute_uv=False)
     if len(singular) == 1 or singular[1] < 1e-3 * singular[0]:

@@ -7,6 +7,9 @@ from pathlib import Path
 from symstiff.cli.output import check_targets, console, note, stages, write_json
 from symstiff.errors import UserError
 
+LEAST_NOISE = 1e-9
+"""Noise [mm] below which no device reads."""
+
 
 def run_simulate(
     truth_file: Path, poses: Path, output: Path, noise: float | None, seed: int, json: str | None = None
@@ -18,8 +21,10 @@ def run_simulate(
     from symstiff.calibration.simulation import load_truth, simulate
     from symstiff.calibration.table import check_robot, read_poses, write_table
 
-    if noise is not None and not 0 <= noise < 100:
-        raise UserError(f"--noise {noise:g}: a standard deviation in millimetres, 0 or more")
+    if noise is not None and noise != 0 and not LEAST_NOISE <= noise < 100:
+        raise UserError(
+            f"--noise {noise:g}: a standard deviation in millimetres, 0 or {LEAST_NOISE:g} to 100"
+        )
     check_targets({"-o": output, "--json": json}, [truth_file, poses])
     out = console(json)
     with stages(out) as progress:

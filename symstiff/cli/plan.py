@@ -19,6 +19,10 @@ if TYPE_CHECKING:
     from symstiff.robot import Robot
 
 
+CANDIDATES = 20_000
+"""Candidates that poses are chosen from where nobody says how many."""
+
+
 @dataclass(frozen=True)
 class PlanRequest:
     """The options of ``symstiff plan``."""
@@ -62,6 +66,9 @@ def run_plan(request: PlanRequest) -> None:
         raise UserError(f"--steps {request.steps}: 1 or more")
     inputs = [p for p in (request.robot, request.test_poses, request.separate) if p is not None]
     check_targets({"-o": request.output, "--plot": request.plot, "--json": request.json}, inputs)
+    twice = next((m for k, m in enumerate(request.markers) if m in request.markers[:k]), None)
+    if twice is not None:
+        raise UserError(f"--markers: {twice} is named twice")
     if request.separate is not None:
         return _separate(request)
     robot = load(request.robot)
@@ -111,12 +118,19 @@ def _measured(request: PlanRequest, sigma: tuple[float, float]) -> str:
 
 def _separate(request: PlanRequest) -> None:
     """Poses that decide among the explanations of an ambiguous verdict."""
+    from symstiff.calibration.plan import Load
+    from symstiff.calibration.planning.measurement import Measurement
     from symstiff.calibration.table import write_table
     from symstiff.discrepancy.separate import Wish, separate
     from symstiff.report.deciding import DECIDES, reach
 
     assert request.separate is not None
     _refuse_unused(request)
+    load_class: Any = request.loads
+    (
+        Load(load_class, request.force),
+        Measurement(sigma_t=request.sigma * 1e-3),
+    )  # they refuse what is no load or sigma
     robot = load(request.robot)
     out = console(request.json)
     wish = Wish(
@@ -150,7 +164,7 @@ def _refuse_unused(request: PlanRequest) -> None:
     given = {
         "--criterion": request.criterion != "D", "--test-poses": request.test_poses, "--steps": request.steps != 1,
         "--levels": request.levels, "--fixed": request.fixed, "--no-refine": not request.refine,
-        "--cluster": request.cluster, "--plot": request.plot,
+        "--cluster": request.cluster, "--plot": request.plot, "--candidates": request.candidates != CANDIDATES,
     }  # fmt: skip
     for option, used in given.items():
         if used:
@@ -162,6 +176,8 @@ def _test_poses(request: PlanRequest, robot: Robot) -> tuple[Any, Any]:
         if request.criterion == "test":
             raise UserError("--criterion test needs --test-poses FILE: joint variables and loads that matter")
         return None, None
+    if request.criterion != "test":
+        raise UserError("--test-poses has no effect without --criterion test: add it, or leave the file out")
     from symstiff.calibration.table import check_robot, read_poses
 
     table = read_poses(request.test_poses)
@@ -177,6 +193,8 @@ def _levels(text: str | None) -> dict[int, int]:
             joint, values = whole(name.strip().removeprefix("q")), whole(count.strip())
             if joint is None or values is None:
                 raise UserError(f"--levels {part.strip()!r}: write a joint and a number of values, e.g. q2=5")
+            if joint in levels:
+                raise UserError(f"--levels: q{joint} is given twice")
             levels[joint] = values
     return levels
 

@@ -315,6 +315,7 @@ def _selftest(functions: Functions, options: Options) -> dict[str, Any]:
     return {
         "cases": [members(c) for c in found],
         "tolerance": algebra.literal(2e-5 if options.single else 1e-12),
+        "beyond": algebra.literal(1e30),
         "test_parameters": parameters[:stiffness],
         "test_effect_parameters": parameters[stiffness:]
         + [algebra.literal(1.0) for _ in context_names(functions.deflection)],

@@ -15,6 +15,7 @@ from symstiff.codegen.functions import Functions
 from symstiff.codegen.options import Options
 from symstiff.codegen.targets import TARGETS
 from symstiff.codegen.verify import Verification, verify
+from symstiff.errors import UserError
 from symstiff.files import new_folder, write_tree
 from symstiff.model import StiffnessModel
 
@@ -50,6 +51,10 @@ def generate(
     options = options or Options()
     whole, model = model, model.of_robot()
     left_out = tuple(e.effect for e in whole.effects if e not in model.effects)
+    if not model.parameters:
+        raise UserError(
+            "the model has no parameter: no such load bends this robot; use --loads force or wrench"
+        )
     functions = Functions(model)
     with new_folder(folder) as temporary:
         for target in options.targets:

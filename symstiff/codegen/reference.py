@@ -1,4 +1,8 @@
-"""50-digit reference values: the observation's columns and mpmath's solvers, not the recursion that is emitted."""
+"""50-digit reference values by mpmath: deflections of linear models from the observation's columns.
+
+Compliance matrices, and deflections of models with further laws, come from the programs that are emitted, so that the
+self-test shows what a compiler and its precision make of them; the tests hold these programs against other ways.
+"""
 
 from __future__ import annotations
 

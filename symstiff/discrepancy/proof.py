@@ -19,9 +19,8 @@ FEWEST = 4
 """Poses from which some are left out."""
 NO_GAP = 0.05
 """Gap, as a share of the noise, below which no share of it is told."""
-AGAIN, FAR_WORSE = 0.5, 1.3
-"""Share of the folds that have to select what was named, where what they select does not predict; error on the poses
-left out, against that without any effect, from which no share saves a name."""
+AGAIN = 0.5
+"""Share of the folds that have to select what was named, where what they select does not predict."""
 
 
 @dataclass(frozen=True)
@@ -42,10 +41,8 @@ class HeldOut:
 
     @property
     def refutes(self) -> bool:
-        """Whether what the folds select predicts the poses left out worse than nothing does: far worse, or where most
-        select something else.
-        """
-        return self.after > self.before and (self.again < AGAIN or self.after > FAR_WORSE * self.before)
+        """Whether most folds select something else, and that predicts the poses left out worse than nothing does."""
+        return self.after > self.before and self.again < AGAIN
 
     @property
     def closure(self) -> float:

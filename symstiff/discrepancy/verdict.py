@@ -24,7 +24,7 @@ NOT_ALONE = "effects of the catalogue account for the data, and a law without a 
 AS_WELL = "it accounts for the data, and what has no name does so as well"
 """Reason for a verdict that names the leader as insufficient although nothing is left."""
 
-REFUTED = "what is in front without some of the poses does not predict them"
+REFUTED = "without some of the poses another effect is in front, and it does not predict them"
 """Reason for a verdict that names the leader as insufficient although it accounts for the data."""
 
 NO_TEST_NAMES = "either that is too small, or something is missing that no test names"

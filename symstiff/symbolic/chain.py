@@ -207,15 +207,13 @@ def frames(chain: ElasticChain, b: Builder) -> Frames:
         z = axes[i - 1][2]
         rho = b.vector(plus(plus(rho, b.vector(scaled(axes[i][0], a))), b.vector(scaled(z, d))))
         levers.append(rho)
-        joint_moment = _about_joint(chain, b, i, axes[i], moments[-1], steps[i - 1], a)
+        joint_moment = _about_joint(chain, b, i, moments[-1], steps[i - 1], a)
         x, y, _ = (b.vector(cross(e, rho)) for e in axes[i - 1])
         moments.append((x, y, joint_moment))
     return Frames(tuple(axes), tuple(levers[::-1]), tuple(moments[::-1]))
 
 
-def _about_joint(
-    chain: ElasticChain, b: Builder, i: int, axes: Axes, moments: Axes, before: Vec, a: sp.Expr
-) -> Vec:
+def _about_joint(chain: ElasticChain, b: Builder, i: int, moments: Axes, before: Vec, a: sp.Expr) -> Vec:
     """z_{i−1} × ρ_{i−1} from frame i's moments: z = sin α·y_i + cos α·z_i, and a·(z × x_i) for the lever's change."""
     c, s = chain.alpha(b, i)
     moment = b.vector(plus(scaled(moments[1], s), scaled(moments[2], c)))

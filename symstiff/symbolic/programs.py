@@ -223,7 +223,7 @@ def _with_weights(
 def observation_program(chain: ElasticChain, terms: Sequence[Term], parameters: Sequence[str]) -> Program:
     """A(q, W), 6 × len(parameters), row-major ``A``: column of π is Σ J_v·g over its terms (seed eq. 5, 12)."""
     b = Builder("observation", (q_vector(chain), w_vector(), *context_vector(terms)))
-    columns, values = _geometry(chain, b, terms)
+    columns, values = _geometry(chain, b)
     for c in AXES:
         columns[VirtualJoint("measure", 0, c)] = tuple(sp.Integer(int(r == c)) for r in AXES)
     by_parameter: dict[str, list[Term]] = {}
@@ -241,7 +241,7 @@ def observation_program(chain: ElasticChain, terms: Sequence[Term], parameters: 
 
 
 def _geometry(
-    chain: ElasticChain, b: Builder, terms: Sequence[Term]
+    chain: ElasticChain, b: Builder
 ) -> tuple[dict[VirtualJoint, tuple[sp.Expr, ...]], dict[sp.Symbol, sp.Expr]]:
     """Columns J_v and loads τ_v, both bound; weights and load errors are no part of the columns."""
     single = turns(chain, b)  # before the frames: sums of these angles then need no functions of their own
@@ -273,7 +273,7 @@ def virtual_jacobian_program(chain: ElasticChain) -> Program:
 
 
 def forward_program(chain: ElasticChain) -> Program:
-    """Pose of the tool centre point in world axes, 4 × 4 row-major ``T``; frame n's pose follows as ``F``."""
+    """Pose of the tool centre point in world axes, 4 × 4 row-major ``T``."""
     b = Builder("forward", (q_vector(chain),))
     f = frames(chain, b)
     axes = f.axes[-1]
@@ -325,8 +325,25 @@ def compliance_program(chain: ElasticChain, terms: Sequence[Term], parameters: S
             k = 2 if chain.rows[i - 1].prismatic else 5
             matrix[k][k] = b.let(matrix[k][k] + _slope(b, laws, actuated_joint(i), actuated_joint(i)))
     matrix = _congruent(matrix, lambda twist: _split(b.vector(passes.at_tool(twist))))
-    b.output("C", (6, 6), [matrix[min(i, j)][max(i, j)] for i in range(6) for j in range(6)])
+    crossed = _crossed(chain, b, laws)
+    b.output("C", (6, 6), [matrix[min(i, j)][max(i, j)] + crossed[i, j] for i in range(6) for j in range(6)])
     return b.build()
+
+
+def _crossed(chain: ElasticChain, b: Builder, laws: Laws) -> sp.Matrix:
+    """Σ J_at·∂Δθ_at/∂τ_by·J_byᵀ over laws that follow the load of another body's virtual joint."""
+    slopes = {
+        (at, by): _slope(b, laws, at, by)
+        for at in chain.virtual_joints
+        for by in chain.virtual_joints
+        if (at.kind, at.body) != (by.kind, by.body) and laws.at(at).has(tau(by))
+    }
+    total = sp.zeros(6, 6)
+    if any(slope != 0 for slope in slopes.values()):
+        columns = jacobian_columns(chain, b, frames(chain, b))
+        for (at, by), slope in slopes.items():
+            total += slope * sp.Matrix(columns[at]) * sp.Matrix(columns[by]).T
+    return total.applyfunc(lambda x: bound(b, x, {}))
 
 
 def _split(twist: Sequence[sp.Expr]) -> Twist:

@@ -46,8 +46,7 @@ class _Search:
             self.monomials.append(monomials)
             for symbol in {own, *(s for _, m in monomials for s in m)} - {None}:
                 self.touching.setdefault(symbol, []).append(index)
-        lets = {s for s in self.own if s is not None}
-        self.free = [s for s in self.own if s is not None and s not in fixed and s in lets]
+        self.free = [s for s in self.own if s is not None and s not in fixed]
         self.flips: set[sp.Symbol] = set()
 
     def _cost(self, index: int) -> int:

@@ -73,7 +73,7 @@ class Candidates:
 
 
 def draw(space: Space, count: int, seed: int) -> Candidates:
-    """Draw ``count`` candidates that keep the region; fewer where the region is almost empty.
+    """Draw ``count`` candidates that keep the region.
 
     The same seed gives the same candidates. Raises UserError where fewer than one draw in 64 is allowed.
     """

@@ -162,6 +162,8 @@ def criterion_of(goal: Goal, observation: Observation, scale: np.ndarray) -> Cri
         observation(np.asarray(goal.test_q, float), np.asarray(goal.test_w, float)), dtype=float
     )
     flat = (matrix[:, :3] * scale).reshape(-1, len(scale))
+    if not flat.any():
+        raise UserError("the test poses carry no load that moves the tool: add fx[N] … to them")
     return Criterion("test", flat.T @ flat / len(matrix))
 
 

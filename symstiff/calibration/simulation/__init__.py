@@ -10,7 +10,7 @@ from symstiff.calibration.simulation import (  # noqa: F401  (imported to regist
     phenomena_device,
     phenomena_joint,
 )
-from symstiff.calibration.simulation.experiment import clean_response, prepare, run_simulation, simulate
+from symstiff.calibration.simulation.experiment import clean_response, prepare, simulate
 from symstiff.calibration.simulation.nominal import nominal_truth
 from symstiff.calibration.simulation.phenomena import SHAPES, Effect, describe_effects
 from symstiff.calibration.simulation.truth import (
@@ -34,7 +34,6 @@ __all__ = [
     "load_truth",
     "nominal_truth",
     "prepare",
-    "run_simulation",
     "simulate",
     "truth_from_table",
 ]

@@ -2,10 +2,8 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
-from pathlib import Path
 from typing import Any, Literal
 
 import numpy as np
@@ -22,7 +20,7 @@ from symstiff.calibration.simulation.equilibrium import (
 from symstiff.calibration.simulation.nominal import linear_compliance
 from symstiff.calibration.simulation.phenomena import Additions, build
 from symstiff.calibration.simulation.rehearsal import CONTEXT, followed
-from symstiff.calibration.simulation.truth import Device, Noise, Truth, load_truth
+from symstiff.calibration.simulation.truth import Device, Noise, Truth
 from symstiff.errors import UserError
 
 Kind = Literal["deflection", "absolute"]
@@ -68,26 +66,6 @@ def _link_weights(truth: Truth) -> tuple[Weight, ...]:
         for i, link in enumerate(truth.robot.links)
         if link.mass
     )
-
-
-def run_simulation(
-    truth_path: str | Path, poses_path: str | Path, noise_mm: float | None, seed: int, output: str | Path
-) -> Measurements:
-    """Run ``symstiff simulate``: read truth and poses, simulate, write the table; return it.
-
-    ``noise_mm`` replaces the truth's ``noise.sigma_mm`` where given. Nothing is written on a mistake
-    (UserError).
-    """
-    from symstiff.calibration.table import read_poses, write_table
-
-    truth = load_truth(truth_path)
-    if noise_mm is not None:
-        if not (math.isfinite(noise_mm) and noise_mm >= 0):
-            raise UserError(f"noise {noise_mm} mm: a standard deviation is a number from 0 upwards")
-        truth = replace(truth, noise=replace(truth.noise, sigma_mm=(noise_mm,) * 3))
-    table = simulate(truth, read_poses(poses_path), seed)
-    write_table(table, output)
-    return table
 
 
 def simulate(truth: Truth, design: Measurements, seed: int) -> Measurements:

@@ -139,10 +139,17 @@ phenomenon("large_deflection", "geometry", "robot")(lambda site, p: Additions())
 # Outside the catalogue: for blind tests of "unexplained".
 
 
+def _number(name: str, value: Any, most: int) -> int:
+    """A number that counts from 1."""
+    if value != int(value) or not 1 <= value <= most:
+        raise UserError(f"{name} {value:g}: a whole number from 1 to {most}")
+    return int(value)
+
+
 @phenomenon("configuration_dependent_link", "sine", "link", "fraction", joint=1.0, order=1.0, phase=0.0)
 def _configuration_dependent(site: Site, p: Values) -> Additions:
     """The link's whole compliance changes by fraction·sin(order·q_joint + phase)."""
-    part, j = link_slice(site.where), int(p["joint"]) - 1
+    part, j = link_slice(site.where), _number("joint", p["joint"], site.chain.dof) - 1
     block = site.compliance[part, part]
 
     def law(states: States, tau: Floats, theta: Floats) -> None:
@@ -155,7 +162,7 @@ def _configuration_dependent(site: Site, p: Values) -> Additions:
 @phenomenon("base_slip", "threshold", "robot", "c", axis=5.0, threshold=2000.0, width=50.0)
 def _slip(site: Site, p: Values) -> Additions:
     """The base gives way about one elastic axis once the load passes a threshold."""
-    v = int(p["axis"]) - 1
+    v = _number("axis", p["axis"], 6) - 1
 
     def law(states: States, tau: Floats, theta: Floats) -> None:
         excess = p["width"] * np.logaddexp(0.0, (np.abs(tau[:, v]) - p["threshold"]) / p["width"])
