@@ -48,6 +48,12 @@ REFUSED = [
     (("plan", "planar2r", "--poses", "3", "--seed", "-1", "-o", "x.csv"), "--seed"),
     (("plan", "planar2r", "--poses", "3", "--levels", "q²=5", "-o", "x.csv"), "--levels 'q²=5'"),
     (("plan", "planar2r", "--poses", "3", "--plot", "x.pdf", "-o", "x.csv"), ".png or .svg"),
+    (("plan", "planar2r", "--poses", "9", "--levels", "q1=5,q1=3", "-o", "x.csv"), "--levels: q1 is given twice"),
+    (("plan", "planar2r", "--poses", "9", "--markers", "p1,p2,p1", "-o", "x.csv"), "--markers: p1 is named twice"),
+    (("plan", "planar2r", "--poses", "9", "--test-poses", "poses.csv", "-o", "x.csv"), "without --criterion test"),
+    (("plan", "planar2r", "--poses", "9", "--separate", "v.json", "--sigma", "0", "-o", "x.csv"), "is positive"),
+    (("plan", "planar2r", "--poses", "9", "--separate", "v.json", "--force", "nan", "-o", "x.csv"), "a load of nan N"),
+    (("simulate", "truth.toml", "--poses", "poses.csv", "--noise", "1e-11", "-o", "x.csv"), "--noise 1e-11"),
     (("simulate", "truth.toml", "--poses", "poses.csv", "--seed", "-1", "-o", "x.csv"), "--seed"),
     (("simulate", "truth.toml", "--poses", "poses.csv", "-o", "poses.csv"), "poses.csv is read by this command"),
     (("reproduce", "--seed", "-1"), "--seed"),
@@ -78,7 +84,7 @@ def test_what_cannot_be_followed_is_refused_before_anything_is_written(
 
 SEPARATE = [
     ("--criterion", "A"), ("--test-poses", "t.csv"), ("--steps", "2"), ("--levels", "q1=2"), ("--fixed", "q1=0"),
-    ("--no-refine",), ("--cluster", "tcp://host:1"), ("--plot", "x.png"),
+    ("--no-refine",), ("--cluster", "tcp://host:1"), ("--plot", "x.png"), ("--candidates", "5"),
 ]  # fmt: skip
 
 
@@ -192,3 +198,37 @@ def test_targets_and_simulate_have_json(run: Run, place: Path) -> None:
     assert (record["robot"], record["kind"], record["rows"], record["components"]) == (
         "planar2r", "deflection", 6, ["x", "y", "z"],
     )  # fmt: skip
+
+
+def test_an_outlier_is_told_by_its_line_and_a_row_without_load_by_its_own(run: Run, place: Path) -> None:
+    lines = (place / "data.csv").read_text().splitlines()
+    head = lines[0].split(",")
+    cells = lines[6].split(",")
+    cells[head.index("dy[mm]")] = str(float(cells[head.index("dy[mm]")]) + 3.0)
+    lines[6] = ",".join(cells)
+    (place / "bad.csv").write_text("\n".join(lines) + "\n")
+    done = run("identify", "planar2r", "bad.csv", "--start", "joints", "--robust", "-o", "m.toml")
+    assert done.code == 0
+    assert "outlier: bad.csv: line 7, y: residuals" in " ".join(done.out.split())
+
+
+def test_test_poses_without_a_load_are_refused(run: Run, place: Path) -> None:
+    (place / "test.csv").write_text("pose,q1[deg],q2[deg]\na,10,20\nb,30,-20\n")
+    done = run(
+        "plan", "scara", "--poses", "9", "--criterion", "test", "--test-poses", "test.csv", "-o", "x.csv"
+    )
+    assert_users_mistake(done, "test.csv: line 2: 2 joint columns")
+    (place / "test.csv").write_text("pose,q1[deg],q2[deg],q3[m],q4[deg]\na,10,20,0.05,0\nb,30,-20,0.1,9\n")
+    done = run(
+        "plan", "scara", "--poses", "40", "--criterion", "test", "--test-poses", "test.csv", "-o", "x.csv"
+    )
+    assert_users_mistake(done, "the test poses carry no load")
+
+
+def test_a_robot_that_no_such_load_bends_gets_no_code(run: Run, tmp_path: Path) -> None:
+    row = '[[joint]]\na = 0.4\nalpha = 0\nd = 0\n[joint.link]\nbeam_axis = "x"\ntemplate = "rigid"\n'
+    base = 'format = 1\nname = "flat"\n[base.link]\nbeam_axis = "z"\ntemplate = "rigid"\n'
+    (tmp_path / "flat.toml").write_text(base + row + row)
+    done = run("generate", str(tmp_path / "flat.toml"), "--loads", "gravity", "-o", str(tmp_path / "code"))
+    assert_users_mistake(done, "the model has no parameter", "--loads force or wrench")
+    assert not (tmp_path / "code").exists()

@@ -122,6 +122,32 @@ def test_the_selftest_fails_when_a_default_of_the_arithmetic_is_changed(folders,
     assert "failed" in failed.stdout
 
 
+@pytest.mark.parametrize("precision", ["double", "float"])
+def test_the_selftest_fails_where_a_stiffness_is_not_a_number(folders, precision, tmp_path):
+    need("gcc")
+    folder = folders[precision, "unrolled"]
+    text = (folder / f"{NAME}_selftest.c").read_text()
+    call = f"const int status = {NAME}_stiffness(&test_params, c->q, K);"
+    assert call in text
+    spoilt = text.replace(call, f"{call}\n    K[7] = (K[7] - K[7]) / (K[7] - K[7]);")
+    (tmp_path / f"{NAME}_selftest.c").write_text(spoilt)
+    sources = [folder / f"{NAME}.c", tmp_path / f"{NAME}_selftest.c", folder / f"test_{NAME}.c"]
+    done("gcc", "-O1", f"-I{folder}", *sources, "-o", tmp_path / "selftest", "-lm")
+    failed = subprocess.run([str(tmp_path / "selftest")], capture_output=True, text=True, check=False)
+    assert (failed.returncode, "failed" in failed.stdout) == (1, True)
+
+
+@pytest.mark.parametrize("flag", ["-ffast-math", "-ffinite-math-only"])
+@pytest.mark.parametrize("source", [f"{NAME}.c", f"{NAME}_batch.c"])
+def test_shortcuts_that_take_the_checks_for_nan_away_do_not_compile(folders, flag, source, tmp_path):
+    need("gcc")
+    folder = folders["double", "unrolled"]
+    command = ["gcc", "-O2", flag, f"-I{folder}", "-c", str(folder / source), "-o", str(tmp_path / "x.o")]
+    refused = subprocess.run(command, capture_output=True, text=True, check=False)
+    assert refused.returncode != 0
+    assert "compile without -ffast-math and -ffinite-math-only" in refused.stderr
+
+
 @pytest.mark.parametrize("variant", VARIANTS)
 def test_the_selftest_is_clean_under_address_and_undefined_behaviour_sanitizers(folders, variant, tmp_path):
     need("gcc")

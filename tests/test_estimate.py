@@ -262,6 +262,18 @@ def test_data_from_an_admissible_robot_press_against_no_bound_beyond_the_noise()
     assert np.max(np.abs(found.values - x) / fit.std) < 6
 
 
+def test_deviations_from_the_residuals_make_no_test_of_the_fit_and_wider_intervals():
+    rng = np.random.default_rng(3)
+    A = rng.normal(size=(9, 3))
+    y = A @ [1.0, 2.0, 3.0] + 0.1 * rng.normal(size=9)
+    given_, found = (estimate(A, y, np.full(9, 0.1), estimated=known) for known in (False, True))
+    assert given_.fit_p is not None
+    assert found.fit_p is None
+    np.testing.assert_allclose(
+        (found.upper - found.lower) / (given_.upper - given_.lower), 2.4469 / 1.95996, rtol=1e-4
+    )
+
+
 def test_noise_alone_seldom_makes_the_conditions_look_contradicted():
     """At the corner of the cone, where a matrix of two rows can go on in three directions."""
     rng, kept = np.random.default_rng(12), ["k2_22", "k2_66", "k2_26"]

@@ -208,6 +208,29 @@ def test_a_truth_and_poses_give_a_table_without_a_trace_of_the_truth(tmp_path):
 @pytest.mark.parametrize(
     ("effect", "message"),
     [
+        (
+            Effect("base_slip", None, "threshold", {"c": 1e-6, "axis": 7}),
+            "axis 7: a whole number from 1 to 6",
+        ),
+        (Effect("base_slip", None, "threshold", {"c": 1e-6, "axis": 0}), "axis 0: a whole number"),
+        (
+            Effect("configuration_dependent_link", {"link": 2}, "sine", {"fraction": 0.1, "joint": 2.5}),
+            "joint 2.5: a whole number from 1 to 6",
+        ),
+        (
+            Effect("link_asymmetry", {"link": 2}, "tilted", {"angle": 0.1, "axis": [0.0, 0.0, 0.0]}),
+            "has a length",
+        ),
+    ],
+)
+def test_a_number_that_counts_nothing_of_the_robot_is_refused(effect: Effect, message: str) -> None:
+    with pytest.raises(UserError, match=message):
+        simulate(BARE.with_effects(effect), design(2), 1)
+
+
+@pytest.mark.parametrize(
+    ("effect", "message"),
+    [
         (Effect("hysteresis", {"joint": 3}, values={"width": 1e-4}), "follows the branch.*column branch"),
         (Effect("thermal_drift", values={"rate": 1e-6}), r"follows the time.*time\[s\], or \[environment\]"),
         (

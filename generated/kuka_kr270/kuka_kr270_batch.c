@@ -14,7 +14,7 @@
 #if defined(__FAST_MATH__) || (defined(__FINITE_MATH_ONLY__) && (__FINITE_MATH_ONLY__ > 0))
 #error "kuka_kr270: compile without -ffast-math and -ffinite-math-only: the checks for NaN and the reduction of angles need IEEE arithmetic"
 #endif
-#if (FLT_EVAL_METHOD == 1) || (FLT_EVAL_METHOD == 2)
+#if defined(FLT_EVAL_METHOD) && ((FLT_EVAL_METHOD == 1) || (FLT_EVAL_METHOD == 2))
 #error "kuka_kr270: compile with arithmetic in the type's own precision (x86: -msse2 -mfpmath=sse): angles are reduced by rounding to it"
 #endif
 

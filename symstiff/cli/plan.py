@@ -71,6 +71,8 @@ def run_plan(request: PlanRequest) -> None:
         raise UserError(f"--markers: {twice} is named twice")
     if request.separate is not None:
         return _separate(request)
+    if request.test_poses is not None and request.criterion != "test":
+        raise UserError("--test-poses has no effect without --criterion test: add it, or leave the file out")
     robot = load(request.robot)
     fixed, levels = parse_fixed(request.fixed), _levels(request.levels)
     out = console(request.json)
@@ -176,8 +178,6 @@ def _test_poses(request: PlanRequest, robot: Robot) -> tuple[Any, Any]:
         if request.criterion == "test":
             raise UserError("--criterion test needs --test-poses FILE: joint variables and loads that matter")
         return None, None
-    if request.criterion != "test":
-        raise UserError("--test-poses has no effect without --criterion test: add it, or leave the file out")
     from symstiff.calibration.table import check_robot, read_poses
 
     table = read_poses(request.test_poses)

@@ -37,6 +37,14 @@ def _at(site: Site, link: int, block: Floats) -> Additions:
     return Additions(compliance=full)
 
 
+def _unit(name: str, direction: Any) -> Floats:
+    """A direction, one long."""
+    length = float(np.linalg.norm(direction))
+    if not length > 0:
+        raise UserError(f"{name} {np.asarray(direction).tolist()}: a direction has a length")
+    return np.asarray(direction / length)
+
+
 @phenomenon("link_compliance", "entries", "link", "entries")
 @phenomenon("link_asymmetry", "entries", "link", "entries")
 def _entries(site: Site, p: Values) -> Additions:
@@ -46,7 +54,7 @@ def _entries(site: Site, p: Values) -> Additions:
 @phenomenon("link_asymmetry", "tilted", "link", "angle", axis=(0.0, 1.0, 0.0))
 def _tilted(site: Site, p: Values) -> Additions:
     """The link's principal axes stand at an angle [rad] to its elastic frame."""
-    turn = np.kron(np.eye(2), rotation_matrix(p["axis"] / np.linalg.norm(p["axis"]) * p["angle"]))
+    turn = np.kron(np.eye(2), rotation_matrix(_unit("axis", p["axis"]) * p["angle"]))
     old = site.compliance[link_slice(site.where), link_slice(site.where)]
     return _at(site, site.where, turn @ old @ turn.T - old)
 
@@ -59,7 +67,7 @@ def _base(site: Site, p: Values) -> Additions:
 @phenomenon("base_compliance", "rocking", "robot", "c", direction=(0.0, 1.0, 0.0), height=0.0)
 def _rocking(site: Site, p: Values) -> Additions:
     """The base rocks about a horizontal line below frame 0: turn and shift at once, one degree of freedom."""
-    axis = site.chain.elastic[0].T @ (p["direction"] / np.linalg.norm(p["direction"]))
+    axis = site.chain.elastic[0].T @ _unit("direction", p["direction"])
     up = site.chain.elastic[0].T @ np.array([0.0, 0.0, 1.0])
     motion = np.concatenate([np.cross(axis, up) * p["height"], axis])
     return _at(site, 0, p["c"] * np.outer(motion, motion))

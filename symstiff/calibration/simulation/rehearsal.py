@@ -49,5 +49,4 @@ def _is_finite(added: Additions, chain: Chain, states: States) -> bool:
     mechanism = Mechanism(chain, nothing, added.laws, added.torques, added.wrenches, added.weights)
     found = [response(mechanism, states, np.zeros((_ROWS, chain.size)))]
     found += [reading(states, np.zeros((_ROWS, 6)), "absolute") for reading in added.readings]
-    found += [added.compliance] if added.compliance is not None else []
     return all(bool(np.isfinite(x).all()) for x in found)
