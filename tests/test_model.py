@@ -350,3 +350,10 @@ def test_known_link_entries_enter_the_model() -> None:
     before = known_values(reduce(KR270))
     added = reduction.reduced_values(full)
     assert {n: known[n] - before[n] for n in known} == pytest.approx(added, abs=1e-18)
+
+
+def test_a_length_that_is_all_but_nothing_is_saved_and_read_again(tmp_path):
+    table = to_table(load("planar2r"))
+    table["joint"][0]["d"] = 1e-200
+    StiffnessModel.of(reduce(from_table(table, "small"))).save(tmp_path / "model.toml")
+    assert float(load_model(tmp_path / "model.toml").robot.joint[0].d) == pytest.approx(1e-200, rel=1e-12)

@@ -116,7 +116,7 @@ def vector_context(single: bool) -> dict[str, Any]:
     }  # fmt: skip
     return {
         "real": "float" if single else "double",
-        **{f: f + suffix for f in ("sin", "cos", "fabs")},
+        **{f: f + suffix for f in ("sin", "cos")},
         "ulp": numbers.ulp,
         "whole_bits": 22 if single else 51,
         "split": [literal(x) for x in numbers.split],
@@ -154,7 +154,7 @@ def batch_function(
     """
     real = "float" if single else "double"
     names = [v.name for v in program.inputs]
-    (output, shape) = program.outputs[0]
+    output, _ = program.outputs[0]
     size = f"{program.name.upper()}_BLOCK"
     fixed = {"p", *inputs}
     arrays = [f"const {real} *NO_ALIAS {n}" for n in names if n not in fixed]
@@ -187,7 +187,6 @@ def batch_function(
         "arrays": [{"name": v.name, "size": len(v.symbols)} for v in program.inputs if v.name not in fixed],
         "output": output,
         "outputs": program.size(output),
-        "rows": shape[0],
     }
 
 

@@ -31,25 +31,25 @@ class RankDecision:
         return float(s[self.rank - 1] / max(s[self.rank], np.finfo(float).tiny))
 
 
-def decide_rank(singular_values: np.ndarray, rows: int, noise: float = 0.0) -> RankDecision:
-    """Count the singular values above rounding, and above ``noise`` where the data's noise is known (scaled units)."""
+def decide_rank(singular_values: np.ndarray, rows: int) -> RankDecision:
+    """Count the singular values above rounding."""
     s = np.asarray(singular_values, dtype=float)
     largest = float(s[0]) if s.size else 0.0
-    threshold = max(largest * max(rows, s.size) * np.finfo(float).eps * 100, noise)
+    threshold = largest * max(rows, s.size) * np.finfo(float).eps * 100
     return RankDecision(s, threshold, int((s > threshold).sum()))
 
 
 def numeric_partition(
-    matrix: np.ndarray, names: Sequence[str], preference: Sequence[str], noise: float = 0.0
+    matrix: np.ndarray, names: Sequence[str], preference: Sequence[str]
 ) -> tuple[Partition, RankDecision]:
     """Groups by the rows of V (rules 1–3) and couplings by L (eq. 21), for an aggregated matrix (rows × parameters).
 
-    ``matrix`` is weighted already; ``noise`` as in decide_rank.
+    ``matrix`` is weighted already.
     """
     lengths = np.linalg.norm(matrix, axis=0)
     scale = np.where(lengths > lengths.max(initial=0.0) * 1e-14, lengths, 1.0)
     _, s, vt = np.linalg.svd(matrix / scale, full_matrices=False)
-    decision = decide_rank(s, len(matrix), noise)
+    decision = decide_rank(s, len(matrix))
     row_space = vt[: decision.rank]
     kept = _independent(row_space, [names.index(n) for n in preference])
     mixing = np.linalg.solve(row_space[:, kept], row_space) if kept else np.zeros((0, len(names)))

@@ -17,6 +17,7 @@ if TYPE_CHECKING:
 _NUMBER = r"(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?"
 _TOKEN = re.compile(rf"\s*({_NUMBER}|pi\b|π|[-+*/()])", re.ASCII)
 _NON_FINITE = re.compile(r"\s*[+-]?(inf|infinity|nan)\s*", re.IGNORECASE)
+_FRACTION = re.compile(r"-?[0-9]{1,400}/[0-9]{1,400}", re.ASCII)  # what a small number is saved as
 _MAX_TEXT = 200
 _MAX_BITS = 1024  # the greatest number is that of a double
 _MAX_EXPONENT = 300
@@ -160,7 +161,7 @@ class _MalformedError(Exception):
 def _tokens(text: str) -> list[str]:
     """The tokens of an expression, last one first: ``pop`` takes the next."""
     stripped, found, position = text.strip(), [], 0
-    if not stripped or len(text) > _MAX_TEXT:
+    if not stripped or (len(text) > _MAX_TEXT and not _FRACTION.fullmatch(stripped)):
         raise _unreadable(text)
     while position < len(stripped):
         match = _TOKEN.match(stripped, position)
