@@ -7,8 +7,6 @@ from typing import Annotated
 
 import typer
 
-from symstiff.cli.plan import CANDIDATES
-
 app = typer.Typer(
     name="symstiff",
     help="Complete stiffness models of serial robots: derived, reduced, identified, emitted as C and CasADi.",
@@ -135,7 +133,7 @@ def plan(
     steps: Annotated[
         int, typer.Option(help="Steps in which every load comes; several show what is not linear in it.")
     ] = 1,
-    candidates: Annotated[int, typer.Option(help="Size of the candidate set.")] = CANDIDATES,
+    candidates: Annotated[int | None, typer.Option(help="Size of the candidate set (20000).")] = None,
     sigma: Annotated[float, typer.Option(help="Measurement noise of a coordinate \\[mm].")] = 0.03,
     levels: Annotated[str | None, typer.Option(help="Distinct values of a joint, e.g. q2=5.")] = None,
     markers: Annotated[

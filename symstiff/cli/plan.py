@@ -36,7 +36,7 @@ class PlanRequest:
     test_poses: Path | None
     force: float
     steps: int
-    candidates: int
+    candidates: int | None
     sigma: float
     levels: str | None
     markers: tuple[str, ...]
@@ -83,7 +83,8 @@ def run_plan(request: PlanRequest) -> None:
         test_q, test_w = _test_poses(request, robot)
         goal = Goal(request.poses, request.criterion, None, test_q, test_w)  # type: ignore[arg-type]
         load_class: Any = request.loads
-        search = Search(request.candidates, seed=request.seed, refine=request.refine, cluster=request.cluster)
+        candidates = CANDIDATES if request.candidates is None else request.candidates
+        search = Search(candidates, seed=request.seed, refine=request.refine, cluster=request.cluster)
         sigma = (request.sigma * 1e-3, request.sigma * 1e-3 / 0.3)
         plan = plan_for(
             model, goal, Load(load_class, request.force), request.markers, sigma, _region(request),
@@ -166,7 +167,7 @@ def _refuse_unused(request: PlanRequest) -> None:
     given = {
         "--criterion": request.criterion != "D", "--test-poses": request.test_poses, "--steps": request.steps != 1,
         "--levels": request.levels, "--fixed": request.fixed, "--no-refine": not request.refine,
-        "--cluster": request.cluster, "--plot": request.plot, "--candidates": request.candidates != CANDIDATES,
+        "--cluster": request.cluster, "--plot": request.plot, "--candidates": request.candidates is not None,
     }  # fmt: skip
     for option, used in given.items():
         if used:
