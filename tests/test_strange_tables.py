@@ -113,10 +113,19 @@ def test_exchanged_markers_are_asked_about(
 def test_of_many_markers_two_may_be_exchanged() -> None:
     told = tuple("abcdef")
     wrong = ("a", "e", "c", "d", "b", "f")
-    hint = marker_hint(told, lambda names: 4e-8 if names == wrong else 4.0)
+    hint = marker_hint(told, lambda names: (4e-8 if names == wrong else 4.0, 20))
     assert hint == "markers look exchanged: to read b as e, e as b would leave 0 % of the residual"
-    assert marker_hint(told, lambda names: 1.0) == ""
-    assert marker_hint(("tcp",), lambda names: 1.0) == ""
+    assert marker_hint(told, lambda names: (1.0, 20)) == ""
+    assert marker_hint(told, lambda names: (4e-8 if names == wrong else 4.0, 19)) == ""
+    assert marker_hint(told, lambda names: (0.0, 99)) == ""
+    assert marker_hint(("tcp",), lambda names: (1.0, 99)) == ""
+
+
+def test_what_rounding_and_a_few_readings_leave_exchanges_no_markers() -> None:
+    for seed in range(12):
+        table = measured(seed=seed)
+        few = table.select(np.flatnonzero((table.pose == 0) & (table.w[:, 0] == table.w[0, 0])))
+        assert "exchanged" not in diagnosed(few).reason
 
 
 def test_one_wrong_digit_is_pointed_at() -> None:

@@ -14,20 +14,24 @@ from symstiff.model import StiffnessModel
 
 _FAR_BETTER = 0.5
 """Part of the squares left as named up to which another naming is spoken of."""
+_FEWEST = 20
+"""Degrees of freedom below which a few readings' noise is halved by chance."""
 _MOST = 4
 """Points of which every order is tried; of more, two at a time change their names."""
 
+Left = Callable[[tuple[str, ...]], tuple[float, int]]
+"""Sum of squares that is left where the points of a table have other names, in their order; degrees of freedom."""
 
-def marker_hint(points: Sequence[str], left: Callable[[tuple[str, ...]], float]) -> str:
-    """Which points look exchanged; empty if none do.
 
-    ``left`` gives the sum of squares that is left where the points of a table have other names, in their order.
-    """
+def marker_hint(points: Sequence[str], left: Left) -> str:
+    """Which points look exchanged; empty if none do, or if too little is left to tell."""
     told = tuple(points)
     if len(told) < 2:
         return ""
-    now = left(told)
-    found = {names: left(names) for names in _orders(told)}
+    now, freedom = left(told)
+    if freedom < _FEWEST or now == 0.0:
+        return ""
+    found = {names: left(names)[0] for names in _orders(told)}
     best = min(found, key=lambda names: found[names])
     if found[best] > _FAR_BETTER * now:
         return ""
@@ -36,15 +40,16 @@ def marker_hint(points: Sequence[str], left: Callable[[tuple[str, ...]], float])
     return f"markers look exchanged: to read {read} would leave {share:.0f} % of the residual"
 
 
-def left_of_deflections(model: StiffnessModel, table: Measurements) -> Callable[[tuple[str, ...]], float]:
-    """What the model, fitted to deflections anew, leaves of them by the names of their points [m², rad²]."""
+def left_of_deflections(model: StiffnessModel, table: Measurements) -> Left:
+    """What the model, fitted to deflections anew, leaves of them [m², rad²]."""
 
-    def left(names: tuple[str, ...]) -> float:
+    def left(names: tuple[str, ...]) -> tuple[float, int]:
         e = equations(model, replace(table, points=names))
-        scale = np.linalg.norm(e.A, axis=0)
-        fitted = np.linalg.lstsq(e.A / np.where(scale > 0, scale, 1.0), e.y, rcond=1e-10)[0]
-        rest = e.y - e.A / np.where(scale > 0, scale, 1.0) @ fitted
-        return float(rest @ rest)
+        size = np.linalg.norm(e.A, axis=0)
+        columns = e.A / np.where(size > 0, size, 1.0)
+        fitted, _, rank, _ = np.linalg.lstsq(columns, e.y, rcond=1e-10)
+        rest = e.y - columns @ fitted
+        return float(rest @ rest), len(e.y) - int(rank)
 
     return left
 

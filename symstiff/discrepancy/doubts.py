@@ -16,6 +16,8 @@ from symstiff.calibration.rows import equations
 from symstiff.discrepancy.numbers import milli
 from symstiff.model import StiffnessModel
 
+_PLACEMENT = 6
+"""Numbers that say where the measuring device stands."""
 _AWAY = 0.03
 """Distance from the measured positions, in reaches, that no uncalibrated robot has."""
 
@@ -68,16 +70,18 @@ def doubted(model: StiffnessModel, table: Measurements) -> str:
     return f"{hints[0]}: correct the table, or the signs of its loads" if hints else ""
 
 
-def _excess(model: StiffnessModel, table: Measurements, names: tuple[str, ...]) -> float:
-    """Mean square of what positions are beyond the robot placed as well as it can be, points named otherwise [m²]."""
+def _excess(model: StiffnessModel, table: Measurements, names: tuple[str, ...]) -> tuple[float, int]:
+    """Squares of what positions are beyond the robot at its best placement, points named otherwise [m²]; freedom."""
     view = look(model.robot, replace(table, points=names))
     view, excess = placed(view, Laws(view, model.terms, model.values))
-    return float(np.mean(excess[view.component < 3] ** 2))
+    beyond = excess[view.component < 3]
+    return float(beyond @ beyond), len(beyond) - _PLACEMENT
 
 
 def _misplaced(model: StiffnessModel, table: Measurements) -> str:
     """Why absolute positions cannot be this robot's: placed as well as possible it is far from them."""
-    away = float(np.sqrt(3.0 * _excess(model, table, table.points)))
+    square, freedom = _excess(model, table, table.points)
+    away = float(np.sqrt(3.0 * square / (freedom + _PLACEMENT)))
     if away < _AWAY * model.robot.reach:
         return ""
     return (
