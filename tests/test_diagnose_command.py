@@ -16,7 +16,8 @@ import pytest
 from symstiff.calibration.measurements import Measurements
 from symstiff.calibration.table import read_measurements, read_poses
 from symstiff.codegen.compiler import find_compiler
-from symstiff.discrepancy.workflow import MOST_POSES, Task, _thinned, run
+from symstiff.discrepancy.used import MOST_POSES, thinned
+from symstiff.discrepancy.workflow import Task, run
 from symstiff.model import load_model
 from symstiff.robot import load
 from tests.diagnosis_data import HARDENING, ROBOT, design, measured, saved
@@ -228,14 +229,14 @@ def read(table: Measurements) -> Measurements:
 def test_a_long_table_is_thinned_though_nobody_asks_for_it(poses: int, used: int) -> None:
     """45 readings a pose: room and time of a diagnosis grow with them."""
     whole = read(design(poses))
-    table, remarks = _thinned(Task(load(ROBOT), whole))
+    table, remarks = thinned(whole, None)
     assert len(np.unique(table.pose)) == used
     assert [f"{used} of {poses} poses are used" in r for r in remarks] == [True] * (used < poses)
-    assert _thinned(Task(load(ROBOT), whole, max_poses=poses)) == (whole, [])
+    assert thinned(whole, poses) == (whole, [])
 
 
 def test_poses_of_one_reading_are_thinned_by_their_number() -> None:
-    table, _ = _thinned(Task(load(ROBOT), read(design(230, (1.0,)))))
+    table, _ = thinned(read(design(230, (1.0,))), None)
     assert len(np.unique(table.pose)) == MOST_POSES
     assert {int(table.pose.min()), int(table.pose.max())} == {0, 229}
 

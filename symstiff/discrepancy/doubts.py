@@ -13,46 +13,12 @@ from symstiff.calibration.identify import axis_remarks
 from symstiff.calibration.markers import left_of_deflections, marker_hint
 from symstiff.calibration.measurements import Measurements
 from symstiff.calibration.rows import equations
-from symstiff.discrepancy.numbers import milli
 from symstiff.model import StiffnessModel
 
 _PLACEMENT = 6
 """Numbers that say where the measuring device stands."""
 _AWAY = 0.03
 """Distance from the measured positions, in reaches, that no uncalibrated robot has."""
-
-
-def known_throughout(table: Measurements) -> tuple[Measurements, list[str]]:
-    """The table without times and temperatures that some rows lack, and a remark on each."""
-    remarks = []
-    blank = np.full(len(table), np.nan)
-    if _partial(table.time):
-        table = replace(table, time=blank)
-        remarks.append("the time is not told in every row: it is not used")
-    if _partial(table.temperature):
-        table = replace(table, temperature=blank)
-        remarks.append("the temperature is not told in every row: it is not used")
-    return table, remarks
-
-
-def under_load(table: Measurements) -> tuple[Measurements, list[str]]:
-    """The table without rows that have come back to no load, and a remark where there are any.
-
-    What a load leaves behind there is friction's, with the sign of a load that is gone: no law of the load holds it.
-    """
-    back = (table.branch < 0) & ~np.any(table.w, axis=1)
-    if table.kind != "deflection" or not back.any() or not np.any(table.w[~back]):
-        return table, []
-    left = float(np.sqrt(np.nanmean(table.values[back, :3] ** 2))) if table.measured[back, :3].any() else 0.0
-    return table.select(np.flatnonzero(~back)), [
-        f"{int(back.sum())} rows have come back to no load (they read {milli(left)} mm rms): what a load leaves behind "
-        "is no law of the load, so these rows are left out"
-    ]
-
-
-def _partial(values: np.ndarray) -> bool:
-    known = np.isfinite(values)
-    return bool(known.any() and not known.all())
 
 
 def doubted(model: StiffnessModel, table: Measurements) -> str:

@@ -14,13 +14,13 @@ from typing import Any
 
 import numpy as np
 
-from symstiff.calibration.checks import check_robot, without_copies
+from symstiff.calibration.checks import check_robot
 from symstiff.calibration.identify import ExperimentClass, experiment_of, start_model
 from symstiff.calibration.loading import as_loading
 from symstiff.calibration.measurements import Measurements
 from symstiff.discrepancy.assemble import Assembly, added_loads, assemble
 from symstiff.discrepancy.diagnose import diagnose
-from symstiff.discrepancy.doubts import doubted, known_throughout, under_load
+from symstiff.discrepancy.doubts import doubted
 from symstiff.discrepancy.growth import Fitted, fit, grow
 from symstiff.discrepancy.point import find_point
 from symstiff.discrepancy.prepare import at_first
@@ -30,6 +30,7 @@ from symstiff.discrepancy.remarks import astray, out_of_range, remarked
 from symstiff.discrepancy.result import CandidateResult, Diagnosis, Estimate, Name, Rms
 from symstiff.discrepancy.speech import named as named_at
 from symstiff.discrepancy.strata import Stratum
+from symstiff.discrepancy.used import used
 from symstiff.discrepancy.verdict import AMBIGUOUS, INSUFFICIENT, NAMED, NOTHING, UNEXPLAINED, UNTESTABLE
 from symstiff.effects.base import EffectInstance, catalogue
 from symstiff.errors import UserError
@@ -43,9 +44,6 @@ _WORTH = 0.01
 """Load that an effect adds, against the largest, from which other laws are looked at again under it."""
 _UNCONFIRMED = 0.75
 """Most confidence in what poses that were not used do not confirm."""
-MOST_POSES, MOST_ROWS, LEAST_POSES = 200, 7200, 30
-"""Poses, and readings of one component, that are used unless more poses are asked for: time and room grow with both.
-Poses that are used however many readings they have."""
 
 
 @dataclass(frozen=True)
@@ -141,11 +139,8 @@ def run(task: Task, tell: Tell = lambda stage: None) -> Finding:
     if task.table.kind == "deflection" and not np.any(np.nan_to_num(task.table.values)):
         raise UserError("every deflection is 0: the columns hold no measurement")
     task = replace(task, table=as_loading(task.table))
-    table, remarks = _thinned(task)
-    table, gaps = known_throughout(table)
-    table, copies = without_copies(table)
-    table, back = under_load(table)
-    remarks = [*warnings, *remarks, *gaps, *copies, *back]
+    table, left_out = used(task.table, task.max_poses)
+    remarks = [*warnings, *left_out]
     tell("model")
     experiment = experiment_of(table, task.robot)
     experiment = ExperimentClass(
@@ -238,23 +233,6 @@ def _loads(assembly: Assembly, effect: EffectInstance, estimates: Mapping[str, E
 
 def _options(task: Task, most: int) -> Options:
     return replace(Options(), max_effects=most, seed=Options().seed + task.seed)
-
-
-def _thinned(task: Task) -> tuple[Measurements, list[str]]:
-    """Poses spread evenly over the table where there are more than wanted."""
-    table = task.table
-    poses = np.unique(table.pose)
-    readings = int(np.sum(table.measured))
-    most = min(MOST_POSES, max(LEAST_POSES, MOST_ROWS * len(poses) // max(readings, 1)))
-    if task.max_poses is not None:
-        most = task.max_poses
-    if len(poses) <= most:
-        return table, []
-    if most < 2:
-        raise UserError(f"--max-poses {most}: 2 or more")
-    kept = poses[np.linspace(0, len(poses) - 1, most).round().astype(int)]
-    used = table.select(np.isin(table.pose, kept))
-    return used, [f"{most} of {len(poses)} poses are used, evenly spread (--max-poses takes more)"]
 
 
 def _is_compliance(robot: Robot, parameters: Mapping[str, Any]) -> bool:
