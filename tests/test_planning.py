@@ -411,3 +411,12 @@ def test_a_box_is_kept_clear_of_the_lines_between_joints():
     assert np.sum(inside & ~ends_inside) > 5
     assert not np.any(kept & inside)
     assert np.mean(kept[~inside]) > 0.98
+
+
+def test_planned_poses_have_digits_that_can_be_entered():
+    plan = small_plan(search={"refine": True})
+    degrees = np.degrees(plan.q)
+    assert np.allclose(degrees, np.round(degrees, 4), atol=1e-10)
+    assert np.array_equal(plan.w, np.round(plan.w, 3))
+    low, high = np.array(LIMITS).T
+    assert np.all((plan.q >= low) & (plan.q <= high))

@@ -2,7 +2,7 @@
 
 Stages: draw candidates (``candidates``) → whitened rows in parallel (``parallel``) → check that they find
 every parameter (``checks``) → approximate design (``approximate``) → exchange from several starts on a pool,
-then on all candidates (``exchange``) → continuous refinement (``refine``) → ``Plan``.
+then on all candidates (``exchange``) → continuous refinement (``refine``) → few digits (``digits``) → ``Plan``.
 """
 
 from __future__ import annotations
@@ -24,6 +24,7 @@ from symstiff.calibration.planning.candidates import (
 )
 from symstiff.calibration.planning.checks import check_counts, check_rank
 from symstiff.calibration.planning.criteria import Criterion, information_of
+from symstiff.calibration.planning.digits import in_few_digits
 from symstiff.calibration.planning.exchange import (
     Selection,
     cover_levels,
@@ -141,6 +142,8 @@ def plan_poses(
     refined = Refined(chosen.q, chosen.w, selection.score, "none")
     if search.refine:
         refined = _report(progress, "refining", refine(problem, chosen, casadi_observation))
+    q, w = in_few_digits(space, refined.q, refined.w)
+    refined = Refined(q, w, problem.score(q, w), refined.method)
     random = random_scores(rows, candidates, criterion, goal.poses, search.seed)
     return _plan(problem, parameters, refined, selection, design, random, search)
 
