@@ -27,7 +27,7 @@ if TYPE_CHECKING:
     from symstiff.calibration.table import read_poses, write_table
     from symstiff.codegen.generate import generate
     from symstiff.compensation import compensate
-    from symstiff.discrepancy.workflow import Task
+    from symstiff.discrepancy.finding import Task
     from symstiff.discrepancy.workflow import run as diagnose
     from symstiff.errors import UserError
     from symstiff.model import StiffnessModel, load_model
@@ -71,7 +71,7 @@ _HOME = {
     "Goal": "symstiff.calibration.plan",
     "Load": "symstiff.calibration.plan",
     "StiffnessModel": "symstiff.model",
-    "Task": "symstiff.discrepancy.workflow",
+    "Task": "symstiff.discrepancy.finding",
     "UserError": "symstiff.errors",
     "compensate": "symstiff.compensation",
     "diagnose": "symstiff.discrepancy.workflow",

@@ -9,8 +9,9 @@ import pytest
 
 from symstiff.calibration.measurements import Measurements, measurements
 from symstiff.discrepancy import workflow
+from symstiff.discrepancy.finding import Finding, Task
 from symstiff.discrepancy.growth import fit, grow
-from symstiff.discrepancy.workflow import Finding, Task, run
+from symstiff.discrepancy.workflow import run
 from symstiff.effects.base import EffectInstance
 from symstiff.model import StiffnessModel
 from symstiff.reduction.reduce import reduce

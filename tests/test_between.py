@@ -14,9 +14,10 @@ from symstiff.calibration.simulation import Effect, Truth, clean_response, nomin
 from symstiff.discrepancy import proof
 from symstiff.discrepancy.between import between, with_shapes
 from symstiff.discrepancy.diagnose import diagnose
+from symstiff.discrepancy.finding import Task
 from symstiff.discrepancy.prepare import prepare
 from symstiff.discrepancy.problem import Array, Candidate, Options, Parameter, Problem, Shape
-from symstiff.discrepancy.workflow import Task, run
+from symstiff.discrepancy.workflow import run
 from symstiff.effects.base import Move, Scales, catalogue
 from symstiff.robot import load
 from symstiff.symbolic.terms import actuated_joint

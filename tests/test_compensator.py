@@ -9,7 +9,8 @@ import numpy as np
 import pytest
 
 from symstiff.calibration.simulation import Effect, Truth, nominal_truth
-from symstiff.discrepancy.workflow import Finding, Task, run
+from symstiff.discrepancy.finding import Finding, Task
+from symstiff.discrepancy.workflow import run
 from symstiff.effects.base import EffectInstance, Scales, find
 from symstiff.report.words import shape_text
 from symstiff.robot import load

@@ -16,8 +16,9 @@ import pytest
 from symstiff.calibration.measurements import Measurements
 from symstiff.calibration.table import read_measurements, read_poses
 from symstiff.codegen.compiler import find_compiler
+from symstiff.discrepancy.finding import Task
 from symstiff.discrepancy.used import MOST_POSES, thinned
-from symstiff.discrepancy.workflow import Task, run
+from symstiff.discrepancy.workflow import run
 from symstiff.model import load_model
 from symstiff.robot import load
 from tests.diagnosis_data import HARDENING, ROBOT, design, measured, saved

@@ -12,7 +12,9 @@ from symstiff.calibration.poses import with_markers
 from symstiff.calibration.seed_tables import FORCE, LEVELS, MARKERS, REACH, ROBOT, truth
 from symstiff.calibration.simulation.experiment import simulate
 from symstiff.calibration.simulation.truth import Noise
-from symstiff.discrepancy.workflow import Finding, Task, _that_has, run
+from symstiff.discrepancy.climb import that_has
+from symstiff.discrepancy.finding import Finding, Task
+from symstiff.discrepancy.workflow import run
 from symstiff.model import StiffnessModel
 from symstiff.reduction import reduce
 from symstiff.robot import load
@@ -78,4 +80,4 @@ def test_a_link_of_the_complete_model_is_called_by_the_effect_that_has_its_param
     link: int, parameters: tuple[str, ...], effect: str
 ) -> None:
     """Whatever leads on the joints-only model: a base block may, and the base is no place for the other links."""
-    assert _that_has(load("ur10"), {"link": link}, parameters) == effect
+    assert that_has(load("ur10"), {"link": link}, parameters) == effect

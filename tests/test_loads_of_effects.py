@@ -7,8 +7,9 @@ import pytest
 
 from symstiff.calibration.measurements import Measurements, measurements
 from symstiff.calibration.simulation import Effect, Noise, Truth, nominal_truth, simulate
+from symstiff.discrepancy.finding import Task
 from symstiff.discrepancy.scan import column_space
-from symstiff.discrepancy.workflow import Task, first_assembly, run
+from symstiff.discrepancy.workflow import first_assembly, run
 from symstiff.model import StiffnessModel
 from symstiff.reduction.reduce import reduce
 from symstiff.robot import load

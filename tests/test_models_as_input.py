@@ -12,7 +12,7 @@ from command_line import OBLIQUE, Run, assert_users_mistake, run_command_line  #
 from symstiff.calibration.identify import identify
 from symstiff.calibration.measurements import measurements
 from symstiff.calibration.rows import equations, stated_sigma
-from symstiff.discrepancy.workflow import Task
+from symstiff.discrepancy.finding import Task
 from symstiff.discrepancy.workflow import run as diagnose
 from symstiff.effects.base import EffectInstance, Scales, catalogue
 from symstiff.errors import UserError

@@ -10,10 +10,11 @@ import pytest
 from symstiff.calibration.measurements import Measurements
 from symstiff.calibration.simulation.experiment import simulate
 from symstiff.calibration.simulation.truth import truth_from_table
+from symstiff.discrepancy.finding import Finding, Task
 from symstiff.discrepancy.prepare import prepare
 from symstiff.discrepancy.problem import Array
 from symstiff.discrepancy.proof import _predict
-from symstiff.discrepancy.workflow import Finding, Task, run
+from symstiff.discrepancy.workflow import run
 from symstiff.report import words
 from symstiff.robot import load
 from tests.diagnosis_data import ROBOT, design, measured

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import pytest
 
-from symstiff.discrepancy.workflow import Task, run
+from symstiff.discrepancy.finding import Task
+from symstiff.discrepancy.workflow import run
 from symstiff.robot import load
 from tests.diagnosis_data import HARDENING, ROBOT, measured
 

@@ -19,7 +19,8 @@ from symstiff.calibration.identify import identify
 from symstiff.calibration.table import read_measurements
 from symstiff.codegen.compiler import find_compiler
 from symstiff.discrepancy.distinguish import distinction
-from symstiff.discrepancy.workflow import Task, run
+from symstiff.discrepancy.finding import Task
+from symstiff.discrepancy.workflow import run
 from symstiff.effects import catalogue
 from symstiff.model import StiffnessModel, load_model
 from symstiff.reduction import reduce

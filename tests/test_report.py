@@ -15,9 +15,10 @@ import sympy as sp
 
 from symstiff.calibration.table import read_poses
 from symstiff.cli.diagnose import _more
+from symstiff.discrepancy.finding import Finding, Found, Task
 from symstiff.discrepancy.numbers import milli, number, p_equals, quantity
 from symstiff.discrepancy.result import Estimate
-from symstiff.discrepancy.workflow import Finding, Found, Task, run
+from symstiff.discrepancy.workflow import run
 from symstiff.effects import EffectInstance
 from symstiff.report.code import _abridged, core, difference, formulas
 from symstiff.report.deciding import separation_text

@@ -13,8 +13,9 @@ import pytest
 from symstiff.calibration.measurements import Measurements, measurements
 from symstiff.calibration.simulation import Effect, Noise, Truth, nominal_truth, simulate
 from symstiff.discrepancy import workflow
+from symstiff.discrepancy.finding import Finding, Task
 from symstiff.discrepancy.result import Diagnosis, Name
-from symstiff.discrepancy.workflow import Finding, Task, run
+from symstiff.discrepancy.workflow import run
 from symstiff.robot import load
 
 BIAS, GEAR = "force_sensor_bias", "nonlinear_stiffness"

@@ -8,9 +8,10 @@ import numpy as np
 import pytest
 
 from symstiff.calibration.measurements import Measurements
+from symstiff.discrepancy.finding import Finding, Task
 from symstiff.discrepancy.laws import Law, _laws_of_angle, largest_load
 from symstiff.discrepancy.problem import Array, Problem
-from symstiff.discrepancy.workflow import Finding, Task, run
+from symstiff.discrepancy.workflow import run
 from symstiff.effects.base import EffectInstance
 from symstiff.report.code import formulas
 from symstiff.report.html import render

@@ -17,6 +17,7 @@ from symstiff.calibration.simulation import Device, Truth, nominal_truth
 from symstiff.discrepancy import numbers
 from symstiff.discrepancy.assemble import assemble
 from symstiff.discrepancy.doubts import doubted
+from symstiff.discrepancy.finding import Found, Task
 from symstiff.discrepancy.growth import fit, grow
 from symstiff.discrepancy.laws import _soft_spots
 from symstiff.discrepancy.problem import Options
@@ -26,7 +27,7 @@ from symstiff.discrepancy.search import _lacking
 from symstiff.discrepancy.sharing import AXES, EACH, JOINTS, Sharing
 from symstiff.discrepancy.strata import Stratum
 from symstiff.discrepancy.used import known_throughout
-from symstiff.discrepancy.workflow import Found, Task, run
+from symstiff.discrepancy.workflow import run
 from symstiff.effects.base import EffectInstance
 from symstiff.errors import UserError
 from symstiff.model import StiffnessModel

@@ -17,9 +17,11 @@ from symstiff.calibration.measurements import Measurements, concatenate, measure
 from symstiff.calibration.rows import predict
 from symstiff.calibration.simulation import Effect, Noise, Truth, nominal_truth, simulate
 from symstiff.discrepancy.deciding import experiment_like
+from symstiff.discrepancy.climb import leaves_less
+from symstiff.discrepancy.finding import Finding, Task
 from symstiff.discrepancy.result import Rms
 from symstiff.discrepancy.verdict import NO_TEST_NAMES
-from symstiff.discrepancy.workflow import Finding, Task, _better, run
+from symstiff.discrepancy.workflow import run
 from symstiff.effects.base import EffectInstance, Scales, find
 from symstiff.model import StiffnessModel
 from symstiff.reduction import reduce
@@ -199,7 +201,7 @@ def test_few_poses_give_no_sure_names() -> None:
 )
 def test_a_model_that_left_out_poses_refute_does_not_take_over(wider: Rms, better: bool) -> None:
     """Four poses fit all links and predict none."""
-    assert _better(wider, Rms(2.0, 2.0, 2.1, 2.1, 0.9)) is better
+    assert leaves_less(wider, Rms(2.0, 2.0, 2.1, 2.1, 0.9)) is better
 
 
 @pytest.mark.parametrize("levels", [(0.5, 1.0), (0.25, 0.5, 1.0), (1.0,), (0.1, 0.5, 1.0)])

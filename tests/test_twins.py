@@ -5,7 +5,8 @@ from __future__ import annotations
 import pytest
 
 from symstiff.calibration.simulation import Effect, Noise, Truth, nominal_truth, simulate
-from symstiff.discrepancy.workflow import Finding, Task, run
+from symstiff.discrepancy.finding import Finding, Task
+from symstiff.discrepancy.workflow import run
 from symstiff.report import words
 from symstiff.robot import load
 from tests.test_assemble import design

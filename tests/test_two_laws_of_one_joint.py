@@ -7,7 +7,8 @@ import pytest
 
 from symstiff.calibration.measurements import Measurements, measurements
 from symstiff.calibration.simulation import Effect, Noise, Truth, nominal_truth, simulate
-from symstiff.discrepancy.workflow import Finding, Task, run
+from symstiff.discrepancy.finding import Finding, Task
+from symstiff.discrepancy.workflow import run
 from symstiff.robot import load
 
 LOADS = (0.2, 0.4, 0.6, 0.8, 1.0)

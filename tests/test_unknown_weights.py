@@ -16,8 +16,9 @@ from symstiff.calibration.simulation import Effect, Truth, clean_response, nomin
 from symstiff.calibration.simulation.chain import chain_of
 from symstiff.calibration.simulation.chain import posture as posture_of
 from symstiff.discrepancy import workflow
+from symstiff.discrepancy.finding import Finding, Task
 from symstiff.discrepancy.result import Diagnosis
-from symstiff.discrepancy.workflow import Task, run
+from symstiff.discrepancy.workflow import run
 from symstiff.effects.arm import FARTHEST, MOMENTS, TAPERS, arm_load, assumed_arms, heaviest, own_load
 from symstiff.effects.base import Scales, find
 from symstiff.robot import Robot, load
@@ -43,7 +44,7 @@ def weighing(robot: Robot, told: Mapping[int, tuple[float, tuple[float, ...]]]) 
     return robot.model_copy(update={"joint": tuple(joints)})
 
 
-def assert_named(found: workflow.Finding, effect: str, joint: int) -> None:
+def assert_named(found: Finding, effect: str, joint: int) -> None:
     """One gear was named, and nothing else."""
     assert found.verdict == "named"
     assert [(e.effect, e.where) for e in found.named] == [(effect, {"joint": joint})]
@@ -146,7 +147,7 @@ def found_under(
     joint: int,
     shape: str,
     sizes: dict[str, Any],
-) -> workflow.Finding:
+) -> Finding:
     """What is found of a KR 270's gear where the file does not tell its weights."""
     bare = load("kuka_kr270")
     return run(Task(bare, experiment(effect, joint, shape, sizes, 1500.0, weighing(bare, told))))

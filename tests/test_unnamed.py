@@ -13,6 +13,7 @@ from symstiff.calibration.simulation.chain import chain_of, posture
 from symstiff.discrepancy import diagnose as engine
 from symstiff.discrepancy.assemble import assemble
 from symstiff.discrepancy.bank import build
+from symstiff.discrepancy.finding import Finding, Task
 from symstiff.discrepancy.laws import _lagging, every_law
 from symstiff.discrepancy.localise import FittedLaw, _scales, _validated
 from symstiff.discrepancy.noise import start
@@ -21,7 +22,7 @@ from symstiff.discrepancy.proof import HeldOut
 from symstiff.discrepancy.result import Rms
 from symstiff.discrepancy.scan import open_scan
 from symstiff.discrepancy.sharing import Split
-from symstiff.discrepancy.workflow import Finding, Task, run, unconfirmed
+from symstiff.discrepancy.workflow import run
 from symstiff.report import unnamed, words
 from symstiff.robot import load
 from symstiff.robot.schema import Marker
@@ -174,10 +175,10 @@ def test_a_law_of_another_joints_load_tells_by_what_that_is_divided() -> None:
 
 
 def test_what_unused_poses_predict_no_better_is_unconfirmed() -> None:
-    assert unconfirmed(Rms(4.0, 3.0, 4.0, 4.1, 3.0))
-    assert not unconfirmed(Rms(4.0, 3.0, 4.0, 3.5, 3.0))
-    assert not unconfirmed(Rms(4.0, 4.0, 4.0, 4.0, 3.0))
-    assert not unconfirmed(Rms(4.0, 3.0, None, None, 3.0))
+    assert Rms(4.0, 3.0, 4.0, 4.1, 3.0).unconfirmed
+    assert not Rms(4.0, 3.0, 4.0, 3.5, 3.0).unconfirmed
+    assert not Rms(4.0, 4.0, 4.0, 4.0, 3.0).unconfirmed
+    assert not Rms(4.0, 3.0, None, None, 3.0).unconfirmed
 
 
 def _tilted(table: Measurements, lift: float, size: float) -> np.ndarray:

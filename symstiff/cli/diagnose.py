@@ -13,7 +13,7 @@ from symstiff.robot import load
 if TYPE_CHECKING:
     from rich.console import Console
 
-    from symstiff.discrepancy.workflow import Finding
+    from symstiff.discrepancy.finding import Finding
 
 
 @dataclass(frozen=True)
@@ -35,7 +35,8 @@ class DiagnoseRequest:
 def run_diagnose(request: DiagnoseRequest) -> None:
     """Read, diagnose, grow, write the folder, say the verdict."""
     from symstiff.calibration.table import read_measurements
-    from symstiff.discrepancy.workflow import Task, run
+    from symstiff.discrepancy.finding import Task
+    from symstiff.discrepancy.workflow import run
     from symstiff.report.folder import write_folder
 
     robot = load(request.robot)

@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import TYPE_CHECKING
 
 import numpy as np
 
 from symstiff.calibration.experiment.situation import View
 from symstiff.calibration.measurements import Measurements
+from symstiff.discrepancy.finding import Found
 from symstiff.discrepancy.noise import CONTRADICTED, NoiseReport
 from symstiff.discrepancy.numbers import quantity
 from symstiff.discrepancy.problem import Array
@@ -17,12 +17,8 @@ from symstiff.discrepancy.sharing import JOINTS
 from symstiff.discrepancy.speech import named as named_at
 from symstiff.discrepancy.verdict import INSUFFICIENT, NAMED, NOTHING, UNEXPLAINED, UNTESTABLE
 from symstiff.effects.arm import untold_weight
-from symstiff.effects.base import EffectInstance, find
-
-if TYPE_CHECKING:
-    from symstiff.discrepancy.workflow import Found
-    from symstiff.effects.base import EffectParameter
-    from symstiff.robot.schema import Robot
+from symstiff.effects.base import EffectInstance, EffectParameter, find
+from symstiff.robot.schema import Robot
 
 LOOSE = 1.35
 """How much more than the others a marker scatters that is spoken of."""

@@ -103,6 +103,13 @@ class Rms:
     held_out_after: float | None
     noise: float
 
+    @property
+    def unconfirmed(self) -> bool:
+        """Whether something was found and poses that were not used are predicted no better with it."""
+        if self.held_out_before is None or self.held_out_after is None or self.after == self.before:
+            return False
+        return self.held_out_after >= self.held_out_before
+
 
 @dataclass(frozen=True)
 class Diagnosis:

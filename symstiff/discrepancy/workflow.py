@@ -8,9 +8,8 @@ on from there. So joints → links → what is missing from both comes out of th
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import dataclass, replace
-from typing import Any
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
 
 import numpy as np
 
@@ -19,116 +18,30 @@ from symstiff.calibration.identify import ExperimentClass, experiment_of, start_
 from symstiff.calibration.loading import as_loading
 from symstiff.calibration.measurements import Measurements
 from symstiff.discrepancy.assemble import Assembly, added_loads, assemble
+from symstiff.discrepancy.climb import leaves_less, links_of, wider_model
 from symstiff.discrepancy.diagnose import diagnose
 from symstiff.discrepancy.doubts import doubted
+from symstiff.discrepancy.finding import Finding, Found, Rung, Task
 from symstiff.discrepancy.growth import Fitted, fit, grow
 from symstiff.discrepancy.point import find_point
 from symstiff.discrepancy.prepare import at_first
-from symstiff.discrepancy.problem import Array, Options, Shape
+from symstiff.discrepancy.problem import Options
 from symstiff.discrepancy.proof import FEWEST
 from symstiff.discrepancy.remarks import astray, out_of_range, remarked
-from symstiff.discrepancy.result import CandidateResult, Diagnosis, Estimate, Name, Rms
+from symstiff.discrepancy.result import Diagnosis, Estimate, Name, Rms
 from symstiff.discrepancy.speech import named as named_at
-from symstiff.discrepancy.strata import Stratum
 from symstiff.discrepancy.used import used
-from symstiff.discrepancy.verdict import AMBIGUOUS, INSUFFICIENT, NAMED, NOTHING, UNEXPLAINED, UNTESTABLE
-from symstiff.effects.base import EffectInstance, catalogue
+from symstiff.discrepancy.verdict import AMBIGUOUS, NAMED, NOTHING, UNEXPLAINED, UNTESTABLE
+from symstiff.effects.base import EffectInstance
 from symstiff.errors import UserError
 from symstiff.model import StiffnessModel
-from symstiff.reduction.physical import physical_stages
 from symstiff.reduction.remarks import reduction_remarks
-from symstiff.robot.schema import Robot
 
 Tell = Callable[[str], None]
 _WORTH = 0.01
 """Load that an effect adds, against the largest, from which other laws are looked at again under it."""
 _UNCONFIRMED = 0.75
 """Most confidence in what poses that were not used do not confirm."""
-
-
-@dataclass(frozen=True)
-class Task:
-    """What to diagnose; ``loads`` and ``measure`` are read from the data where None."""
-
-    robot: Robot
-    table: Measurements
-    start: str | StiffnessModel = "complete"
-    loads: str | None = None
-    measure: str | None = None
-    max_effects: int = 3
-    max_poses: int | None = None
-    seed: int = 0
-
-    @property
-    def origin(self) -> str:
-        """What the diagnosis starts from, as text."""
-        return self.start if isinstance(self.start, str) else "a model"
-
-
-@dataclass(frozen=True)
-class Found:
-    """An effect of the verdict, with everything that is said about it; effects of one set stand together."""
-
-    effect: str
-    where: Mapping[str, Any]
-    shape: Shape
-    parameters: Mapping[str, Estimate]
-    p_value: float
-    confidence: float
-    confounded_with: tuple[Name, ...]
-    set_number: int = 0
-    twins: tuple[Name, ...] = ()
-    """Other names for the same columns."""
-
-    @property
-    def instance(self) -> EffectInstance:
-        """The effect as a model holds it."""
-        return EffectInstance(self.effect, dict(self.where), dict(self.shape))
-
-
-@dataclass(frozen=True, eq=False)
-class Rung:
-    """A step of the growth path: what was added, and the residual (M,) that it leaves, m and rad."""
-
-    title: str
-    parameters: int
-    residual: Array
-    strata: tuple[Stratum, ...]
-    p_left: float
-
-
-@dataclass(frozen=True, eq=False)
-class Finding:
-    """Everything that a report of a diagnosis needs."""
-
-    task: Task
-    table: Measurements
-    start: Fitted
-    grown: Fitted
-    first: Diagnosis
-    last: Diagnosis
-    assembly: Assembly
-    """Of the last diagnosis."""
-    verdict: str
-    testable: bool
-    reason: str
-    effects: tuple[Found, ...]
-    """The named set; all admissible sets, best first, where the verdict is ambiguous."""
-    alternatives: tuple[Found, ...]
-    """Admissible sets that trail so far that the verdict does not count them."""
-    steps: tuple[Rung, ...]
-    rms: Rms
-    remarks: tuple[str, ...]
-
-    @property
-    def named(self) -> tuple[Found, ...]:
-        """The leading set."""
-        return tuple(e for e in self.effects if e.set_number == 0)
-
-    @property
-    def candidates(self) -> tuple[CandidateResult, ...]:
-        """The catalogue on the first model."""
-        return self.first.candidates
 
 
 def run(task: Task, tell: Tell = lambda stage: None) -> Finding:
@@ -152,26 +65,19 @@ def run(task: Task, tell: Tell = lambda stage: None) -> Finding:
     remarks += [remark] if remark else []
     doubt = doubted(model, table)
     assembly, first = _diagnosed(model, table, _options(task, task.max_effects), tell, doubt)
-    wider = _wider(model, first, task, experiment)
+    wider = wider_model(model, first, task, experiment)
     if wider is None:
         return _finding(task, table, model, model, assembly, first, first, (), remarks, tell)
     tell("complete model")
     grown, last = _diagnosed(wider, table, _options(task, max(task.max_effects - 1, 1)), tell)
-    if last.verdict == UNTESTABLE or not _better(last.rms, first.rms):
+    if last.verdict == UNTESTABLE or not leaves_less(last.rms, first.rms):
         return _finding(task, table, model, model, assembly, first, first, (), remarks, tell)
-    climbed = _climbed(first, fit(wider, table).model)
+    climbed = links_of(first, fit(wider, table).model)
     remarks.append(
         "no few links account for what the joints leave: all links give way, so the complete model "
         "takes the place of the joints-only model, and the diagnosis goes on from there"
     )
     return _finding(task, table, model, wider, grown, first, last, climbed, remarks, tell)
-
-
-def _better(wider: Rms, narrow: Rms) -> bool:
-    """Whether a model of more parameters leaves less, also on poses that were left out where there are any."""
-    own, other = wider.held_out_before, narrow.held_out_before
-    refuted = own is not None and other is not None and own >= other
-    return wider.before < narrow.before and not refuted
 
 
 def first_assembly(model: StiffnessModel, table: Measurements) -> Assembly:
@@ -235,56 +141,6 @@ def _options(task: Task, most: int) -> Options:
     return replace(Options(), max_effects=most, seed=Options().seed + task.seed)
 
 
-def _is_compliance(robot: Robot, parameters: Mapping[str, Any]) -> bool:
-    """Whether an effect's parameters are all compliances of the robot's complete model."""
-    known = {p.name for stage in physical_stages(robot) for p in stage.parameters}
-    return bool(parameters) and set(parameters) <= known
-
-
-def _wider(
-    model: StiffnessModel, found: Diagnosis, task: Task, experiment: ExperimentClass
-) -> StiffnessModel | None:
-    """The complete model, where links are rigid in this one and a few elastic links would not do."""
-    rigid = all(p.is_joint for p in model.compliances) and not model.effects
-    if not rigid or found.verdict not in (UNEXPLAINED, INSUFFICIENT) or task.max_effects < 2:
-        return None
-    tested = [c for c in found.candidates if c.testable]
-    if not tested or not _is_compliance(task.robot, tested[0].parameters):
-        return None
-    return start_model(task.robot, "complete", experiment)[0]
-
-
-def _climbed(found: Diagnosis, wider: StiffnessModel) -> tuple[Found, ...]:
-    """The links of the complete model, fitted, as effects of the verdict."""
-    estimates = {
-        n: Estimate(value, wider.deviations.get(n, np.inf), wider.units[n])
-        for n, value in wider.values.items()
-    }
-    out = []
-    for link in sorted({p.body for p in wider.compliances if not p.is_joint}):
-        own = {n: e for n, e in estimates.items() if n.startswith(f"k{link}_")}
-        effect = _that_has(wider.robot, {"link": link}, own)
-        if own and effect:
-            out.append(Found(effect, {"link": link}, {}, own, found.p_missing, _certain(found.p_missing), ()))
-    return tuple(out)
-
-
-def _that_has(robot: Robot, where: Mapping[str, Any], parameters: Iterable[str]) -> str:
-    """The effect of the catalogue that has these parameters at a place, and the fewest beside them."""
-    wanted, sizes = set(parameters), dict[str, int]()
-    for identifier, effect in catalogue().items():
-        if effect.columns is None and any(dict(place) == where for place in effect.places(robot)):
-            held = {p.name for p in EffectInstance(identifier, where).realise(robot).parameters}
-            if wanted <= held:
-                sizes[identifier] = len(held)
-    return min(sizes, key=lambda e: sizes[e], default="")
-
-
-def _certain(p: float) -> float:
-    """Confidence in a step that is a test of nested models: no rival competes for its name."""
-    return float(min(max(1.0 - p, 0.0), 0.99))
-
-
 def _finding(
     task: Task, table: Measurements, start: StiffnessModel, base: StiffnessModel, assembly: Assembly,
     first: Diagnosis, last: Diagnosis, climbed: tuple[Found, ...], remarks: list[str], tell: Tell,
@@ -307,7 +163,7 @@ def _finding(
     testable = verdict != UNTESTABLE
     remarks = [*remarks, *remarked(assembly.situation.view, last)]
     remarks += _undetermined(base, assembly, last) if last.growth else _left_at_zero(after)
-    if unconfirmed(last.rms):
+    if last.rms.unconfirmed:
         named = tuple(replace(e, confidence=min(e.confidence, _UNCONFIRMED)) for e in named)
         remarks.append(
             "poses that were not used do not confirm what was found: there the residual does not fall. "
@@ -366,13 +222,6 @@ def _undetermined(model: StiffnessModel, assembly: Assembly, last: Diagnosis) ->
         f"{len(open_ones)} of the start model's {len(model.parameters)} parameters are not determined by these data "
         f"({shown}): more poses, or loads in more directions, would show more"
     ]
-
-
-def unconfirmed(rms: Rms) -> bool:
-    """Whether something was found and poses that were not used are predicted no better with it."""
-    if rms.held_out_before is None or rms.held_out_after is None or rms.after == rms.before:
-        return False
-    return rms.held_out_after >= rms.held_out_before
 
 
 def _as_identified(effect: Found, fitted: Fitted) -> Found:

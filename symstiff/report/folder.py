@@ -13,8 +13,8 @@ import numpy as np
 from symstiff.calibration.identify import ExperimentClass, experiment_of, start_model
 from symstiff.calibration.measurements import COMPONENTS, Measurements
 from symstiff.discrepancy.deciding import Choice, Rival, decide_poses, experiment_like
+from symstiff.discrepancy.finding import Finding
 from symstiff.discrepancy.separate import TAKEN
-from symstiff.discrepancy.workflow import Finding
 from symstiff.errors import UserError
 from symstiff.files import new_folder
 from symstiff.model import StiffnessModel

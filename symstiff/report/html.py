@@ -10,13 +10,13 @@ from markupsafe import Markup
 
 from symstiff import __version__
 from symstiff.discrepancy import numbers
+from symstiff.discrepancy.finding import Finding, Found
 from symstiff.discrepancy.noise import off
 from symstiff.discrepancy.proof import NO_GAP
 from symstiff.discrepancy.result import CandidateResult, Estimate, Name
 from symstiff.discrepancy.sharing import JOINTS
 from symstiff.discrepancy.speech import named, spoken
 from symstiff.discrepancy.verdict import INSUFFICIENT
-from symstiff.discrepancy.workflow import Finding, Found
 from symstiff.effects.base import catalogue
 from symstiff.report import law_plots, plots, unnamed, words
 from symstiff.report.code import Line, formulas

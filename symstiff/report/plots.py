@@ -11,9 +11,9 @@ from typing import Any
 
 import numpy as np
 
+from symstiff.discrepancy.finding import Finding
 from symstiff.discrepancy.numbers import milli
 from symstiff.discrepancy.problem import Array
-from symstiff.discrepancy.workflow import Finding
 from symstiff.report.tables import by_state, standardised
 
 BEFORE, AFTER, NOISE, LAW = "#9aa7b4", "#1f6f8b", "#b8860b", "#c0392b"

@@ -8,8 +8,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from symstiff.calibration.residuals import Size, sizes
+from symstiff.discrepancy.finding import Finding
 from symstiff.discrepancy.problem import Array
-from symstiff.discrepancy.workflow import Finding
 
 
 def by_state(finding: Finding, rows: Array) -> Array:

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import re
 
+from symstiff.discrepancy.finding import Finding
 from symstiff.discrepancy.laws import READING
 from symstiff.discrepancy.localise import FittedDevice, FittedLaw
 from symstiff.discrepancy.numbers import number, quantity
 from symstiff.discrepancy.result import Estimate
-from symstiff.discrepancy.workflow import Finding
 from symstiff.report.tables import rotates
 
 _LITTLE = 0.1

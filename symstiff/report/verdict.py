@@ -8,10 +8,10 @@ from typing import Any
 
 import numpy as np
 
+from symstiff.discrepancy.finding import Finding, Found
 from symstiff.discrepancy.result import CandidateResult, Estimate, Name
 from symstiff.discrepancy.sharing import JOINTS
 from symstiff.discrepancy.strata import Stratum
-from symstiff.discrepancy.workflow import Finding, Found
 from symstiff.report.tables import sizes_of
 from symstiff.report.words import sentence
 

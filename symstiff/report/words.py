@@ -6,12 +6,12 @@ import math
 from collections.abc import Mapping, Sequence
 from typing import Any
 
+from symstiff.discrepancy.finding import Finding, Found
 from symstiff.discrepancy.numbers import milli, p_equals, quantity
 from symstiff.discrepancy.remarks import FEW
 from symstiff.discrepancy.result import Name
 from symstiff.discrepancy.speech import named, place, spoken
 from symstiff.discrepancy.verdict import AS_WELL, INSUFFICIENT, NOT_ALONE, REFUTED
-from symstiff.discrepancy.workflow import Finding, Found, unconfirmed
 from symstiff.effects.base import EffectInstance
 from symstiff.report.deciding import deciding
 from symstiff.report.tables import shift
@@ -181,7 +181,7 @@ def gap(finding: Finding) -> str:
         before, after = size(r.held_out_before, finding), size(r.held_out_after, finding)
         text += ", on poses that were not used "
         text += f"it stays at {before}" if before == after else f"from {before} to {after}"
-        text += ", which does not confirm it" if unconfirmed(r) else ""
+        text += ", which does not confirm it" if r.unconfirmed else ""
     return f"{text} (noise {size(r.noise, finding)})"
 
 

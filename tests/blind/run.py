@@ -16,10 +16,10 @@ import numpy as np
 from threadpoolctl import threadpool_limits
 
 from symstiff.discrepancy.assemble import Assembly, assemble
+from symstiff.discrepancy.finding import Finding, Task
 from symstiff.discrepancy.prepare import prepare
 from symstiff.discrepancy.problem import Problem
 from symstiff.discrepancy.scan import column_space
-from symstiff.discrepancy.workflow import Finding, Task
 from symstiff.discrepancy.workflow import run as diagnose
 from tests.blind.apart import apart, limit
 from tests.blind.baselines import aic, bic, cross_validation, lasso

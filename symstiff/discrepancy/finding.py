@@ -1,0 +1,102 @@
+"""What a diagnosis of a table is asked, and everything that it found, for reports and remarks."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+from symstiff.calibration.measurements import Measurements
+from symstiff.discrepancy.assemble import Assembly
+from symstiff.discrepancy.growth import Fitted
+from symstiff.discrepancy.problem import Array, Shape
+from symstiff.discrepancy.result import CandidateResult, Diagnosis, Estimate, Name, Rms
+from symstiff.discrepancy.strata import Stratum
+from symstiff.effects.base import EffectInstance
+from symstiff.model import StiffnessModel
+from symstiff.robot.schema import Robot
+
+
+@dataclass(frozen=True)
+class Task:
+    """What to diagnose; ``loads`` and ``measure`` are read from the data where None."""
+
+    robot: Robot
+    table: Measurements
+    start: str | StiffnessModel = "complete"
+    loads: str | None = None
+    measure: str | None = None
+    max_effects: int = 3
+    max_poses: int | None = None
+    seed: int = 0
+
+    @property
+    def origin(self) -> str:
+        """What the diagnosis starts from, as text."""
+        return self.start if isinstance(self.start, str) else "a model"
+
+
+@dataclass(frozen=True)
+class Found:
+    """An effect of the verdict, with everything that is said about it; effects of one set stand together."""
+
+    effect: str
+    where: Mapping[str, Any]
+    shape: Shape
+    parameters: Mapping[str, Estimate]
+    p_value: float
+    confidence: float
+    confounded_with: tuple[Name, ...]
+    set_number: int = 0
+    twins: tuple[Name, ...] = ()
+    """Other names for the same columns."""
+
+    @property
+    def instance(self) -> EffectInstance:
+        """The effect as a model holds it."""
+        return EffectInstance(self.effect, dict(self.where), dict(self.shape))
+
+
+@dataclass(frozen=True, eq=False)
+class Rung:
+    """A step of the growth path: what was added, and the residual (M,) that it leaves, m and rad."""
+
+    title: str
+    parameters: int
+    residual: Array
+    strata: tuple[Stratum, ...]
+    p_left: float
+
+
+@dataclass(frozen=True, eq=False)
+class Finding:
+    """Everything that a report of a diagnosis needs."""
+
+    task: Task
+    table: Measurements
+    start: Fitted
+    grown: Fitted
+    first: Diagnosis
+    last: Diagnosis
+    assembly: Assembly
+    """Of the last diagnosis."""
+    verdict: str
+    testable: bool
+    reason: str
+    effects: tuple[Found, ...]
+    """The named set; all admissible sets, best first, where the verdict is ambiguous."""
+    alternatives: tuple[Found, ...]
+    """Admissible sets that trail so far that the verdict does not count them."""
+    steps: tuple[Rung, ...]
+    rms: Rms
+    remarks: tuple[str, ...]
+
+    @property
+    def named(self) -> tuple[Found, ...]:
+        """The leading set."""
+        return tuple(e for e in self.effects if e.set_number == 0)
+
+    @property
+    def candidates(self) -> tuple[CandidateResult, ...]:
+        """The catalogue on the first model."""
+        return self.first.candidates
