@@ -16,8 +16,8 @@ from symstiff.calibration.markers import marker_hint
 from symstiff.calibration.measurements import Measurements, concatenate, measurements
 from symstiff.calibration.rows import predict
 from symstiff.calibration.simulation import Effect, Noise, Truth, nominal_truth, simulate
-from symstiff.discrepancy.deciding import experiment_like
 from symstiff.discrepancy.climb import leaves_less
+from symstiff.discrepancy.deciding import experiment_like
 from symstiff.discrepancy.finding import Finding, Task
 from symstiff.discrepancy.result import Rms
 from symstiff.discrepancy.verdict import NO_TEST_NAMES
