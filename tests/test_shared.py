@@ -2,12 +2,16 @@
 
 from __future__ import annotations
 
+import tracemalloc
+
 import numpy as np
 import pytest
 
+from symstiff.calibration.absolute import _independent
+from symstiff.calibration.constrained import constrain
 from symstiff.calibration.estimate import estimate
 from symstiff.calibration.robust import robust_estimate
-from symstiff.calibration.shared import shared_error
+from symstiff.calibration.shared import informative, shared_error
 
 POSES, CASES = 20, 4
 ROWS = POSES * CASES * 3
@@ -67,3 +71,99 @@ def test_rows_that_stand_alone_say_nothing_of_a_shared_error() -> None:
     Q = np.linalg.qr(A / sigma[:, None])[0]
     assert shared_error(Q, y / sigma, np.arange(ROWS), sigma) is None
     assert shared_error(Q, y / sigma, BLOCK, sigma) is not None
+
+
+POINTS, REPEATS = 3, 2
+
+
+def of_several_points(pose: float, approach: float, unloaded: float, seed: int):
+    """Three points of each pose, measured twice: an error of the pose, of each approach, of each zero reading."""
+    fixed, rng = np.random.default_rng(1), np.random.default_rng(seed)
+    shape = (POSES, CASES, REPEATS, POINTS, 3)
+    load = np.array([0.25, 0.5, 0.75, 1.0])[None, :, None, None, None]
+    A = fixed.normal(size=(POSES, 1, 1, POINTS, 3, 5)) * load[..., None] * np.ones((*shape, 1))
+    truth = fixed.normal(size=5) * 1e-3
+    noise = rng.normal(size=shape) + pose * rng.normal(size=(POSES, 1, 1, 1, 3))
+    noise = noise + approach * rng.normal(size=(POSES, 1, REPEATS, 1, 3))
+    noise = noise + unloaded * rng.normal(size=(POSES, 1, REPEATS, POINTS, 3))
+    p, _, r, m, k = np.indices(shape).reshape(5, -1)
+    come = p * REPEATS + r
+    blocks = informative([p * 3 + k, come * 3 + k, (p * POINTS + m) * 3 + k, (come * POINTS + m) * 3 + k])
+    return A.reshape(-1, 5), truth, (A @ truth + 1e-5 * noise).ravel(), blocks, p
+
+
+@pytest.mark.parametrize("errors", [(2.0, 0.0, 0.0), (0.0, 2.0, 0.0), (0.0, 0.0, 2.0), (1.0, 1.0, 1.0)])
+@pytest.mark.parametrize("robust", [True, False])
+def test_what_a_pose_an_approach_and_a_point_share_is_told_apart(errors, robust: bool) -> None:
+    z, ratios = [], []
+    for seed in range(16):
+        A, truth, y, blocks, _ = of_several_points(*errors, seed)
+        fit = estimate(A, y, np.full(len(y), 1e-5), list("abcde"), blocks=blocks)
+        if robust:
+            fit = robust_estimate(A, y, np.full(len(y), 1e-5), list("abcde"), blocks=blocks).estimate
+        assert fit.shared is not None
+        z.append((fit.values - truth) / fit.std)
+        ratios.append(fit.shared.ratios)
+    assert np.sqrt(np.mean(np.square(z))) == pytest.approx(1.0, abs=0.2)
+    pose, approach, beside, point = np.median(ratios, axis=0)
+    assert (pose, approach, point) == pytest.approx(np.square(errors), abs=0.6 if max(errors) < 2 else 1.2)
+    assert beside < 0.1
+
+
+def test_groupings_that_say_nothing_new_are_left_out() -> None:
+    pose = np.repeat([0, 1, 2], 4)
+    assert informative([pose, pose + 7, 5 - pose, np.arange(12)]).shape == (12, 1)
+    assert informative([pose, np.arange(12) // 2]).shape == (12, 2)
+
+
+def test_deviations_from_residuals_hold_a_shared_error_once() -> None:
+    z = []
+    for seed in range(60):
+        A, truth, _, y = experiment(3.0, seed)
+        scale = float(np.std(y - A @ np.linalg.lstsq(A, y, rcond=None)[0]))
+        given = np.full(len(y), scale)
+        z.append(
+            (lambda f: (f.values - truth) / f.std)(
+                estimate(A, y, given, list("abcde"), blocks=BLOCK, estimated=True)
+            )
+        )
+    assert np.sqrt(np.mean(np.square(z))) == pytest.approx(1.0, abs=0.15)
+
+
+@pytest.mark.parametrize("known", [True, False])
+@pytest.mark.parametrize("shared", [0.0, 3.0])
+def test_noise_that_rows_share_does_not_contradict_physics(shared: float, known: bool) -> None:
+    """Springs that do not give way at all: half of the estimates fall below zero by noise alone."""
+    names, low = ["c1", "c2", "c3", "c4", "c5"], 0
+    for seed in range(60):
+        A, truth, sigma, y = experiment(shared, seed)
+        fit = estimate(A, y - A @ truth, sigma if known else None, names, blocks=BLOCK)
+        low += constrain(fit).implausible_p < 0.05
+    assert low <= 5
+    A, truth, sigma, y = experiment(shared, 0)
+    wrong = estimate(A, y - A @ (truth + 1e-3), sigma if known else None, names, blocks=BLOCK)
+    assert constrain(wrong).implausible_p < 1e-6
+
+
+def test_poses_that_share_an_error_are_no_outliers_and_one_that_was_moved_is() -> None:
+    suspects, found = 0, 0
+    for seed in range(12):
+        A, _, y, blocks, pose = of_several_points(3.0, 0.0, 0.0, seed)
+        given = np.full(len(y), 1e-5)
+        fit = robust_estimate(A, y, given, list("abcde"), groups=pose, blocks=blocks)
+        suspects += bool(fit.poses) + bool(fit.rows)
+        moved = robust_estimate(A, y + 4e-4 * (pose == 7), given, list("abcde"), groups=pose, blocks=blocks)
+        found += [s.label for s in moved.poses] == ["pose 7"]
+    assert suspects <= 1
+    assert found >= 11
+
+
+def test_many_rows_of_absolute_data_take_little_memory() -> None:
+    columns = np.random.default_rng(0).normal(size=(30_000, 8))
+    columns[:, 5] = columns[:, 1] - columns[:, 2]
+    tracemalloc.start()
+    kept = _independent(columns)
+    peak = tracemalloc.get_traced_memory()[1]
+    tracemalloc.stop()
+    assert len(kept) == 7
+    assert peak < 10 * columns.nbytes

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 import scipy.linalg
 
+from symstiff.calibration.compact import triangular
 from symstiff.calibration.decomposition import svd
 from symstiff.calibration.estimate import Estimate, estimate, unit_of
 from symstiff.calibration.experiment.current import settled, sigma_of
@@ -80,6 +81,6 @@ def _independent(columns: np.ndarray) -> list[int]:
     """Columns that span all of them, by pivoted QR of the scaled matrix."""
     size = np.linalg.norm(columns, axis=0)
     scaled = columns / np.where(size > 0, size, 1.0)
-    triangle, order = scipy.linalg.qr(scaled, mode="r", pivoting=True)
+    triangle, order = scipy.linalg.qr(triangular(scaled), mode="r", pivoting=True)
     rank = int((np.abs(np.diag(triangle)) > 1e-6).sum())
     return sorted(int(k) for k in order[:rank])

@@ -43,7 +43,7 @@ class ConstrainedEstimate:
     """A least-squares fit inside the admissible set.
 
     values: (r,) reduced parameters; complete: (n,) an admissible set with P·complete = values; chi2,
-    free_chi2: whitened residual sums with and without the conditions, in units of the noise variance; active:
+    free_chi2: sums of squares with and without the conditions, in units of the noise and of what rows share; active:
     bounds pressed against, hardest first; multipliers: by block, of its matrix in SI units; implausible_p: no less
     than the chance that noise alone makes the conditions cost as much (small: the data contradict the model).
     """
@@ -94,11 +94,11 @@ def constrain(
         )
     rules = admissible_set(complete_names) if admissible is None else admissible
     scale = _sizes(complete_names, nominal, P, fit.values)
-    form, n = fit.compact, len(complete_names)
-    columns = (form.R * form.scale) @ P * scale  # (k, n)
-    size = float(np.linalg.norm(form.z)) or 1.0
-    k = len(form.z)
-    constraints = [Constraint("zero", np.hstack([columns / size, -np.eye(k)]), form.z / size)]
+    rows, data, rest = _weighed(fit)
+    n, k = len(complete_names), len(data)
+    columns = rows @ P * scale  # (k, n)
+    size = float(np.linalg.norm(data)) or 1.0
+    constraints = [Constraint("zero", np.hstack([columns / size, -np.eye(k)]), data / size)]
     constraints += semidefinite(rules, scale, n + k)
     # So weak a pull to zero moves nothing that is determined; it keeps the rest from drifting away.
     quadratic = np.concatenate([np.full(n, 1e-12), np.ones(k)])
@@ -106,18 +106,13 @@ def constrain(
     if solution.status != "solved":
         raise ArithmeticError(f"constrained fit: the conic solver stopped with {solution.status}")
     x = solution.x[:n]
-    variance = fit.unit_variance if math.isfinite(fit.unit_variance) and fit.unit_variance > 0 else 1.0
-    residual = columns @ x - form.z
-    chi2 = (form.rest + float(residual @ residual)) / variance
-    free = form.R @ (form.scale * fit.values) - form.z
-    free_chi2 = (form.rest + float(free @ free)) / variance
-    factor = size**2 / variance
+    chi2 = rest + float(np.sum((columns @ x - data) ** 2))
+    free_chi2 = rest + float(np.sum((rows @ fit.values - data) ** 2))
     duals = zip(rules.blocks, solution.duals[1:], strict=True)
-    pressure = {block.label: factor * dual_matrix(block, dual) for block, dual in duals}
+    pressure = {block.label: size**2 * dual_matrix(block, dual) for block, dual in duals}
     multipliers = {b.label: pressure[b.label] / np.outer(b.axes(scale), b.axes(scale)) for b in rules.blocks}
     active = _active(rules, scale, scale * x, pressure)
-    directions = sum(bound.directions for bound in active)
-    implausible = float(scipy.stats.chi2.sf(max(chi2 - free_chi2, 0.0), directions)) if active else 1.0
+    implausible = _tail(max(chi2 - free_chi2, 0.0), sum(bound.directions for bound in active), fit)
     return ConstrainedEstimate(
         fit.names,
         P @ (scale * x),
@@ -129,6 +124,35 @@ def constrain(
         multipliers,
         implausible,
     )
+
+
+def _weighed(fit: Estimate) -> tuple[Array, Array, float]:
+    """Rows (k, r) and data (k,) whose noise is independent and of variance one, and the sum of squares beyond them.
+
+    The triangular form in the metric of the fit's covariance, which holds what rows share; directions that the fit did
+    not resolve keep the rows' own noise.
+    """
+    form, rank = fit.compact, fit.rank.rank
+    U = np.linalg.svd(form.R)[0]
+    own = fit.unit_variance if math.isfinite(fit.unit_variance) and fit.unit_variance > 0 else 1.0
+    rows, data = U.T @ (form.R * form.scale), U.T @ form.z
+    covariance = rows[:rank] @ fit.covariance @ rows[:rank].T
+    if np.isfinite(covariance).all() and np.linalg.eigvalsh(covariance).min(initial=1.0) > 0:
+        factor = np.linalg.cholesky(covariance)
+        rows[:rank], data[:rank] = np.linalg.solve(factor, rows[:rank]), np.linalg.solve(factor, data[:rank])
+    else:  # data without noise, or none left to tell it
+        rows[:rank], data[:rank] = rows[:rank] / math.sqrt(own), data[:rank] / math.sqrt(own)
+    rows[rank:], data[rank:] = rows[rank:] / math.sqrt(own), data[rank:] / math.sqrt(own)
+    return rows, data, form.rest / own
+
+
+def _tail(cost: float, directions: int, fit: Estimate) -> float:
+    """Probability that noise alone makes the conditions cost as much; by F where the residuals tell the noise."""
+    if not directions:
+        return 1.0
+    if fit.fit_p is None and fit.dof > 0:
+        return float(scipy.stats.f.sf(cost / directions, directions, fit.dof))
+    return float(scipy.stats.chi2.sf(cost, directions))
 
 
 def _sizes(names: Sequence[str], nominal: Mapping[str, float] | None, P: Array, values: Array) -> Array:

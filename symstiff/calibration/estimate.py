@@ -114,7 +114,8 @@ def estimate(
 
     A: (M, P) observation matrix, y: (M,) measured deflections in m and rad; sigma: (M,) their standard
     deviations, or None for equal ones estimated from the residuals; names, units: (P,), units by the names
-    where absent; blocks: (M,) numbers of rows that may share an error, which the deviations then hold; estimated:
+    where absent; blocks: (M,) or (M, K) numbers of rows that may share errors, which the deviations then hold
+    (`shared_error`); estimated:
     whether sigma comes from residuals of the same rows, so that no test of the fit can be made of it.
     truncate: whether directions drowned in noise are dropped like those lost in rounding.
     Raises UserError for shapes, NaN and deviations that cannot be used. Source: seed eq. (7)–(8), (15)–(20).
@@ -141,12 +142,14 @@ def estimate(
     unit_variance = 1.0 if sigma is not None else s0_squared
     shared = None
     if blocks is not None and dof > 0:
-        row = A if sigma is None else A / sigma[:, None]
-        shared = shared_error(row @ root, y if sigma is None else y / sigma, blocks, sigma)
-    own = unit_variance if sigma is not None or shared is None else shared.variance
+        Q = (A if sigma is None else A / sigma[:, None]) @ root
+        shared = shared_error(Q, y if sigma is None else y / sigma, blocks, sigma)
+    # a sigma from residuals holds the shared error as well
+    own = unit_variance if shared is None or not (sigma is None or estimated) else shared.variance
     covariance = own * (root @ root.T)
     if shared is not None:
-        covariance += shared.shared_variance * (root @ shared.spread @ root.T)
+        among = Q.T @ shared.covariance_times(Q) - np.eye(rank)
+        covariance += shared.variance * (root @ among @ root.T)
     std = np.sqrt(np.diag(covariance))
     std[[name in decision.affected for name in named]] = np.inf
     half = std * interval_factor(confidence, dof if sigma is None or estimated else None)

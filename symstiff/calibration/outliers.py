@@ -10,6 +10,7 @@ import numpy.typing as npt
 import scipy.stats
 
 from symstiff.calibration.compact import Array
+from symstiff.calibration.shared import SharedError
 
 _UNTESTABLE = 1e-6  # of the noise variance: a residual that the fit itself forces to zero says nothing
 
@@ -42,19 +43,25 @@ class Suspect:
 
 
 def row_suspects(
-    Q: Array, fit: HuberFit, labels: Sequence[str] | None, significance: float
+    Q: Array,
+    fit: HuberFit,
+    labels: Sequence[str] | None,
+    significance: float,
+    shared: SharedError | None = None,
 ) -> tuple[Suspect, ...]:
     """Rows whose standardised residual a clean data set of this size would show with chance `significance`.
 
     Q: (M, r) orthonormal whitened observation matrix. The residual's variance counts the fit's own share:
-    full for a row that was used fully, more than the noise for one that was weighed down. labels: (M,).
+    full for a row that was used fully, more than the noise for one that was weighed down. labels: (M,); shared: as of
+    ``pose_suspects``.
     """
-    dof = len(Q) - Q.shape[1]
+    dof = _freedom(Q, shared)
     if fit.scale <= 0.0 or dof <= 0:
         return ()
-    inverse, spread = _spread(Q, fit)
-    used = fit.weights * np.einsum("mr,rs,ms->m", Q, inverse, Q, optimize=True)
-    variance = 1.0 - 2.0 * used + np.einsum("mr,rs,ms->m", Q, spread, Q, optimize=True)
+    inverse, spread, reach = _spread(Q, fit, shared)
+    used = np.einsum("mr,rs,ms->m", Q, inverse, reach, optimize=True)
+    own = 1.0 if shared is None else shared.each
+    variance = own - 2.0 * used + np.einsum("mr,rs,ms->m", Q, spread, Q, optimize=True)
     standard = np.where(
         variance > _UNTESTABLE, fit.residual / (fit.scale * np.sqrt(np.maximum(variance, _UNTESTABLE))), 0.0
     )
@@ -74,22 +81,29 @@ def row_suspects(
 
 
 def pose_suspects(
-    Q: Array, fit: HuberFit, groups: npt.NDArray[np.int_], labels: Sequence[str] | None, significance: float
+    Q: Array,
+    fit: HuberFit,
+    groups: npt.NDArray[np.int_],
+    labels: Sequence[str] | None,
+    significance: float,
+    shared: SharedError | None = None,
 ) -> tuple[Suspect, ...]:
     """Poses whose rows together do not fit: an F test of each pose's residuals with their own covariance.
 
-    groups: (M,) pose index of every row; labels: names by index.
+    groups: (M,) pose index of every row; labels: names by index; shared: the errors that rows of a pose share, whose
+    sizes are known by as many poses as there are beyond what the fit takes.
     """
-    dof = len(Q) - Q.shape[1]
+    dof = _freedom(Q, shared)
     if fit.scale <= 0.0 or dof <= 0:
         return ()
-    inverse, spread = _spread(Q, fit)
+    inverse, spread, _ = _spread(Q, fit, shared)
     order = np.argsort(groups, kind="stable")
     members = np.split(order, np.flatnonzero(np.diff(groups[order])) + 1)
     found = []
     for size in sorted({len(rows) for rows in members}):
         block = np.array([rows for rows in members if len(rows) == size])
-        statistic, free = _pose_statistics(Q[block], fit, block, inverse, spread)
+        among = np.eye(size) if shared is None else shared.among(block) / (1.0 + shared.ratio)
+        statistic, free = _pose_statistics(Q[block], fit, block, inverse, spread, among)
         p = scipy.stats.f.sf(statistic / np.maximum(free, 1), np.maximum(free, 1), dof)
         for g in np.flatnonzero(p < significance / len(members)):
             index = int(groups[block[g, 0]])
@@ -105,20 +119,31 @@ def pose_suspects(
     return tuple(sorted(found, key=lambda suspect: -suspect.size))
 
 
-def _spread(Q: Array, fit: HuberFit) -> tuple[Array, Array]:
-    """(QᵀWQ)⁻¹ and the covariance (QᵀWQ)⁻¹·QᵀW²Q·(QᵀWQ)⁻¹ of the weighted solution, in units of the noise."""
+def _freedom(Q: Array, shared: SharedError | None) -> int:
+    """Degrees of freedom of the noise: of what rows share, there are as many readings as blocks."""
+    if shared is None:
+        return int(len(Q) - Q.shape[1])
+    return max(int(shared.blocks[:, 0].max() + 1 - Q.shape[1]), 1)
+
+
+def _spread(Q: Array, fit: HuberFit, shared: SharedError | None) -> tuple[Array, Array, Array]:
+    """(QᵀWQ)⁻¹, the covariance (QᵀWQ)⁻¹·QᵀWVWQ·(QᵀWQ)⁻¹ of the solution in units of the noise, and VWQ (M, r)."""
     inverse = np.linalg.inv(fit.system)
     weighted = fit.weights[:, None] * Q
-    return np.asarray(inverse), np.asarray(inverse @ (weighted.T @ weighted) @ inverse)
+    reach = weighted if shared is None else shared.covariance_times(weighted) / (1.0 + shared.ratio)
+    return np.asarray(inverse), np.asarray(inverse @ (weighted.T @ reach) @ inverse), reach
 
 
 def _pose_statistics(
-    Qg: Array, fit: HuberFit, block: npt.NDArray[np.int_], inverse: Array, spread: Array
+    Qg: Array, fit: HuberFit, block: npt.NDArray[np.int_], inverse: Array, spread: Array, among: Array
 ) -> tuple[Array, npt.NDArray[np.int_]]:
-    """Residuals weighed with their own covariance, (G,), and in how many directions they can vary, (G,)."""
+    """Residuals weighed with their own covariance, (G,), and in how many directions they can vary, (G,).
+
+    among: (n, n) or (G, n, n) covariance of the errors of a pose's rows.
+    """
     weights, residual = fit.weights[block], fit.residual[block] / fit.scale
-    half = (Qg @ inverse @ Qg.transpose(0, 2, 1)) * weights[:, None, :]
-    covariance = np.eye(block.shape[1]) - half - half.transpose(0, 2, 1) + Qg @ spread @ Qg.transpose(0, 2, 1)
+    half = ((Qg @ inverse @ Qg.transpose(0, 2, 1)) * weights[:, None, :]) @ among
+    covariance = among - half - half.transpose(0, 2, 1) + Qg @ spread @ Qg.transpose(0, 2, 1)
     eigenvalues, vectors = np.linalg.eigh(covariance)
     free = eigenvalues > _UNTESTABLE
     along = np.einsum("gmk,gm->gk", vectors, residual)

@@ -83,8 +83,12 @@ def robust_estimate(
     fit = _huber(Q, y if sigma is None else y / sigma, tuning)
     if fit.iterations:
         start = _with_fit(start, A, y, sigma, root, Q, fit, tuning, blocks)
-    rows = row_suspects(Q, fit, row_labels, significance)
-    poses = () if groups is None else pose_suspects(Q, fit, np.asarray(groups), labels, significance)
+    rows = row_suspects(Q, fit, row_labels, significance, start.shared)
+    poses = (
+        ()
+        if groups is None
+        else pose_suspects(Q, fit, np.asarray(groups), labels, significance, start.shared)
+    )
     return RobustEstimate(start, fit.weights, fit.scale, rows, poses, fit.iterations, fit.converged)
 
 
@@ -140,12 +144,12 @@ def _with_fit(
     covariance = variance * (root @ root.T)
     shared = None
     if blocks is not None:
-        heard = np.sqrt(fit.weights)
-        basis, triangle = np.linalg.qr(heard[:, None] * Q)
-        shared = shared_error(basis, heard * (Q @ fit.solution + fit.residual), blocks, sigma)
+        # least squares of these pseudo-values is Huber's fit, and they scatter as its estimate does
+        pseudo = Q @ fit.solution + np.clip(fit.residual, -tuning * fit.scale, tuning * fit.scale) / share
+        shared = shared_error(Q, pseudo, blocks, sigma)
         if shared is not None:
-            own = np.linalg.solve(triangle.T, root.T).T
-            covariance = own @ (shared.variance * (np.eye(rank) + shared.ratio * shared.spread)) @ own.T
+            own = correction**2 * shared.variance
+            covariance = own * (root @ Q.T @ shared.covariance_times(Q) @ root.T)
     std = np.where(np.isinf(start.std), np.inf, np.sqrt(np.diag(covariance)))
     half = std * interval_factor(start.confidence, start.dof)
     return replace(

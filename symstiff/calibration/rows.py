@@ -9,6 +9,7 @@ import numpy as np
 
 from symstiff.calibration.compact import component_sigma
 from symstiff.calibration.measurements import COMPONENTS, Measurements
+from symstiff.calibration.shared import informative
 from symstiff.codegen.runtime import for_poses
 from symstiff.errors import UserError
 from symstiff.model import StiffnessModel
@@ -104,8 +105,15 @@ def stated_sigma(table: Measurements, row: np.ndarray, component: np.ndarray) ->
 
 
 def shared_blocks(e: Equations, table: Measurements) -> np.ndarray:
-    """(R,) numbers of the equations that an approach error is common to: one component in one approach."""
-    return np.asarray(table.approach[e.row] * len(COMPONENTS) + e.component)
+    """(R, K) numbers of the equations that an error is common to: one component of a pose, of one approach, of a point.
+
+    The robot misses its pose, in part anew at every repeat; the reading without load is each point's own.
+    """
+    pose, approach, point = table.pose[e.row], table.approach[e.row], table.point[e.row]
+    count, points = len(COMPONENTS), len(table.points)
+    by_component = (label * count + e.component for label in (pose, approach))
+    by_point = ((label * points + point) * count + e.component for label in (pose, approach))
+    return informative([*by_component, *by_point])
 
 
 def weights(e: Equations) -> np.ndarray | None:
