@@ -394,3 +394,14 @@ def test_there_is_never_more_than_one_scan(monkeypatch: pytest.MonkeyPatch) -> N
     monkeypatch.setattr(prepare_module, "open_scan", watched)
     ready = prepare(measured(a.problem, scaled(a.problem, saturating(a.problem, 1), 400.0)), a.candidates)
     assert len(bases) > 2 * len(ready.scan.layers)
+
+
+def test_the_noise_of_the_axes_is_not_what_a_model_of_many_parameters_leaves() -> None:
+    a = arm(12)
+    wide = np.random.default_rng(0).normal(size=(a.problem.rows, a.problem.rows // 2))
+    found = []
+    for seed in range(6):
+        problem = measured(a.problem, 0.0, seed)
+        problem = replace(problem, A=np.hstack([problem.A, wide]))
+        found.append(list(prepare(problem, ()).report.by_axis.values()))
+    assert np.sqrt(np.mean(np.square(found))) == pytest.approx(SIGMA, rel=0.1)

@@ -231,7 +231,9 @@ def report(
         interval = (float(relative * low), float(relative * high))
         misstated = off(interval) and not (problem.differences and _off_by_half(interval, noise, sharing))
     axes = [(int(a), problem.axis == a) for a in np.unique(problem.axis)]
-    by_axis = {a: float(np.sqrt(np.mean(residual[own] ** 2))) for a, own in axes}
+    mean = float(np.mean((residual / noise.spread) ** 2))
+    gain = found / mean if mean > 0 else 1.0  # the model's freedom is deducted from all axes alike
+    by_axis = {a: float(np.sqrt(gain * np.mean(residual[own] ** 2))) for a, own in axes}
     common = found * noise.spread**2 * _diagonal(noise, sharing)
     return NoiseReport(
         sigma, stated, relative, interval, misstated, freedom, source, by_axis,
