@@ -305,3 +305,18 @@ def test_under_the_links_weights_a_joint_is_not_part_of_the_link_before_it_and_y
         of(found, "joint_compliance", {"joint": j}) for j in (2, 3, 4, 5)
     ]  # the others' axes feel nothing
     assert all(c.unavailable for c in joints)
+
+
+def test_a_link_that_is_told_to_be_rigid_has_no_asymmetry_alone_and_a_rigid_pedestal_is_no_beam() -> None:
+    entry = to_table(load("scara"))
+    entry["base"]["link"] = {"template": "rigid"}
+    entry["joint"][1]["link"] = {"template": "rigid"}
+    robot = from_table(entry, "scara")
+    model = StiffnessModel.of(reduce(robot))
+    found = assemble(model, measured(truth_of("scara"), design("scara", "deflection")))
+    for link in (0, 2):
+        assert "rigid" in of(found, "link_asymmetry", {"link": link}).unavailable
+    assert of(found, "link_asymmetry", {"link": 1}).unavailable == ""
+    assert "full block" in of(found, "link_compliance", {"link": 0}).unavailable
+    assert of(found, "link_compliance", {"link": 2}).unavailable == ""
+    assert of(found, "base_compliance", {"link": 0}).unavailable == ""

@@ -153,6 +153,10 @@ def _alike(robot: Robot, shape: Shape) -> float:
     return 1.0
 
 
+def _likely(robot: Robot, where: Where) -> str:
+    return ""
+
+
 def _fixed(robot: Robot, shape: Shape) -> Mapping[str, Move]:
     return {}
 
@@ -195,6 +199,8 @@ class Effect:
     """How a shape's values, by key, are moved: what lies between those that are profiled."""
     odds: Callable[[Robot, Shape], float] = _alike
     """Prior weight of a shape; below one where the robot file tells otherwise."""
+    unlikely: Callable[[Robot, Where], str] = _likely
+    """Why it is not looked for at one of its places, by what the robot file tells; empty where it is."""
 
 
 @dataclass(frozen=True)

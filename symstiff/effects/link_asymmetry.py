@@ -2,9 +2,18 @@
 
 from __future__ import annotations
 
-from symstiff.effects.base import Effect
+from symstiff.effects.base import Effect, Where
 from symstiff.effects.blocks import block, other_pairs
 from symstiff.effects.common import BOTH, links
+from symstiff.robot.schema import Robot
+
+
+def _unlikely(robot: Robot, where: Where) -> str:
+    """Couplings between axes of which none gives way are no compliance."""
+    if robot.links[int(where["link"])].template != "rigid":
+        return ""
+    return "the robot file takes this link for rigid: it has a compliance before it has an asymmetry"
+
 
 EFFECT = Effect(
     identifier="link_asymmetry",
@@ -13,6 +22,7 @@ EFFECT = Effect(
     seen_in=BOTH,
     places=links,
     realise=block(other_pairs),
+    unlikely=_unlikely,
     confused_with=("link_compliance", "base_compliance", "tool_compliance"),
     separated_by="loads in several directions on the link; at the pedestal and at the tool it is the "
     "same columns "
