@@ -64,10 +64,12 @@ def needed(scan: Scan, entry: int, threshold: float) -> float:
     return min(_needed(threshold + np.log(2.0), prior, r, scan.freedom) for r in (rank, fewer))
 
 
-def smallest_detectable(scan: Scan, entry: int, threshold: float, sigma2: float) -> Array:
-    """(k,) size of each parameter alone that the search would see in 80 % of cases; inf where never.
+def least_sizes(scan: Scan, entry: int, threshold: float, sigma2: float) -> Array:
+    """(k,) size of each parameter alone below which the search would not see it in 80 % of cases; inf where never.
 
-    ``threshold`` is the score to exceed, ``sigma2`` the whitened residual's mean square.
+    A quick bound: at the likeliest shared error, and as if the entry were the candidate's only shape. What is seen
+    (``power.visible``) may have to be larger. ``threshold`` is the score to exceed, ``sigma2`` the whitened residual's
+    mean square.
     """
     bank, layer = scan.bank, scan.best
     cols = bank.slice(entry)

@@ -230,12 +230,17 @@ def sum_entries(bank: Bank, squares: Array) -> Array:
 
 
 def entry_evidence(scan: Scan, squares: Array, rss: Array) -> Array:
-    """Evidence of each entry at its likeliest sharing: squares by direction (R, K, B), rss (R, B) -> (S, B)."""
+    """Evidence of each entry at its likeliest sharing: squares by direction (R, K, B), rss (R, B) -> (S, B).
+
+    ``rss`` may differ between entries, (R, S, B).
+    """
+    each = rss.ndim == 3
     weight = log_likelihood(scan, rss)
     weight = weight - weight.max(axis=0)
     total = np.full((len(scan.bank.start), squares.shape[2]), -np.inf)
     for r, layer in enumerate(scan.layers):
-        shares = squares[r] / np.maximum(rss[r], 1e-300)
+        left = np.maximum(rss[r], 1e-300)
+        shares = squares[r] / (np.repeat(left, scan.bank.width, axis=0) if each else left)
         total = np.maximum(total, weight[r] + _of_layer(scan.bank, layer, shares, scan.freedom))
     return total
 

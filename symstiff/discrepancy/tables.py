@@ -8,8 +8,9 @@ from dataclasses import replace
 import numpy as np
 
 from symstiff.discrepancy.bank import Bank
-from symstiff.discrepancy.design import confusability, needed, share_left, smallest_detectable
+from symstiff.discrepancy.design import confusability, share_left
 from symstiff.discrepancy.null import critical
+from symstiff.discrepancy.power import visible
 from symstiff.discrepancy.prepare import Prepared
 from symstiff.discrepancy.problem import Array, Candidate, Options, Problem, Shape
 from symstiff.discrepancy.result import CandidateResult, Estimate, Name, NamedEffect, Step
@@ -128,7 +129,10 @@ def candidate_table(
     bank, scan = ready.bank, ready.scan
     threshold = critical(outcome.null.named, options.alpha)
     threshold = threshold if np.isfinite(threshold) else 0.0
-    sigma2 = scan.best.rss / max(scan.freedom, 1)
+    there = [i for c in candidates if (i := bank.named.get(c.key)) is not None]
+    seen = dict(
+        zip(there, visible(scan, [int(outcome.found.best_entry[i]) for i in there], threshold), strict=True)
+    )
     judged = {j.members[0]: j for j in outcome.tried if len(j.members) == 1}
     out = []
     for candidate in candidates:
@@ -138,8 +142,7 @@ def candidate_table(
             out.append(_untested(candidate, reason, 0.0, {}))
             continue
         entry = int(outcome.found.best_entry[i])
-        sizes = smallest_detectable(scan, entry, threshold, sigma2)
-        smallest = _estimates(bank, entry, sizes, np.zeros_like(sizes))
+        smallest = _estimates(bank, entry, seen[i].sizes, np.zeros_like(seen[i].sizes))
         left = share_left(scan, entry)
         if not allowed[i]:
             out.append(_untested(candidate, why_untestable(problem, ready, entry), left, smallest))
@@ -153,7 +156,7 @@ def candidate_table(
                 candidate.effect, candidate.where, score, p, True, "",
                 None if verdict is None else verdict.sufficient, _within(bank, entry, effects[0][1]),
                 bank.shape_of(entry), effects[0][1], left, smallest,
-                _confused(ready, entry) if p < 0.2 else (), needed(scan, entry, threshold),
+                _confused(ready, entry) if p < 0.2 else (), seen[i].noncentrality,
             )
         )  # fmt: skip
     return tuple(sorted(out, key=lambda c: -c.score))

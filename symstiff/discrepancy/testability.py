@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from symstiff.discrepancy.design import effective_rank, share_left, smallest_detectable
+from symstiff.discrepancy.design import effective_rank, least_sizes, share_left
 from symstiff.discrepancy.prepare import Prepared
 from symstiff.discrepancy.problem import Array, Problem
 from symstiff.discrepancy.strata import SEVERAL, fills
@@ -48,7 +48,7 @@ def _believable(ready: Prepared, entry: int, sigma2: float) -> bool:
     bound = np.array([max(abs(p.low), abs(p.high)) for p in parameters])
     if len(bound) != ready.bank.width[entry] or not np.all(np.isfinite(bound)):
         return True
-    return bool(np.any(smallest_detectable(ready.scan, entry, 0.0, sigma2) < 3.0 * bound))
+    return bool(np.any(least_sizes(ready.scan, entry, 0.0, sigma2) < 3.0 * bound))
 
 
 def fills_its_stratum(problem: Problem, ready: Prepared, entry: int) -> bool:
