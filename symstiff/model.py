@@ -97,6 +97,11 @@ class StiffnessModel:
         """All parameters: compliances, then effects."""
         return (*self.stiffness_parameters, *(p.name for p in self.effect_parameters))
 
+    @property
+    def rest(self) -> dict[str, float]:
+        """Time [s] and temperature [°C] at which the model's effects do nothing; of several effects the first's."""
+        return {name: value for r in reversed(self.realisations) for name, value in r.rest.items()}
+
     @cached_property
     def units(self) -> dict[str, str]:
         """SI unit of every parameter."""

@@ -12,7 +12,7 @@ from symstiff import __version__
 from symstiff.codegen.batch import batch_context, block_size
 from symstiff.codegen.compact import compact
 from symstiff.codegen.functions import Functions
-from symstiff.codegen.names import CONTEXT_DEFAULTS, CONTEXT_MEANING, LOADS_MEANING, SUMMARIES, meaning
+from symstiff.codegen.names import LOADS_MEANING, SUMMARIES, check_clock, meaning, moments
 from symstiff.codegen.options import Options
 from symstiff.codegen.quoting import FILTERS
 from symstiff.codegen.reference import (
@@ -92,6 +92,8 @@ def base_context(functions: Functions, options: Options) -> dict[str, Any]:
     """What any template may print: names, options, hashes, parameters, functions."""
     model = functions.model
     counts = operations(functions, options)
+    if options.single:
+        check_clock(functions.model)
     context = _identity(functions, options) | _numbers(functions, options) | _parameters(functions, options)
     context["functions"] = [
         {"name": p.name, "summary": SUMMARIES[p.name], "operations": operations_text(counts[p.name])}
@@ -189,8 +191,8 @@ def _parameters(functions: Functions, options: Options) -> dict[str, Any]:
             for e in model.effect_parameters
         ],
         "states": [
-            {"name": n, "meaning": CONTEXT_MEANING[n], "default": literal(CONTEXT_DEFAULTS[n])}
-            for n in context_names(functions.deflection)
+            {"name": m.name, "meaning": m.meaning, "default": literal(m.default)}
+            for m in moments(model, functions.deflection)
         ],
     }
 
@@ -318,7 +320,7 @@ def _selftest(functions: Functions, options: Options) -> dict[str, Any]:
         "beyond": algebra.literal(1e30),
         "test_parameters": parameters[:stiffness],
         "test_effect_parameters": parameters[stiffness:]
-        + [algebra.literal(1.0) for _ in context_names(functions.deflection)],
+        + [algebra.literal(m.tested) for m in moments(functions.model, functions.deflection)],
     }
 
 

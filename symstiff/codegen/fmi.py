@@ -15,8 +15,8 @@ from typing import TYPE_CHECKING, Any
 
 from symstiff.codegen.compiler import find_compiler, shared_flags
 from symstiff.codegen.emit import base_context, environment
-from symstiff.codegen.names import CONTEXT_DEFAULTS, CONTEXT_MEANING
-from symstiff.codegen.text import CAlgebra, context_names
+from symstiff.codegen.names import Moment, moments
+from symstiff.codegen.text import CAlgebra
 
 if TYPE_CHECKING:
     from symstiff.codegen.functions import Functions
@@ -98,14 +98,16 @@ def fmu_context(functions: Functions, options: Options, version: int) -> dict[st
     base = base_context(functions, options)
     literal = CAlgebra(False).literal
     values = [{"name": n, "start": literal(float(model.values.get(n, 0.0)))} for n in model.parameters]
-    moment = [n for n in context_names(functions.deflection) if n != "time"]
+    every = moments(model, functions.deflection)
+    moment = [m for m in every if m.name != "time"]
     variables = _variables(functions, values, moment)
     names = dict.fromkeys(v.unit for v in variables if v.unit)
     return base | {
         "token": base["model_hash"],
         "values": values,
-        "moment": moment,
-        "starts": [*(v["start"] for v in values), *(literal(CONTEXT_DEFAULTS[n]) for n in moment)],
+        "moment": [m.name for m in moment],
+        "clock": next((literal(m.default) for m in every if m.name == "time" and m.default), ""),
+        "starts": [*(v["start"] for v in values), *(literal(m.default) for m in moment)],
         "variables": variables,
         "units": [{"name": u, "base": _base(u)} for u in names],
         "sources": [f"{model.robot.name}.c", f"{model.robot.name}_fmi{version}.c"],
@@ -113,7 +115,7 @@ def fmu_context(functions: Functions, options: Options, version: int) -> dict[st
 
 
 def _variables(
-    functions: Functions, values: Sequence[Mapping[str, str]], moment: Sequence[str]
+    functions: Functions, values: Sequence[Mapping[str, str]], moment: Sequence[Moment]
 ) -> list[Variable]:
     model = functions.model
     joints = ["m" if j.prismatic else "rad" for j in model.robot.joint]
@@ -124,9 +126,8 @@ def _variables(
         found.append((f"wrench[{k}]", "load at the tool centre point, base axes", "input", unit, "0.0"))
     for v in values:
         found.append((v["name"], "compliance or effect", "parameter", model.units[v["name"]], v["start"]))
-    for n in moment:
-        unit = _MOMENT_UNITS[n]
-        found.append((n, CONTEXT_MEANING[n], "input", unit, CAlgebra(False).literal(CONTEXT_DEFAULTS[n])))
+    for m in moment:
+        found.append((m.name, m.meaning, "input", _MOMENT_UNITS[m.name], CAlgebra(False).literal(m.default)))
     for k, unit in enumerate(joints, 1):
         found.append((f"q_cmd[{k}]", f"compensated command of joint {k}", "output", unit, None))
     for k, unit in enumerate(_TWIST, 1):

@@ -18,9 +18,10 @@ from symstiff.codegen.emit import environment
 from symstiff.codegen.footprint_machines import MACHINES, Machine
 from symstiff.codegen.footprint_parse import call_graph, instructions_per_call, symbol_sizes, totals
 from symstiff.codegen.functions import Functions
+from symstiff.codegen.names import moments
 from symstiff.codegen.options import Options
 from symstiff.codegen.reference import configurations, plausible_values
-from symstiff.codegen.text import CAlgebra, context_names
+from symstiff.codegen.text import CAlgebra
 
 FUNCTIONS = ("deflection", "compensate", "observation", "jacobian", "stiffness", "forward")
 
@@ -84,7 +85,7 @@ def _printed(command: list[str], cwd: Path) -> str:
 def bench(functions: Functions, single: bool) -> str:
     """A C program that calls every function at a few configurations."""
     model, literal = functions.model, CAlgebra(single).literal
-    moment = [1.0 for _ in context_names(functions.deflection)]
+    moment = [m.tested for m in moments(model, functions.deflection)]
     values = [literal(v) for v in (*plausible_values(model).values(), *moment)]
     stiffness = len(model.stiffness_parameters)
     context = {

@@ -2,19 +2,26 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
+from symstiff.codegen.text import context_names
+from symstiff.errors import UserError
+from symstiff.model import StiffnessModel
 from symstiff.reduction.physical import Parameter
+from symstiff.symbolic.program import Program
 
 LOADS_MEANING = {
     "wrench": "any force and moment at the tool centre point",
     "force": "any force at the tool centre point, no moment",
     "gravity": "a vertical force at the tool centre point (world z)",
 }
-CONTEXT_MEANING = {
-    "time": "s, since the start of the measurements",
-    "temperature": "degC",
-    "branch": "+1 while the load grows, -1 while it falls",
+_CONTEXT = {
+    "time": ("s, since the start of the measurements", 0.0),
+    "temperature": ("degC", 20.0),
+    "branch": ("+1 while the load grows, -1 while it falls", 1.0),
 }
-CONTEXT_DEFAULTS = {"time": 0.0, "temperature": 20.0, "branch": 1.0}
+_COARSE = 2.0**22
+"""Time [s] from which single precision resolves no half second."""
 SUMMARIES = {
     "deflection": "deflection of the tool centre point by recursion over the links",
     "observation": "observation matrix by columns",
@@ -23,6 +30,38 @@ SUMMARIES = {
     "columns": "columns of the virtual-joint Jacobian, three numbers a vector",
     "forward": "pose of the tool centre point",
 }
+
+
+@dataclass(frozen=True)
+class Moment:
+    """What holds at a call beside joints and load: its meaning, what it is where nobody tells, and in self-tests."""
+
+    name: str
+    meaning: str
+    default: float
+    tested: float
+
+
+def moments(model: StiffnessModel, program: Program) -> list[Moment]:
+    """What a program of a model asks of the moment: by default that at which the effects that ask for it do nothing."""
+    found = []
+    for name in context_names(program):
+        told, default = _CONTEXT[name]
+        default = float(model.rest.get(name, default))
+        if name == "time" and default:
+            told = f"s, by the clock of the measurements, which began at {default:.15g}"
+        found.append(Moment(name, told, default, default if name == "branch" else default + 1.0))
+    return found
+
+
+def check_clock(model: StiffnessModel) -> None:
+    """Raise UserError for a clock that single precision does not resolve."""
+    start = model.rest.get("time", 0.0)
+    if abs(start) >= _COARSE:
+        raise UserError(
+            f"the model's clock begins at {start:.15g} s, where single precision has no fractions of a second: use "
+            "double precision, or count the time of the measurements from their start and diagnose again"
+        )
 
 
 def meaning(p: Parameter) -> str:

@@ -16,6 +16,8 @@ import numpy as np
 import sympy as sp
 
 from symstiff.codegen.functions import Functions
+from symstiff.codegen.names import moments
+from symstiff.codegen.text import context_names
 from symstiff.model import StiffnessModel
 from symstiff.symbolic.algebras import DecimalAlgebra, evaluate_numpy
 from symstiff.symbolic.program import Constant, Program, evaluate
@@ -108,6 +110,7 @@ def cases(functions: Functions, values: Mapping[str, float], n: int = 3, seed: i
             "p": [mpmath.mpf(values[name]) for name in model.parameters],
             "q": _columns([q for q, _ in found]),
             "w": _columns([w for _, w in found]),
+            **{m.name: mpmath.mpf(m.tested) for m in moments(model, functions.deflection)},
         }
         A = _evaluated(model.observation_program, inputs, len(found))
         J = _evaluated(functions.jacobian, inputs, len(found))
@@ -193,8 +196,9 @@ def _columns(rows: Sequence[Sequence[float]]) -> list[Any]:
 
 
 def _evaluated(program: Program, inputs: Mapping[str, Any], n: int) -> np.ndarray:
-    """The only output of a program, (n, size) 50-digit numbers; the context (time, temperature, …) is one."""
-    known = {v.name: inputs.get(v.name, [mpmath.mpf(1)] * len(v.symbols)) for v in program.inputs}
+    """The only output of a program, (n, size) 50-digit numbers; what holds at the moment is an input each."""
+    known = {v.name: inputs[v.name] for v in program.inputs if v.name != "context"}
+    known["context"] = [inputs[n] for n in context_names(program)]
     (flat,) = evaluate(program, known, _DecimalArrays()).values()
     result = np.empty((n, len(flat)), dtype=object)
     for k, x in enumerate(flat):

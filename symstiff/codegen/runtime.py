@@ -21,6 +21,7 @@ import numpy as np
 
 from symstiff.codegen.compiler import find_compiler, why_none
 from symstiff.codegen.library import is_built, library
+from symstiff.codegen.names import moments
 from symstiff.errors import UserError
 from symstiff.symbolic.algebras import evaluate_numpy
 from symstiff.symbolic.program import Program
@@ -213,7 +214,8 @@ def _prove(evaluator: Evaluator) -> None:
     for name, program in programs(model).items():
         sizes = {v.name: len(v.symbols) for v in program.inputs}
         inputs = {"q": q, "w": rng.uniform(-500, 500, (3, 6))}
-        inputs |= {"context": rng.uniform(0.5, 1.5, (3, sizes["context"]))} if "context" in sizes else {}
+        now = np.array([m.default for m in moments(model, program)])
+        inputs |= {"context": now + rng.uniform(0.5, 1.5, (3, len(now)))} if len(now) else {}
         p = rng.uniform(1e-7, 1e-6, sizes.get("p", 0))
         wanted = _numpy(program, inputs, p, 3)
         found = evaluator.evaluate(name, inputs, p)

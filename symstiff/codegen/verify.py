@@ -16,9 +16,9 @@ import numpy as np
 
 from symstiff.codegen.compiler import STRICT, Compiler
 from symstiff.codegen.functions import Functions
+from symstiff.codegen.names import moments
 from symstiff.codegen.options import Options
 from symstiff.codegen.reference import Case, cases, plausible_values
-from symstiff.codegen.text import context_names
 from symstiff.errors import UserError
 
 CONFIGURATIONS = 64  # random ones over the joint range that the bounds of a compiled library are measured at
@@ -200,8 +200,9 @@ def c_errors(
 
 
 def struct_values(functions: Functions, values: Mapping[str, float], real: Any) -> Any:
-    """The C struct of parameters as an array; time, temperature and branch, where there are any, are one."""
-    numbers = [*functions.model.vector(values), *(1.0 for _ in context_names(functions.deflection))]
+    """The C struct of parameters as an array, with what holds at the moment as tested."""
+    model = functions.model
+    numbers = [*model.vector(values), *(m.tested for m in moments(model, functions.deflection))]
     return (real * len(numbers))(*numbers)
 
 
@@ -220,9 +221,9 @@ def _casadi_error(
     m = len(model.stiffness_parameters)
     worst = 0.0
     for case in found:
-        context = [[1.0] * (deflection.numel_in(3))] if deflection.n_in() > 3 else []
+        context = [[m.tested for m in moments(model, functions.deflection)]] if deflection.n_in() > 3 else []
         dt = np.array(deflection(model.vector(values), case.q, case.w, *context)).ravel()
-        extra = [[1.0] * observation.numel_in(2)] if observation.n_in() > 2 else []
+        extra = [[m.tested for m in moments(model, functions.observation)]] if observation.n_in() > 2 else []
         A = np.array(observation(case.q, case.w, *extra)).ravel()
         rows = [slice(r * m, (r + 1) * m) for r in range(6)]
         worst = max(worst, relative(dt, case.dt, TWIST), relative(A, case.A, rows))

@@ -58,13 +58,15 @@ class Realisation:
     """An effect at one place with its shape fixed: its parameters and terms.
 
     ``replaces`` names parameters that the effect's own stand for (a joint compliance that became several).
-    ``nominal`` is the known value of parameters that are not free (a second-order term has coefficient 1).
+    ``nominal`` is the known value of parameters that are not free (a second-order term has coefficient 1). ``rest``
+    are the time [s] and temperature [°C] at which the law does nothing, where it is not zero there.
     """
 
     parameters: tuple[EffectParameter, ...]
     terms: tuple[Term, ...]
     replaces: tuple[str, ...] = ()
     nominal: Mapping[str, float] = field(default_factory=dict)
+    rest: Mapping[str, float] = field(default_factory=dict)
 
 
 @dataclass(frozen=True)

@@ -19,6 +19,8 @@ from symstiff.symbolic.terms import TEMPERATURE, TIME, Term, VirtualJoint
 
 NAME = "thermal_drift"
 CONSTANTS = (0.25, 0.6)
+_ROOM = 20.0
+"""Temperature that a drift is counted from where none is told [°C]."""
 
 
 def _realise(robot: Robot, where: Where, shape: Shape) -> Realisation:
@@ -26,20 +28,23 @@ def _realise(robot: Robot, where: Where, shape: Shape) -> Realisation:
     if "link" in where:
         places = list(link_axes(int(where["link"])))[:3]
     size = [parameter(NAME, where, x, "m", -5e-3, 5e-3, 1e-4) for x in XYZ]
-    clock = _clock(shape)
-    return Realisation(
-        tuple(size), tuple(Term(p.name, at, clock) for p, at in zip(size, places, strict=True))
-    )
+    clock, warm = _clock(shape), "temperature" in shape
+    rest = {"temperature": shape.get("reference", _ROOM)} if warm else {"time": shape.get("start", 0.0)}
+    terms = tuple(Term(p.name, at, clock) for p, at in zip(size, places, strict=True))
+    return Realisation(tuple(size), terms, rest=rest)
 
 
 def _clock(shape: Shape) -> sp.Expr:
+    """What has grown; the difference of two times is left as it stands, as a late clock would drown it in rounding."""
     if "temperature" in shape:
-        return (TEMPERATURE - exact(shape.get("reference", 20.0))) / exact(shape["temperature"])
-    span, time = shape.get("time", 3600.0), TIME - exact(shape.get("start", 0.0))
-    if "T" not in shape:
-        return time / exact(span)
-    constant = shape["T"]
-    return (1 - sp.exp(-time / exact(constant))) / exact(-math.expm1(-span / constant))
+        return (TEMPERATURE - exact(shape.get("reference", _ROOM))) / exact(shape["temperature"])
+    span, start = shape.get("time", 3600.0), exact(shape.get("start", 0.0))
+    with sp.evaluate(False):
+        if "T" not in shape:
+            return (TIME - start if start else TIME) / exact(span)
+        constant = shape["T"]
+        end = exact(float(f"{-math.expm1(-span / constant):.9g}"))
+        return (1 - sp.exp((start - TIME if start else -TIME) / exact(constant))) / end
 
 
 def _shapes(robot: Robot, where: Where, scales: Scales) -> tuple[Shape, ...]:
@@ -47,7 +52,7 @@ def _shapes(robot: Robot, where: Where, scales: Scales) -> tuple[Shape, ...]:
     warm, span = (float(f"{scales.context.get(k, 0.0):.3g}") for k in ("temperature", "time"))
     if warm > 0:
         found.append(
-            {"temperature": warm, "reference": float(f"{scales.lowest.get('temperature', 20.0):.3g}")}
+            {"temperature": warm, "reference": float(f"{scales.lowest.get('temperature', _ROOM):.3g}")}
         )
     if span > 0:
         start = round(scales.lowest.get("time", 0.0))
