@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import json
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from difflib import get_close_matches
 from functools import cached_property
@@ -239,11 +239,15 @@ class StiffnessModel:
         """
         realised = zip(self.effects, self.realisations, strict=True)
         kept = tuple(e for e, r in realised if any(t.at.kind != "measure" for t in r.terms))
-        if len(kept) == len(self.effects):
+        return self.with_effects(kept)
+
+    def with_effects(self, effects: Sequence[EffectInstance]) -> StiffnessModel:
+        """The model with these effects alone, and the values that it has of what is in them."""
+        if tuple(effects) == self.effects:
             return self
-        own = replace(self, effects=kept)
-        names = set(own.parameters)
-        return own.with_values(
+        other = replace(self, effects=tuple(effects))
+        names = set(other.parameters)
+        return other.with_values(
             {n: v for n, v in self.values.items() if n in names},
             {n: v for n, v in self.deviations.items() if n in names},
         )

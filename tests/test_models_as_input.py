@@ -16,8 +16,9 @@ from symstiff.discrepancy.finding import Task
 from symstiff.discrepancy.workflow import run as diagnose
 from symstiff.effects.base import EffectInstance, Scales, catalogue
 from symstiff.errors import UserError
-from symstiff.model import StiffnessModel
+from symstiff.model import StiffnessModel, load_model
 from symstiff.reduction.reduce import reduce
+from symstiff.report.folder import write_folder
 from symstiff.robot import load
 from symstiff.robot.table import to_table
 from tests.diagnosis_data import ROBOT, measured
@@ -130,3 +131,32 @@ def test_columns_that_are_the_rounding_of_others_are_told_as_not_loaded() -> Non
     table = measurements(q, w, values=values, kind="deflection", joint_units=["rad", "rad"])
     with pytest.raises(UserError, match=r"not loaded at all: .*k2_44"):
         identify(robot, table)
+
+
+@pytest.mark.parametrize(
+    "effect",
+    [
+        EffectInstance("joint_offset", {"joint": 2}),
+        EffectInstance("transmission_error", {"joint": 1, "harmonics": [8]}),
+        EffectInstance("geometric_error", {"link": 1}),
+    ],
+)
+def test_what_deflections_do_not_show_stays_as_it_was_told(effect: EffectInstance, tmp_path: Path) -> None:
+    """An offset cancels in loaded minus unloaded: fitted to what is second order it would be overwritten."""
+    robot, table = load(ROBOT), measured()
+    bare = StiffnessModel.of(reduce(robot, "force", "position"))
+    grown = bare.with_effect(effect)
+    names = [p.name for p in grown.effect_parameters]
+    told = grown.with_values(dict(bare.values) | dict.fromkeys(names, 1e-3), dict.fromkeys(names, 2e-5))
+    without, kept = identify(robot, table, bare), identify(robot, table, told)
+    assert {n: kept.model.values[n] for n in names} == dict.fromkeys(names, 1e-3)
+    assert {n: kept.model.deviations[n] for n in names} == dict.fromkeys(names, 2e-5)
+    assert {n: kept.model.values[n] for n in bare.parameters} == dict(without.model.values)
+    assert any("deflections do not show it" in r for r in kept.remarks)
+    found = diagnose(Task(robot, table, told))
+    assert found.verdict == diagnose(Task(robot, table, bare)).verdict
+    write_folder(found, tmp_path / "report")
+    saved = load_model(tmp_path / "report" / "model.toml")
+    assert {n: saved.values[n] for n in names} == dict.fromkeys(names, 1e-3)
+    assert effect.effect in [e.effect for e in saved.effects]
+    assert any("deflections do not show it" in r for r in found.remarks)

@@ -15,6 +15,7 @@ from symstiff.calibration.checks import without_copies
 from symstiff.calibration.constrained import ConstrainedEstimate, constrain
 from symstiff.calibration.estimate import Estimate, estimate
 from symstiff.calibration.experiment.rounding import without_rounding
+from symstiff.calibration.kept import completed, seen_in
 from symstiff.calibration.loading import as_loading
 from symstiff.calibration.markers import left_of_deflections, marker_hint
 from symstiff.calibration.measurements import COMPONENTS, Measurements
@@ -163,7 +164,9 @@ def identify(
         model = by_level(model, table, per_level)
     _refuse_rows(model)
     model, left_out = _of_laws(model)
-    remarks += left_out
+    told = model
+    model, unseen = seen_in(model, table.kind)
+    remarks += [*left_out, *unseen]
     if table.kind == "absolute":
         return _from_absolute(model, reduction, table, remarks)
     train, validation = _split(table, held_out, seed)
@@ -176,7 +179,7 @@ def identify(
     training = residual_table(_measured(train), predict(model, train))
     remarks += [*_explained(training), *_fits(fitted, e), *unlike_file(model, robot)]
     return Identification(
-        model,
+        completed(model, told),
         reduction,
         fitted,
         e,
@@ -203,17 +206,10 @@ def _refuse_rows(model: StiffnessModel) -> None:
 def _of_laws(model: StiffnessModel) -> tuple[StiffnessModel, list[str]]:
     """The model without effects whose size is known, which no equation holds, and a remark on each."""
     known = [bool(r.nominal) and not r.terms for r in model.realisations]
-    gone = {n for r, k in zip(model.realisations, known, strict=True) if k for n in r.nominal}
-    if not gone:
+    if not any(known):
         return model, []
     names = ", ".join(e.effect.replace("_", " ") for e, k in zip(model.effects, known, strict=True) if k)
-    rest = replace(
-        model,
-        effects=tuple(e for e, k in zip(model.effects, known, strict=True) if not k),
-        values={n: v for n, v in model.values.items() if n not in gone},
-        deviations={n: v for n, v in model.deviations.items() if n not in gone},
-    )
-    return rest, [
+    return model.with_effects([e for e, k in zip(model.effects, known, strict=True) if not k]), [
         f"{names}: has no size to fit and no code of its own: left out here, symstiff diagnose counts it"
     ]
 

@@ -6,6 +6,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
+from symstiff.calibration.kept import completed
 from symstiff.calibration.measurements import Measurements
 from symstiff.discrepancy.assemble import Assembly
 from symstiff.discrepancy.growth import Fitted
@@ -76,6 +77,8 @@ class Finding:
     table: Measurements
     start: Fitted
     grown: Fitted
+    told: StiffnessModel
+    """The start model as it was told, with what the data cannot show."""
     first: Diagnosis
     last: Diagnosis
     assembly: Assembly
@@ -90,6 +93,11 @@ class Finding:
     steps: tuple[Rung, ...]
     rms: Rms
     remarks: tuple[str, ...]
+
+    @property
+    def model(self) -> StiffnessModel:
+        """The grown model, with what the data cannot show as it was told."""
+        return completed(self.grown.model, self.told)
 
     @property
     def named(self) -> tuple[Found, ...]:

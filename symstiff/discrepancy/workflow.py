@@ -15,6 +15,7 @@ import numpy as np
 
 from symstiff.calibration.checks import check_robot
 from symstiff.calibration.identify import ExperimentClass, experiment_of, start_model
+from symstiff.calibration.kept import seen_in
 from symstiff.calibration.loading import as_loading
 from symstiff.calibration.measurements import Measurements
 from symstiff.discrepancy.assemble import Assembly, added_loads, assemble
@@ -61,23 +62,26 @@ def run(task: Task, tell: Tell = lambda stage: None) -> Finding:
     )
     model, reduction = start_model(task.robot, task.start, experiment)
     remarks += reduction_remarks(reduction) if reduction is not None else []
+    told = model
+    model, unseen = seen_in(model, table.kind)
+    remarks += unseen
     model, remark = find_point(model, table)
     remarks += [remark] if remark else []
     doubt = doubted(model, table)
     assembly, first = _diagnosed(model, table, _options(task, task.max_effects), tell, doubt)
     wider = wider_model(model, first, task, experiment)
     if wider is None:
-        return _finding(task, table, model, model, assembly, first, first, (), remarks, tell)
+        return _finding(task, table, told, model, model, assembly, first, first, (), remarks, tell)
     tell("complete model")
     grown, last = _diagnosed(wider, table, _options(task, max(task.max_effects - 1, 1)), tell)
     if last.verdict == UNTESTABLE or not leaves_less(last.rms, first.rms):
-        return _finding(task, table, model, model, assembly, first, first, (), remarks, tell)
+        return _finding(task, table, told, model, model, assembly, first, first, (), remarks, tell)
     climbed = links_of(first, fit(wider, table).model)
     remarks.append(
         "no few links account for what the joints leave: all links give way, so the complete model "
         "takes the place of the joints-only model, and the diagnosis goes on from there"
     )
-    return _finding(task, table, model, wider, grown, first, last, climbed, remarks, tell)
+    return _finding(task, table, told, model, wider, grown, first, last, climbed, remarks, tell)
 
 
 def first_assembly(model: StiffnessModel, table: Measurements) -> Assembly:
@@ -142,8 +146,8 @@ def _options(task: Task, most: int) -> Options:
 
 
 def _finding(
-    task: Task, table: Measurements, start: StiffnessModel, base: StiffnessModel, assembly: Assembly,
-    first: Diagnosis, last: Diagnosis, climbed: tuple[Found, ...], remarks: list[str], tell: Tell,
+    task: Task, table: Measurements, told: StiffnessModel, start: StiffnessModel, base: StiffnessModel,
+    assembly: Assembly, first: Diagnosis, last: Diagnosis, climbed: tuple[Found, ...], remarks: list[str], tell: Tell,
 ) -> Finding:  # fmt: skip
     named = tuple(
         Found(e.effect, e.where, e.shape, e.parameters, e.p_value, e.confidence, e.confounded_with, e.set_number,
@@ -155,7 +159,7 @@ def _finding(
     after = fit(grown, table)
     if astray([_as_identified(e, after) for e in named if e.set_number == 0], task.robot):
         last = _taken_back(last)
-        return _finding(task, table, start, base, assembly, first, last, climbed, remarks, tell)
+        return _finding(task, table, told, start, base, assembly, first, last, climbed, remarks, tell)
     before = after if grown is start else fit(start, table, after.noise)
     verdict, reason = last.verdict, last.reason
     if climbed and verdict == NOTHING:
@@ -182,7 +186,7 @@ def _finding(
     remarks += dict.fromkeys(assumed)  # several sets may hold one effect
     remarks += dict.fromkeys(out_of_range(counted, task.robot))
     return Finding(
-        task, table, before, after, first, last, assembly, verdict if testable else UNEXPLAINED, testable, reason,
+        task, table, before, after, told, first, last, assembly, verdict if testable else UNEXPLAINED, testable, reason,
         counted, tuple(e for e in named if e not in counted),
         _steps(first, last, start, base, before, bool(climbed)), _rms(first, last), tuple(remarks),
     )  # fmt: skip

@@ -45,7 +45,7 @@ def write_folder(finding: Finding, folder: Path, tell: Callable[[str], None] = l
         changes = _changes(finding, temporary / "code") if code["folder"] else []
         decide = write_deciding_poses(finding, temporary, verdict, tell)
         verdict["code"] = code
-        finding.grown.model.save(temporary / "model.toml")
+        finding.model.save(temporary / "model.toml")
         tell("report")
         page = render(finding, {"code": code, "decide": decide}, changes)
         (temporary / "report.html").write_bytes(page.encode())
@@ -61,8 +61,8 @@ def _code(finding: Finding, folder: Path) -> dict[str, Any]:
 
     if not finding.testable and finding.grown.absorbed:
         return _no_code("no code was written: the data do not determine the model", fault=False)
-    model = finding.grown.model.of_robot()
-    left_out = [e.effect for e in finding.grown.model.effects if e not in model.effects]
+    model = finding.model.of_robot()
+    left_out = [e.effect for e in finding.model.effects if e not in model.effects]
     note = (
         f"; without {', '.join(left_out)}: no law of the robot that a controller evaluates"
         if left_out
@@ -96,7 +96,7 @@ def _no_code(text: str, *, fault: bool) -> dict[str, Any]:
 
 def _changes(finding: Finding, code: Path) -> list[Line]:
     """What the effects changed in the C that was written."""
-    before, after = finding.start.model.of_robot(), finding.grown.model.of_robot()
+    before, after = finding.told.of_robot(), finding.model.of_robot()
     if before.structure_hash == after.structure_hash:
         return []
     header, source = ((code / f"{after.robot.name}.{end}").read_text("utf-8") for end in ("h", "c"))
