@@ -57,7 +57,7 @@ def _attitudes(view: View, turn: Floats) -> Floats:
 
     values = np.nan_to_num(view.table.values[:, 3:])
     seen = Rotation.from_rotvec(values).as_matrix()
-    rigid = turn @ view.found.R[:, -1]
+    rigid = turn @ view.found.T[:, :3, :3]
     return np.asarray(Rotation.from_matrix(seen @ rigid.transpose(0, 2, 1)).as_rotvec())
 
 

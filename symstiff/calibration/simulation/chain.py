@@ -34,6 +34,7 @@ class Chain:
     prismatic: NDArray[np.bool_]
     elastic: Floats  # (n+1, 3, 3)
     tool: Floats  # (3,) tool centre point in frame n
+    attitude: Floats  # (3, 3) the tool's, in frame n
 
     @property
     def dof(self) -> int:
@@ -91,7 +92,8 @@ def chain_of(robot: Robot) -> Chain:
         alpha=rows[:, 3],
         prismatic=np.array([j.prismatic for j in robot.joint]),
         elastic=np.array([_elastic_axes(axis) for axis in named]),
-        tool=np.array([float(x) for x in robot.tool.xyz]),
+        tool=_placement(robot.tool)[:3, 3],
+        attitude=_placement(robot.tool)[:3, :3],
     )
 
 

@@ -156,7 +156,7 @@ def _clean(experiment: Experiment, table: Measurements, kind: Kind, approach: Fl
             [position - start, _rotation_vector(rotation @ attitude.transpose(0, 2, 1))], axis=1
         )
     else:
-        values = _seen_from(experiment.truth.device, position, rotation)
+        values = _seen_from(experiment.truth.device, position, rotation @ chain.attitude)
     for added in experiment.additions:
         for reading in added.readings:
             values = reading(states, values, kind)
