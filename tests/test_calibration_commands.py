@@ -129,3 +129,22 @@ def test_bad_input_is_one_line_and_exit_code_2(folder: Path, arguments: tuple[st
     assert says in done.stderr
     assert not (folder / "x.csv").exists()
     assert not (folder / "x.toml").exists()
+
+
+def test_a_plan_with_load_steps_promises_what_the_fit_to_all_of_them_states(tmp_path: Path) -> None:
+    printed = succeeded(
+        tmp_path, "plan", "scara", "--poses", "8", "--loads", "gravity", "--force", "60", "--candidates", "200",
+        "--markers", "p1,p2,p3", "--steps", "4", "--sigma", "0.02", "--no-refine", "-o", "steps.csv",
+        "--json", "plan.json",
+    )  # fmt: skip
+    assert "each of 4 load steps" in " ".join(printed.split())
+    (tmp_path / "truth.toml").write_text('format = 1\nrobot = "scara"\n[noise]\nsigma_mm = 0.02\n')
+    succeeded(tmp_path, "simulate", "truth.toml", "--poses", "steps.csv", "--seed", "1", "-o", "data.csv")
+    succeeded(
+        tmp_path, "identify", "scara", "data.csv", "--loads", "gravity", "-o", "m.toml", "--json", "fit.json"
+    )
+    promised = json.loads((tmp_path / "plan.json").read_text())["std"]
+    found = json.loads((tmp_path / "fit.json").read_text())["parameters"]
+    assert set(promised) == set(found)
+    for name, std in promised.items():
+        assert found[name]["std"] == pytest.approx(std, rel=1e-3)

@@ -397,3 +397,21 @@ def test_a_plugin_that_is_no_effect_is_named(tmp_path: Path, monkeypatch: pytest
     finally:
         monkeypatch.undo()
         catalogue.cache_clear()
+
+
+@pytest.mark.parametrize(
+    ("effect", "shape"),
+    [
+        ("nonlinear_stiffness", {"load": 0.0, "power": 2.0}),
+        ("nonlinear_stiffness", {"load": -5.0, "knee": 1.0}),
+        ("backlash", {"width": 0.0}),
+        ("hysteresis", {"width": 5.0, "loop": -1.0}),
+        ("thermal_drift", {"time": 0.0}),
+        ("thermal_drift", {"time": 60.0, "T": 0.0}),
+        ("thermal_drift", {"temperature": -2.0}),
+    ],
+)
+def test_a_size_that_divides_has_to_be_above_zero(effect: str, shape: dict[str, float]) -> None:
+    where = {"measurement": "frame"} if effect == "thermal_drift" else {"joint": 2}
+    with pytest.raises(UserError, match="give a value above zero"):
+        EffectInstance(effect, where, shape).realise(load("ur10"))

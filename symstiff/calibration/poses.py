@@ -26,6 +26,11 @@ def with_markers(
     )
 
 
+def gain_of_steps(steps: int) -> float:
+    """How many times the whole load's information on linear parameters all its steps together hold."""
+    return float(np.sum((np.arange(1, steps + 1) / steps) ** 2))
+
+
 def in_steps(table: Measurements, steps: int) -> Measurements:
     """The table with every pose's load in equal steps up to the whole, numbered in ``load_step``."""
     rows = [np.flatnonzero(table.pose == p) for p in np.unique(table.pose)]

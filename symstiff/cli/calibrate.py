@@ -70,6 +70,9 @@ def run_compensate(model_file: Path, trajectory: Path, output: Path, json: str |
     out = console(json)
     for warning in (*check_robot(table, model.robot), *outside_class(table.w, model.loads)):
         note(out, warning)
+    without = [e.effect for e in model.effects if e not in model.of_robot().effects]
+    if without:
+        note(out, f"without {', '.join(without)}: no law of the robot at a virtual joint")
     with stages(out) as progress:
         progress("compensating")
         found = compensate(model, table.q, table.w, context_of(table))

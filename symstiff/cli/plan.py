@@ -55,7 +55,7 @@ def run_plan(request: PlanRequest) -> None:
     """Choose poses, write them, say what they promise."""
     from symstiff.calibration.plan import Goal, Load, Search, plan_for, robot_of
     from symstiff.calibration.planning.poses import draw_plan, poses_table, save_figure, summary
-    from symstiff.calibration.poses import in_steps, with_markers
+    from symstiff.calibration.poses import gain_of_steps, in_steps, with_markers
     from symstiff.calibration.table import write_table
     from symstiff.model import StiffnessModel
     from symstiff.reduction import reduce
@@ -86,8 +86,12 @@ def run_plan(request: PlanRequest) -> None:
         candidates = CANDIDATES if request.candidates is None else request.candidates
         search = Search(candidates, seed=request.seed, refine=request.refine, cluster=request.cluster)
         sigma = (request.sigma * 1e-3, request.sigma * 1e-3 / 0.3)
+        together = (
+            sigma[0] / gain_of_steps(request.steps) ** 0.5,
+            sigma[1] / gain_of_steps(request.steps) ** 0.5,
+        )
         plan = plan_for(
-            model, goal, Load(load_class, request.force), request.markers, sigma, _region(request),
+            model, goal, Load(load_class, request.force), request.markers, together, _region(request),
             {j: float(v) for j, v in fixed.items()}, levels, search,
             lambda label, share: progress(f"{label} {share:.0%}"),
         )  # fmt: skip
@@ -109,6 +113,7 @@ def run_plan(request: PlanRequest) -> None:
 def _measured(request: PlanRequest, sigma: tuple[float, float]) -> str:
     """What the promised deviations take for granted."""
     position = f"σ {1e3 * sigma[0]:g} mm a coordinate"
+    position += f", each of {request.steps} load steps" if request.steps > 1 else ""
     if request.markers:
         return f"assumed measured: positions of {', '.join(request.markers)}, {position}"
     if request.measure == "position":

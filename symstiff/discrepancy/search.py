@@ -192,6 +192,8 @@ def _of_one_joint(shop: Workshop, proposal: Proposal) -> tuple[int, ...]:
 
 def _at(found: Evidence, candidate: int, entry: int) -> float:
     """A candidate's score with the best of its shapes replaced by one that another effect beside it asks for."""
+    if not np.isfinite(found.score[candidate]):
+        return -np.inf
     best = found.best_entry[candidate]
     return float(found.score[candidate] + found.entry[entry] - found.entry[best])
 

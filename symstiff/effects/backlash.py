@@ -11,7 +11,7 @@ from __future__ import annotations
 
 from symstiff.effects.arm import ARM_MOVES, ASSUMED, TOLD, assumed_arms, odds, of_total_load, weighed
 from symstiff.effects.base import Effect, Move, Realisation, Scales, Shape, Where
-from symstiff.effects.common import BOTH, angle_unit, exact, joints, parameter, smooth_sign
+from symstiff.effects.common import BOTH, above_zero, angle_unit, joints, parameter, smooth_sign
 from symstiff.robot.schema import Robot
 from symstiff.symbolic.terms import Term, actuated_joint
 
@@ -25,7 +25,7 @@ SHARP, WIDE = 1, 2
 def _realise(robot: Robot, where: Where, shape: Shape) -> Realisation:
     j = int(where["joint"])
     gap = parameter(NAME, where, "gap", angle_unit(robot, j), 0.0, 5e-3, 1e-4)
-    width = exact(shape.get("width", 5.0))
+    width = above_zero(shape, "width", 5.0)
     factor = of_total_load(lambda x: smooth_sign(x, width) / 2, robot, j, shape)
     return Realisation((gap,), (Term(gap.name, actuated_joint(j), factor),))
 

@@ -8,7 +8,7 @@ from typing import Any
 
 import sympy as sp
 
-from symstiff.effects.base import EffectParameter, Where, place_name
+from symstiff.effects.base import EffectParameter, Shape, Where, place_name
 from symstiff.robot.schema import Robot
 from symstiff.symbolic.chain import ElasticChain
 from symstiff.symbolic.program import Builder
@@ -53,6 +53,14 @@ def parameter(
 def exact(value: Any) -> sp.Rational:
     """The decimal number that a float shows, as a fraction."""
     return sp.Rational(repr(float(value)))
+
+
+def above_zero(shape: Shape, key: str, otherwise: float | None = None) -> sp.Rational:
+    """A value of a shape that divides. Raises ValueError where it is not above zero, KeyError where none is told."""
+    value = shape[key] if otherwise is None else shape.get(key, otherwise)
+    if not float(value) > 0:
+        raise ValueError(f"{key} = {value}: give a value above zero")
+    return exact(value)
 
 
 def smooth_sign(x: sp.Expr, width: sp.Expr) -> sp.Expr:

@@ -12,6 +12,7 @@ from symstiff.effects.base import Effect, Move, Realisation, Scales, Shape, Wher
 from symstiff.effects.common import (
     BOTH,
     NEAR_ZERO,
+    above_zero,
     angle_unit,
     exact,
     joints,
@@ -30,16 +31,16 @@ SHARP = 0.002
 
 def _realise(robot: Robot, where: Where, shape: Shape) -> Realisation:
     j = int(where["joint"])
-    load, width = load_of(j), exact(shape.get("width", 5.0))
+    load, width = load_of(j), above_zero(shape, "width", 5.0)
     if shape.get("weights") or ASSUMED.keys() & shape.keys():
         load = load + own_load(robot, j, shape)
     loop = parameter(NAME, where, "width", angle_unit(robot, j), 0.0, 5e-3, 5e-5)
     law = -BRANCH * smooth_sign(load, width) / 2
-    power, scale = shape.get("power"), shape.get("load", 1.0)
+    power = shape.get("power")
     if power:
-        law *= ((load / exact(scale)) ** 2 + NEAR_ZERO**2) ** (exact(power) / 2)
+        law *= ((load / above_zero(shape, "load", 1.0)) ** 2 + NEAR_ZERO**2) ** (exact(power) / 2)
     if "loop" in shape:
-        law *= 1 - (load / exact(shape["loop"])) ** 2
+        law *= 1 - (load / above_zero(shape, "loop")) ** 2
     return Realisation((loop,), (Term(loop.name, actuated_joint(j), law),))
 
 

@@ -29,6 +29,7 @@ from symstiff.effects.base import Effect, Move, Realisation, Scales, Shape, Wher
 from symstiff.effects.common import (
     BOTH,
     NEAR_ZERO,
+    above_zero,
     compliance_unit,
     exact,
     joints,
@@ -57,7 +58,7 @@ def _realise(robot: Robot, where: Where, shape: Shape) -> Realisation:
             for p, law in zip((c2, c3), laws, strict=True)
         ]
         return Realisation((c2, c3), tuple(terms))
-    scale = exact(shape["load"])
+    scale = above_zero(shape, "load")
     c = parameter(NAME, where, "c", unit, -1e-2, 1e-2, 1e-7)
     return Realisation(
         (c,), (Term(c.name, at, of_total_load(lambda x: scale * _bend(x / scale, shape), robot, j, shape)),)

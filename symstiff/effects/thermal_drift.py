@@ -13,7 +13,7 @@ import math
 import sympy as sp
 
 from symstiff.effects.base import Effect, Move, Realisation, Scales, Shape, Where
-from symstiff.effects.common import BOTH, XYZ, exact, link_axes, links, parameter
+from symstiff.effects.common import BOTH, XYZ, above_zero, exact, link_axes, links, parameter
 from symstiff.robot.schema import Robot
 from symstiff.symbolic.terms import TEMPERATURE, TIME, Term, VirtualJoint
 
@@ -37,14 +37,14 @@ def _realise(robot: Robot, where: Where, shape: Shape) -> Realisation:
 def _clock(shape: Shape) -> sp.Expr:
     """What has grown; the difference of two times is left as it stands, as a late clock would drown it in rounding."""
     if "temperature" in shape:
-        return (TEMPERATURE - exact(shape.get("reference", _ROOM))) / exact(shape["temperature"])
-    span, start = shape.get("time", 3600.0), exact(shape.get("start", 0.0))
+        return (TEMPERATURE - exact(shape.get("reference", _ROOM))) / above_zero(shape, "temperature")
+    span, start = above_zero(shape, "time", 3600.0), exact(shape.get("start", 0.0))
     with sp.evaluate(False):
         if "T" not in shape:
-            return (TIME - start if start else TIME) / exact(span)
-        constant = shape["T"]
-        end = exact(float(f"{-math.expm1(-span / constant):.9g}"))
-        return (1 - sp.exp((start - TIME if start else -TIME) / exact(constant))) / end
+            return (TIME - start if start else TIME) / span
+        constant = above_zero(shape, "T")
+        end = exact(float(f"{-math.expm1(-float(span) / float(constant)):.9g}"))
+        return (1 - sp.exp((start - TIME if start else -TIME) / constant)) / end
 
 
 def _shapes(robot: Robot, where: Where, scales: Scales) -> tuple[Shape, ...]:
