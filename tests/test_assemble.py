@@ -9,14 +9,24 @@ from typing import Any
 import numpy as np
 import pytest
 
+from symstiff.calibration.experiment.situation import Laws, Situation, look
 from symstiff.calibration.measurements import Measurements, measurements
-from symstiff.calibration.simulation import Device, Effect, Truth, clean_response, nominal_truth, simulate
+from symstiff.calibration.simulation import (
+    Device,
+    Effect,
+    Noise,
+    Truth,
+    clean_response,
+    nominal_truth,
+    simulate,
+)
 from symstiff.discrepancy.assemble import Assembly, assemble
 from symstiff.discrepancy.problem import Candidate
 from symstiff.discrepancy.scan import column_space
-from symstiff.effects import EffectInstance
+from symstiff.effects import EffectInstance, catalogue
 from symstiff.errors import UserError
 from symstiff.model import StiffnessModel, joints_only
+from symstiff.reduction.physical import original, terms_of
 from symstiff.reduction.reduce import reduce
 from symstiff.robot import from_table, load
 from symstiff.robot.table import to_table
@@ -320,3 +330,24 @@ def test_a_link_that_is_told_to_be_rigid_has_no_asymmetry_alone_and_a_rigid_pede
     assert "full block" in of(found, "link_compliance", {"link": 0}).unavailable
     assert of(found, "link_compliance", {"link": 2}).unavailable == ""
     assert of(found, "base_compliance", {"link": 0}).unavailable == ""
+
+
+def test_what_the_second_order_term_leaves_is_of_third_order_rotations_of_a_sagged_arm_too() -> None:
+    robot, rng = load("ur10"), np.random.default_rng(0)
+    low, high = np.array([j.range for j in robot.joint]).T
+    q, w = rng.uniform(low * 0.4, high * 0.4, (6, 6)), rng.normal(size=(6, 6)) * [60, 60, 60, 8, 8, 8]
+    table = measurements(q, w, kind="deflection", values=np.zeros((6, 6)), joint_units=["rad"] * 6)
+    left = []
+    for size in (1.0, 0.1):
+        values = {k: v * size for k, v in nominal_truth(robot).items()}
+        read = simulate(Truth(robot, values, (), Noise((0.0,) * 3), components="pose"), table, 0).values
+        view = look(robot, table)
+        terms = terms_of(tuple(p for p in original(robot).parameters if p.name in values))
+        situation = Situation(view, Laws(view, terms, values))
+        linear = np.einsum("nrv,nv->nr", view.at_point, situation.theta)
+        second = np.zeros((6, 6))
+        column = catalogue()["large_deflection"].columns
+        assert column is not None
+        second[view.state, view.component] = column(situation, {"robot": "all"}, {})[:, 0]
+        left.append(np.abs(read - linear - second).reshape(6, 2, 3).max(axis=(0, 2)))
+    assert np.all(left[1] < 2e-3 * left[0])

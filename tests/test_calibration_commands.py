@@ -8,6 +8,11 @@ from pathlib import Path
 
 import pytest
 
+from symstiff.effects.base import EffectInstance
+from symstiff.model import StiffnessModel
+from symstiff.reduction import reduce
+from symstiff.robot import load
+
 TRUTH = 'format = 1\nrobot = "kuka_kr270"\n[noise]\nsigma_mm = 0.02\n'
 
 
@@ -148,3 +153,12 @@ def test_a_plan_with_load_steps_promises_what_the_fit_to_all_of_them_states(tmp_
     assert set(promised) == set(found)
     for name, std in promised.items():
         assert found[name]["std"] == pytest.approx(std, rel=1e-3)
+
+
+def test_a_trajectory_is_compensated_with_a_note_on_what_is_no_law_of_the_robot(tmp_path: Path) -> None:
+    model = StiffnessModel.of(reduce(load("scara"), "gravity"))
+    model = model.with_effect(EffectInstance("large_deflection", {"robot": "all"}))
+    model.with_values(dict.fromkeys(model.parameters, 1e-7)).save(tmp_path / "m.toml")
+    (tmp_path / "t.csv").write_text("q1[deg],q2[deg],q3[m],q4[deg],fz[N]\n10,40,0.05,0,-50\n")
+    printed = succeeded(tmp_path, "compensate", "m.toml", "t.csv", "-o", "out.csv")
+    assert "without large_deflection" in printed

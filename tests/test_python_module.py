@@ -100,3 +100,11 @@ def test_values_that_are_not_given_are_the_models(module, compiled):
     m, (q, w) = model("scara"), poses("scara", 5)
     name = m.parameters[0]
     close(module, compiled.deflection(q, w, {name: 1e-6}), m.deflection(q, w, dict(m.values) | {name: 1e-6}))
+
+
+def test_a_library_that_it_builds_itself_leaves_no_folder_behind(module, tmp_path, monkeypatch):
+    monkeypatch.setattr(module.tempfile, "mkdtemp", lambda prefix: str(tmp_path / f"{prefix}x"))
+    (tmp_path / "scara-x").mkdir()
+    q, w = poses("scara", 1)
+    assert np.isfinite(module.load().deflection(q, w)).all()
+    assert not list(tmp_path.iterdir())
