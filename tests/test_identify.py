@@ -10,7 +10,7 @@ from symstiff.calibration.complete import reconstruct_model
 from symstiff.calibration.identify import identify
 from symstiff.calibration.measurements import Measurements, measurements
 from symstiff.calibration.poses import with_markers
-from symstiff.calibration.rows import predict
+from symstiff.calibration.rows import equations, predict
 from symstiff.calibration.simulation import nominal_truth, simulate, truth_from_table
 from symstiff.calibration.table import read_measurements
 from symstiff.compensation import compensate, compensate_online
@@ -180,3 +180,32 @@ def test_a_bad_pose_in_the_start_model_belongs_to_its_table() -> None:
     model = model.with_effect(EffectInstance("bad_poses", {"rows": ["p1"]}))
     with pytest.raises(UserError, match="leave these rows out of the table"):
         identify(load("planar2r"), measured(), model)
+
+
+def test_a_turned_device_sees_every_point_turned_and_the_equations_are_the_derivative() -> None:
+    bare = StiffnessModel.of(reduce(load("scara")))
+    bare = bare.with_values(dict.fromkeys(bare.parameters, 2e-6))
+    rng = np.random.default_rng(2)
+    q, w = rng.uniform(-0.2, 0.2, (6, 4)), rng.normal(size=(6, 6)) * 40
+    table = with_markers(q, w, ("p1", "p2", "p3"), ("rad", "rad", "m", "rad"))
+    plain = predict(bare, table)
+    turned = bare.with_effect(EffectInstance("frame_misalignment", {"measurement": "frame"}))
+    names = [p.name for p in turned.effect_parameters]
+    delta = np.array([0.002, -0.003, 0.0015])
+    turned = turned.with_values(dict(bare.values) | dict(zip(names, delta.tolist(), strict=True)))
+    seen = predict(turned, table)
+    largest = np.abs(plain[:, :3]).max()
+    assert largest > 1e-5
+    np.testing.assert_allclose(
+        seen[:, :3], plain[:, :3] + np.cross(delta, plain[:, :3]), rtol=0, atol=2e-5 * largest
+    )
+    read = replace(table, kind="deflection", values=np.where(np.arange(6) < 3, seen, np.nan))
+    e, step = equations(turned, read), 1e-4
+    for name in names:
+        k = turned.parameters.index(name)
+        ends = [
+            predict(turned, table, dict(turned.values) | {name: turned.values[name] + side * step})
+            for side in (1, -1)
+        ]
+        slope = ((ends[0] - ends[1]) / (2 * step))[e.row, e.component]
+        np.testing.assert_allclose(e.A[:, k], slope, rtol=5e-3, atol=1e-3 * np.abs(slope).max())

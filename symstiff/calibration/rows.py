@@ -14,6 +14,7 @@ from symstiff.codegen.runtime import for_poses
 from symstiff.errors import UserError
 from symstiff.model import StiffnessModel
 from symstiff.symbolic.numeric import kinematics
+from symstiff.symbolic.terms import deflection
 
 
 @dataclass(frozen=True, eq=False)
@@ -47,28 +48,58 @@ def context_of(table: Measurements) -> dict[str, np.ndarray]:
     return {k: v for k, v in columns.items() if np.isfinite(v).all()}
 
 
-def at_points(model: StiffnessModel, table: Measurements, twist: np.ndarray) -> np.ndarray:
-    """Twists of the tool centre point (M, 6, …) seen at every row's measured point: d + r × offset."""
+def at_points(
+    model: StiffnessModel, table: Measurements, twist: np.ndarray, values: Mapping[str, float] | None = None
+) -> np.ndarray:
+    """Twists of the tool centre point (M, 6, …) seen at every row's measured point: d + r × offset.
+
+    A device that is turned sees the offset turned as well.
+    """
     if table.points == ("tcp",):
         return twist
-    k = kinematics(model.robot, table.q)
+    known = model.values if values is None else values
+    turn = np.eye(3) + sum((known.get(n, 0.0) * t for n, t in _turns(model).items()), np.zeros((3, 3)))
+    offset = _offsets(model, table) @ turn.T
+    arm = offset.reshape(*offset.shape, *(1,) * (twist.ndim - 2))
     seen = twist.copy()
-    for index, point in enumerate(table.points):
-        rows = table.point == index
-        if point == "tcp" or not rows.any():
-            continue
-        offset = k.point_offset(model.robot, point)[rows]
-        arm = offset.reshape(*offset.shape, *(1,) * (twist.ndim - 2))
-        seen[rows, :3] += np.cross(twist[rows, 3:], np.broadcast_to(arm, twist[rows, 3:].shape), axis=1)
+    seen[:, :3] += np.cross(twist[:, 3:], np.broadcast_to(arm, twist[:, 3:].shape), axis=1)
     return seen
+
+
+def _offsets(model: StiffnessModel, table: Measurements) -> np.ndarray:
+    """(M, 3) from the tool centre point to every row's measured point, base axes."""
+    k, found = kinematics(model.robot, table.q), np.zeros((len(table.q), 3))
+    for index, point in enumerate(table.points):
+        if point != "tcp":
+            found[table.point == index] = k.point_offset(model.robot, point)[table.point == index]
+    return found
+
+
+def _turns(model: StiffnessModel) -> dict[str, np.ndarray]:
+    """By parameter (3, 3): what one unit of it adds to a translation that the device reads, for each one there is."""
+    found: dict[str, np.ndarray] = {}
+    for term in model.terms:
+        if term.at.kind == "measure" and term.at.axis <= 3:
+            for c in (1, 2, 3):
+                share = term.factor.diff(deflection(c))
+                if share.is_number and share != 0:
+                    found.setdefault(term.parameter, np.zeros((3, 3)))[term.at.axis - 1, c - 1] += float(
+                        share
+                    )
+    return found
 
 
 def predict(
     model: StiffnessModel, table: Measurements, values: Mapping[str, float] | None = None
 ) -> np.ndarray:
     """Predicted deflections of the measured points (M, 6) [m, rad]."""
+    return at_points(model, table, _at_tool(model, table, values), values)
+
+
+def _at_tool(model: StiffnessModel, table: Measurements, values: Mapping[str, float] | None) -> np.ndarray:
+    """Predicted deflections of the tool centre point (M, 6)."""
     evaluator = for_poses(model, len(table.q))
-    return at_points(model, table, evaluator.deflection(table.q, table.w, values, context_of(table)))
+    return evaluator.deflection(table.q, table.w, values, context_of(table))
 
 
 def equations(
@@ -83,7 +114,12 @@ def equations(
             "absolute positions, not deflections: use symstiff diagnose, which estimates placement"
         )
     evaluator = for_poses(model, len(table.q))
-    matrix = at_points(model, table, evaluator.observation(table.q, table.w, context_of(table), values))
+    at_tool = evaluator.observation(table.q, table.w, context_of(table), values)
+    matrix = at_points(model, table, at_tool, values)
+    turns = _turns(model) if table.points != ("tcp",) else {}
+    for name, turn in turns.items():
+        turned = np.cross(_at_tool(model, table, values)[:, 3:], _offsets(model, table) @ turn.T)
+        matrix[:, :3, model.parameters.index(name)] += turned
     row, component = np.nonzero(table.measured)
     A, y = matrix[row, component], table.values[row, component]
     if not model.is_linear:
