@@ -208,7 +208,7 @@ class StiffnessModel:
             program = self.linear_program
             return evaluate_numpy(program, q=q, w=w, **_context(program, context, len(q)))["A"]
         matrix = np.empty((len(q), 6, len(self.parameters)))
-        for k, name in enumerate(self.parameters):  # bilinear: a central difference is exact but for rounding
+        for k, name in enumerate(self.parameters):  # bilinear but for laws that bend under added loads
             step = np.zeros(len(p))
             step[k] = self.steps[name]
             ahead, behind = (self._deflection(q, w, p + s * step, context) for s in (1, -1))

@@ -162,3 +162,11 @@ def test_a_trajectory_is_compensated_with_a_note_on_what_is_no_law_of_the_robot(
     (tmp_path / "t.csv").write_text("q1[deg],q2[deg],q3[m],q4[deg],fz[N]\n10,40,0.05,0,-50\n")
     printed = succeeded(tmp_path, "compensate", "m.toml", "t.csv", "-o", "out.csv")
     assert "without large_deflection" in printed
+
+
+def test_physical_bounds_say_what_they_cost(folder: Path) -> None:
+    printed = succeeded(folder, "identify", "kuka_kr270", "data.csv", "--physical", "-o", "again.toml")
+    words = " ".join(printed.split())
+    assert "physics: " in words
+    assert "noise alone makes these bounds cost as much with p = " in words
+    assert "contradict" not in words

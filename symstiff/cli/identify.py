@@ -16,6 +16,9 @@ if TYPE_CHECKING:
 
     from symstiff.calibration.identify import Identification
 
+_CONTRADICTED = 1e-3
+"""Probability of what physical bounds cost below which the data speak against them."""
+
 
 @dataclass(frozen=True)
 class IdentifyRequest:
@@ -123,8 +126,9 @@ def _print_identification(out: Console, result: Identification) -> None:
     print_residuals(out, [("identified poses", result.training), ("held-out poses", result.validation)])
     out.print(str(fit.rank))
     if fit.fit_p is not None:
-        p = f"= {fit.fit_p:.2g}" if fit.fit_p >= 1e-16 else "< 1e-16"
-        out.print(f"unit variance {fit.s0_squared:.2f} ({fit.dof} degrees of freedom), fit p {p}")
+        out.print(
+            f"unit variance {fit.s0_squared:.2f} ({fit.dof} degrees of freedom), fit p {_probability(fit.fit_p)}"
+        )
     for a, b, value in fit.correlated()[:5]:
         out.print(f"strongly correlated: {a}, {b} ({value:+.3f})")
     if result.robust is not None:
@@ -133,8 +137,20 @@ def _print_identification(out: Console, result: Identification) -> None:
     if result.physical is not None:
         for bound in result.physical.active:
             out.print(f"physics: {bound}")
+        if result.physical.active:
+            p = result.physical.implausible_p
+            verdict = ": the data contradict them" if p < _CONTRADICTED else ""
+            out.print(
+                f"noise alone makes these bounds cost as much with p {_probability(p)}{verdict}; the deviations above "
+                "are those of the fit without them"
+            )
     for remark in result.remarks:
         note(out, remark)
+
+
+def _probability(p: float) -> str:
+    """A probability as far as anybody would believe it."""
+    return f"= {p:.2g}" if p >= 1e-16 else "< 1e-16"
 
 
 def print_residuals(out: Console, parts: list[tuple[str, Any]]) -> None:

@@ -95,7 +95,7 @@ class Evaluator:
         p = model.vector(values)
         for k in sorted(set(range(len(p))) - set(places.tolist())):
             step = np.zeros(len(p))
-            # bilinear in the parameters: a central difference is exact but for rounding
+            # bilinear but for laws that bend under added loads
             step[k] = model.steps[model.parameters[k]]
             ahead, behind = (self._deflection(q, w, p + s * step, context) for s in (1, -1))
             matrix[:, :, k] = (ahead - behind) / (2 * step[k])
