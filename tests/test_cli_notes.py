@@ -163,15 +163,20 @@ def test_a_trajectory_without_loads_is_remarked(run: Run) -> None:
 @pytest.mark.parametrize(
     ("effect", "shape"),
     [
-        ("backlash", {"width": 0.0}),
-        ("hysteresis", {"width": 20.0, "load": 0.0, "power": 0.5}),
-        ("nonlinear_stiffness", {"load": 0.0, "power": 3.0}),
+        ("backlash", {"width": 20.0}),
+        ("hysteresis", {"width": 20.0, "load": 7.5, "power": 0.5}),
+        ("nonlinear_stiffness", {"load": 7.5, "knee": 1.0}),
     ],
 )
+@pytest.mark.parametrize("wrong", ["0.0", "-5.0"])
 def test_a_shape_that_divides_by_zero_is_a_users_mistake(
-    run: Run, effect: str, shape: dict[str, float]
+    run: Run, effect: str, shape: dict[str, float], wrong: str
 ) -> None:
     arm().with_effect(EffectInstance(effect, {"joint": 2}, shape)).save("model.toml")
+    text = Path("model.toml").read_text()
+    told = "load = 7.5" if "load" in shape else "width = 20.0"
+    assert told in text
+    Path("model.toml").write_text(text.replace(told, f"{told.split()[0]} = {wrong}"))
     Path("way.csv").write_text("q1[deg],q2[deg],fx[N],branch\n0,30,10,up\n")
     measured(Path("data.csv"))
     for command in (
@@ -180,7 +185,10 @@ def test_a_shape_that_divides_by_zero_is_a_users_mistake(
         ("identify", "planar2r", "data.csv", "--start", "model.toml"),
     ):
         assert_users_mistake(
-            run(*command, "-o", "out"), "model.toml", f"effect {effect}", "= 0: correct the shape"
+            run(*command, "-o", "out"),
+            "model.toml",
+            effect,
+            f"{told.split()[0]} = {wrong}: give a value above zero",
         )
 
 

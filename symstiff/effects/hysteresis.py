@@ -36,9 +36,9 @@ def _realise(robot: Robot, where: Where, shape: Shape) -> Realisation:
         load = load + own_load(robot, j, shape)
     loop = parameter(NAME, where, "width", angle_unit(robot, j), 0.0, 5e-3, 5e-5)
     law = -BRANCH * smooth_sign(load, width) / 2
-    power = shape.get("power")
+    power, scale = shape.get("power"), above_zero(shape, "load", 1.0)
     if power:
-        law *= ((load / above_zero(shape, "load", 1.0)) ** 2 + NEAR_ZERO**2) ** (exact(power) / 2)
+        law *= ((load / scale) ** 2 + NEAR_ZERO**2) ** (exact(power) / 2)
     if "loop" in shape:
         law *= 1 - (load / above_zero(shape, "loop")) ** 2
     return Realisation((loop,), (Term(loop.name, actuated_joint(j), law),))
