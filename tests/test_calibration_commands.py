@@ -142,7 +142,7 @@ def test_a_plan_with_load_steps_promises_what_the_fit_to_all_of_them_states(tmp_
         "--markers", "p1,p2,p3", "--steps", "4", "--sigma", "0.02", "--no-refine", "-o", "steps.csv",
         "--json", "plan.json",
     )  # fmt: skip
-    assert "each of 4 load steps" in " ".join(printed.split())
+    assert "each of 4 load steps an independent reading" in " ".join(printed.split())
     (tmp_path / "truth.toml").write_text('format = 1\nrobot = "scara"\n[noise]\nsigma_mm = 0.02\n')
     succeeded(tmp_path, "simulate", "truth.toml", "--poses", "steps.csv", "--seed", "1", "-o", "data.csv")
     succeeded(

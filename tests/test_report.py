@@ -104,6 +104,16 @@ def test_the_page_is_well_formed_and_needs_nothing_from_outside(page: str) -> No
     assert not re.search(r"https?://|url\((?!#)|@import|<script|<link|<iframe", page)
 
 
+def test_every_id_of_the_page_is_there_once_and_what_points_at_one_finds_it(
+    page: str, unexplained: Finding
+) -> None:
+    for text in (page, render(unexplained, {"code": CODE, "decide": None}, [])):
+        ids = re.findall(r'\bid="([^"]*)"', text)
+        assert len(ids) == len(set(ids))
+        assert len(ids) > 20
+        assert set(re.findall(r'(?:href="|url\()#([^")]*)', text)) <= set(ids)
+
+
 def test_the_verdict_is_a_sentence_with_size_unit_and_confidence(page: str) -> None:
     text = re.search(r'id="verdict">(.*?)</p>', page, re.S)
     assert text is not None

@@ -2,14 +2,19 @@
 
 from __future__ import annotations
 
+import json
 from itertools import pairwise, permutations
+from pathlib import Path
 
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from symstiff.calibration.table import write_table
+from symstiff.discrepancy.separate import Wish, separate
 from symstiff.discrepancy.separation import Decider, Hypotheses, deciding_poses
+from symstiff.robot import load
 
 SIGMA = 0.1
 
@@ -91,3 +96,27 @@ def test_equal_explanations_have_no_deciding_pose() -> None:
     one = columns.blocks[0][0]
     same = Hypotheses(columns.model, np.hstack([one, 2 * one]), ((one,), (one,)))
     assert deciding_poses(same, pose, SIGMA, 3) == Decider((), ())
+
+
+def test_poses_for_a_robot_that_slides_are_in_its_units_and_have_labels_of_their_own(tmp_path: Path) -> None:
+    rivals = [
+        {
+            "effect": "hysteresis",
+            "where": {"joint": j},
+            "set": j,
+            "parameters": {f"hysteresis_{j}_width": {"value": 2e-4}},
+        }
+        for j in (1, 2)
+    ]
+    verdict = tmp_path / "verdict.json"
+    decide = {"poses": [{"pose": "decide1"}, {"pose": "decide2"}]}
+    verdict.write_text(json.dumps({"robot": "scara", "effects": rivals, "decide": decide}))
+    robot = load("scara")
+    table, found, _ = separate(robot, verdict, Wish(3, "force", "position", 100.0))
+    assert len(found.poses) == 3
+    assert table.joint_units == ("rad", "rad", "m", "rad")
+    assert table.labels == ("decide3", "decide4", "decide5")
+    write_table(table, tmp_path / "p.csv", "deg")
+    assert "q3[m]" in (tmp_path / "p.csv").read_text().splitlines()[0]
+    low, high = robot.joint[2].range
+    assert np.all((table.q[:, 2] >= float(low)) & (table.q[:, 2] <= float(high)))

@@ -6,12 +6,13 @@ import tracemalloc
 
 import numpy as np
 import pytest
+import scipy.optimize
 
 from symstiff.calibration.absolute import _independent
 from symstiff.calibration.constrained import constrain
 from symstiff.calibration.estimate import estimate
 from symstiff.calibration.robust import robust_estimate
-from symstiff.calibration.shared import informative, shared_error
+from symstiff.calibration.shared import Blocks, _Components, shared_error
 
 POSES, CASES = 20, 4
 ROWS = POSES * CASES * 3
@@ -55,7 +56,7 @@ def test_its_size_is_found_and_independent_rows_share_none() -> None:
         found = estimate(A, y, sigma, list("abcde"), blocks=BLOCK).shared
         assert found is not None
         assert found.p_value < 1e-6
-        sizes.append(np.sqrt(found.shared_variance))
+        sizes.append(np.sqrt(found.shared_variance(np.ones(ROWS, bool))))
     assert np.median(sizes) == pytest.approx(3.0, rel=0.2)
     quiet = [estimate(*_data(seed), list("abcde"), blocks=BLOCK).shared for seed in range(40)]
     assert sum(s is not None for s in quiet) <= 6
@@ -88,7 +89,9 @@ def of_several_points(pose: float, approach: float, unloaded: float, seed: int):
     noise = noise + unloaded * rng.normal(size=(POSES, 1, REPEATS, POINTS, 3))
     p, _, r, m, k = np.indices(shape).reshape(5, -1)
     come = p * REPEATS + r
-    blocks = informative([p * 3 + k, come * 3 + k, (p * POINTS + m) * 3 + k, (come * POINTS + m) * 3 + k])
+    blocks = np.stack(
+        [p * 3 + k, come * 3 + k, (p * POINTS + m) * 3 + k, (come * POINTS + m) * 3 + k], axis=1
+    )
     return A.reshape(-1, 5), truth, (A @ truth + 1e-5 * noise).ravel(), blocks, p
 
 
@@ -112,8 +115,8 @@ def test_what_a_pose_an_approach_and_a_point_share_is_told_apart(errors, robust:
 
 def test_groupings_that_say_nothing_new_are_left_out() -> None:
     pose = np.repeat([0, 1, 2], 4)
-    assert informative([pose, pose + 7, 5 - pose, np.arange(12)]).shape == (12, 1)
-    assert informative([pose, np.arange(12) // 2]).shape == (12, 2)
+    assert Blocks.of(np.stack([pose, pose + 7, 5 - pose, np.arange(12)], axis=1)).by_kind.shape == (12, 1)
+    assert Blocks.of(np.stack([pose, np.arange(12) // 2], axis=1)).by_kind.shape == (12, 2)
 
 
 def test_deviations_from_residuals_hold_a_shared_error_once() -> None:
@@ -167,3 +170,53 @@ def test_many_rows_of_absolute_data_take_little_memory() -> None:
     tracemalloc.stop()
     assert len(kept) == 7
     assert peak < 10 * columns.nbytes
+
+
+@pytest.mark.parametrize("uneven", ["poses", "kinds", "kinds apart"])
+def test_a_shared_error_has_one_size_whatever_the_rows_own_sigma_is(uneven: str) -> None:
+    """Of poses that are measured worse, or of translations and rotations, which may share as much or nothing."""
+    z, axis = [], np.arange(ROWS) % 3
+    for seed in range(60):
+        A, truth, _, _ = experiment(0.0, 0)
+        rng = np.random.default_rng(seed)
+        sigma = np.where((BLOCK // 3) % 2 if uneven == "poses" else axis == 2, 1e-6, 1e-5)
+        size = np.where(axis == 2, 0.0, 1e-5) if uneven == "kinds apart" else np.full(ROWS, 1e-5)
+        y = A @ truth + sigma * rng.normal(size=ROWS) + size * rng.normal(size=POSES * 3)[BLOCK]
+        kind = np.zeros(ROWS, dtype=np.intp) if uneven == "poses" else (axis == 2).astype(np.intp)
+        fit = estimate(A, y, sigma, list("abcde"), blocks=Blocks(BLOCK[:, None], kind))
+        z.append((fit.values - truth) / fit.std)
+    assert np.sqrt(np.mean(np.square(z))) == pytest.approx(1.0, abs=0.15)
+
+
+def best(problem: _Components, start: np.ndarray) -> float:
+    return float(
+        scipy.optimize.minimize(
+            lambda x: problem.fitted(np.exp(x))[0], start, method="Powell", bounds=[(-7.0, 10.0)] * len(start)
+        ).fun
+    )
+
+
+def test_a_large_error_does_not_hide_a_small_one_from_the_search() -> None:
+    missed = 0
+    for seed in range(6):
+        A, _, y, blocks, _ = of_several_points(20.0, 0.5, 20.0, seed)
+        Q, z = np.linalg.qr(A)[0], y / 1e-5
+        found = shared_error(Q, z, blocks)
+        assert found is not None
+        given = Blocks.of(blocks)
+        problem = _Components.of(Q, z, given.wide, given.by_kind, given.size(None))
+        starts = np.random.default_rng(seed).uniform(-3.0, 7.0, (4, 4))
+        least = min(best(problem, start) for start in starts)
+        missed += problem.fitted(np.array(found.ratios))[0] > least + 0.5
+    assert missed <= 1
+
+
+def test_one_pose_that_was_measured_often_costs_the_others_nothing() -> None:
+    poses, often = 40, 200
+    pose = np.concatenate([np.repeat(np.arange(poses), 4), np.full(4 * often, poses)])
+    come = np.concatenate([np.repeat(np.arange(poses), 4), poses + np.repeat(np.arange(often), 4)])
+    blocks = Blocks.of(np.stack([pose, come], axis=1))
+    rng = np.random.default_rng(0)
+    Q = np.linalg.qr(rng.normal(size=(len(pose), 4)))[0]
+    problem = _Components.of(Q, rng.normal(size=len(pose)), blocks.wide, blocks.by_kind, blocks.size(None))
+    assert sum(batch.inner.size for batch in problem.batches) < 2 * (poses * 4 + (2 * often) ** 2)

@@ -13,7 +13,7 @@ import scipy.stats
 
 from symstiff.calibration.compact import Array, Compact, checked, compact
 from symstiff.calibration.rank import Combination, RankDecision, combinations, decide_rank
-from symstiff.calibration.shared import SharedError, shared_error
+from symstiff.calibration.shared import Blocks, SharedError, shared_error
 from symstiff.errors import UserError
 
 
@@ -105,7 +105,7 @@ def estimate(
     names: Sequence[str] | None = None,
     *,
     units: Sequence[str] | None = None,
-    blocks: npt.ArrayLike | None = None,
+    blocks: npt.ArrayLike | Blocks | None = None,
     estimated: bool = False,
     confidence: float = 0.95,
     truncate: Literal["noise", "rounding"] = "noise",
@@ -114,10 +114,9 @@ def estimate(
 
     A: (M, P) observation matrix, y: (M,) measured deflections in m and rad; sigma: (M,) their standard
     deviations, or None for equal ones estimated from the residuals; names, units: (P,), units by the names
-    where absent; blocks: (M,) or (M, K) numbers of rows that may share errors, which the deviations then hold
-    (`shared_error`); estimated:
-    whether sigma comes from residuals of the same rows, so that no test of the fit can be made of it.
-    truncate: whether directions drowned in noise are dropped like those lost in rounding.
+    where absent; blocks: (M,) or (M, K) numbers of rows that may share errors, or `Blocks`, which the deviations
+    then hold (`shared_error`); estimated: whether sigma comes from residuals of the same rows, so that no test of the
+    fit can be made of it; truncate: whether directions drowned in noise are dropped like those lost in rounding.
     Raises UserError for shapes, NaN and deviations that cannot be used. Source: seed eq. (7)–(8), (15)–(20).
     """
     names = [f"p{i + 1}" for i in range(np.shape(A)[1])] if names is None else names

@@ -22,6 +22,7 @@ from symstiff.calibration.measurements import COMPONENTS, Measurements
 from symstiff.calibration.residuals import ResidualTable, residual_table, split
 from symstiff.calibration.robust import RobustEstimate, robust_estimate
 from symstiff.calibration.rows import Equations, equations, predict, shared_blocks, weights
+from symstiff.calibration.shared import SharedError
 from symstiff.calibration.soundness import (
     check_beside_geometry,
     check_determined,
@@ -79,7 +80,10 @@ def _sees_rotation(table: Measurements, robot: Robot) -> bool:
 
 @dataclass(frozen=True, eq=False)
 class Identification:
-    """An identified model with its uncertainty, residuals before and after, and what was remarked on the way."""
+    """An identified model with its uncertainty, residuals before and after, and what was remarked on the way.
+
+    ``model`` also holds what the start model told and deflections do not show; fit and residuals are without it.
+    """
 
     model: StiffnessModel
     reduction: Reduction | None
@@ -327,12 +331,9 @@ def _fits(fit: Estimate, e: Equations) -> list[str]:
     remarks = []
     left = fit.fit_p
     if fit.shared is not None:
-        sigma = weights(e)
-        main = e.component < 3 if np.any(e.component < 3) else e.component >= 3
-        size = np.sqrt(fit.shared.shared_variance * (1.0 if sigma is None else np.mean(sigma[main] ** 2)))
-        shown = f"{1e3 * size:.2g} {'mm' if np.any(e.component < 3) else 'mrad'}"
+        told = " and ".join(_shared_sizes(fit.shared, e))
         remarks.append(
-            f"the rows of a pose share an error of {shown}, {np.sqrt(fit.shared.ratio):.1f} times their own noise: the "
+            f"the rows of a pose share an error of {told}, {np.sqrt(fit.shared.ratio):.1f} times their own noise: the "
             "robot's repeatability, or something that is missing (symstiff diagnose); the deviations above hold it"
         )
         left = None if left is None else float(scipy.stats.chi2.sf(fit.dof * fit.shared.variance, fit.dof))
@@ -341,6 +342,17 @@ def _fits(fit: Estimate, e: Equations) -> list[str]:
             "the model or the stated sigma does not fit these data: symstiff diagnose tells what may be missing"
         )
     return remarks
+
+
+def _shared_sizes(shared: SharedError, e: Equations) -> list[str]:
+    """What rows share, of translations and of rotations, in words; none where they share next to nothing."""
+    sigma, told = weights(e), []
+    for kind, unit in ((e.component < 3, "mm"), (e.component >= 3, "mrad")):
+        if kind.any():
+            square = 1.0 if sigma is None else float(np.mean(sigma[kind] ** 2))
+            size = np.sqrt(shared.shared_variance(kind) * square)
+            told += [f"{1e3 * size:.2g} {unit}"] if size > 0 else []
+    return told
 
 
 def _refuse_for_absolute(given: Mapping[str, bool]) -> None:

@@ -10,6 +10,7 @@ def seen_in(model: StiffnessModel, kind: str) -> tuple[StiffnessModel, list[str]
     """The model without the effects that cancel in deflections, and a remark on them.
 
     Such an effect has no column to be fitted by: what rows say of it is second order, and would overwrite its values.
+    (Gears whose law bends under the links' weight do feel a link's weight: that is left out here too.)
     """
     if kind != "deflection":
         return model, []
@@ -23,14 +24,12 @@ def seen_in(model: StiffnessModel, kind: str) -> tuple[StiffnessModel, list[str]
 
 
 def completed(model: StiffnessModel, told: StiffnessModel) -> StiffnessModel:
-    """A fitted model with the effects that the one told has beside, and the values that they have there."""
+    """A fitted model with the effects that the one told has beside, in its order, with the values from there."""
     missing = [e for e in told.effects if e not in model.effects]
     if not missing:
         return model
-    whole = told.with_effects(missing)
-    own = {p.name for p in whole.effect_parameters} - set(model.parameters)
+    own = {p.name for p in told.with_effects(missing).effect_parameters} - set(model.parameters)
     values = dict(model.values) | {n: v for n, v in told.values.items() if n in own}
     deviations = dict(model.deviations) | {n: v for n, v in told.deviations.items() if n in own}
-    for effect in missing:
-        model = model.with_effect(effect)
-    return model.with_values(values, deviations)
+    found = [e for e in model.effects if e not in told.effects]
+    return model.with_effects([*told.effects, *found]).with_values(values, deviations)

@@ -102,7 +102,7 @@ def pose_suspects(
     found = []
     for size in sorted({len(rows) for rows in members}):
         block = np.array([rows for rows in members if len(rows) == size])
-        among = np.eye(size) if shared is None else shared.among(block) / (1.0 + shared.ratio)
+        among = np.eye(size) if shared is None else shared.among(block) / shared.total
         statistic, free = _pose_statistics(Q[block], fit, block, inverse, spread, among)
         p = scipy.stats.f.sf(statistic / np.maximum(free, 1), np.maximum(free, 1), dof)
         for g in np.flatnonzero(p < significance / len(members)):
@@ -123,14 +123,14 @@ def _freedom(Q: Array, shared: SharedError | None) -> int:
     """Degrees of freedom of the noise: of what rows share, there are as many readings as blocks."""
     if shared is None:
         return int(len(Q) - Q.shape[1])
-    return max(int(shared.blocks[:, 0].max() + 1 - Q.shape[1]), 1)
+    return max(shared.count - int(Q.shape[1]), 1)
 
 
 def _spread(Q: Array, fit: HuberFit, shared: SharedError | None) -> tuple[Array, Array, Array]:
     """(QᵀWQ)⁻¹, the covariance (QᵀWQ)⁻¹·QᵀWVWQ·(QᵀWQ)⁻¹ of the solution in units of the noise, and VWQ (M, r)."""
     inverse = np.linalg.inv(fit.system)
     weighted = fit.weights[:, None] * Q
-    reach = weighted if shared is None else shared.covariance_times(weighted) / (1.0 + shared.ratio)
+    reach = weighted if shared is None else shared.covariance_times(weighted) / shared.total
     return np.asarray(inverse), np.asarray(inverse @ (weighted.T @ reach) @ inverse), reach
 
 

@@ -27,7 +27,7 @@ def with_markers(
 
 
 def gain_of_steps(steps: int) -> float:
-    """How many times the whole load's information on linear parameters all its steps together hold."""
+    """How many times the whole load's information on linear parameters all its steps hold, read independently."""
     return float(np.sum((np.arange(1, steps + 1) / steps) ** 2))
 
 

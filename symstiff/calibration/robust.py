@@ -13,7 +13,7 @@ from symstiff.calibration.compact import Array, Compact, checked, compact
 from symstiff.calibration.estimate import Estimate, estimate, interval_factor, plain
 from symstiff.calibration.outliers import HuberFit, Suspect, pose_suspects, row_suspects
 from symstiff.calibration.rank import combinations
-from symstiff.calibration.shared import shared_error
+from symstiff.calibration.shared import Blocks, shared_error
 
 HUBER = 1.345  # of the scale: 95 % efficient on normal noise
 _MAD_TO_SIGMA = 1.482602218505602
@@ -65,7 +65,7 @@ def robust_estimate(
     labels: Sequence[str] | None = None,
     row_labels: Sequence[str] | None = None,
     units: Sequence[str] | None = None,
-    blocks: npt.ArrayLike | None = None,
+    blocks: npt.ArrayLike | Blocks | None = None,
     confidence: float = 0.95,
     tuning: float = HUBER,
     significance: float = 0.01,
@@ -129,7 +129,7 @@ def _with_fit(
     Q: Array,
     fit: HuberFit,
     tuning: float,
-    blocks: npt.ArrayLike | None,
+    blocks: npt.ArrayLike | Blocks | None,
 ) -> Estimate:
     """The least-squares record with the robust values and Huber's covariance in place of its own."""
     values = root @ fit.solution

@@ -9,7 +9,7 @@ import numpy as np
 
 from symstiff.calibration.compact import component_sigma
 from symstiff.calibration.measurements import COMPONENTS, Measurements
-from symstiff.calibration.shared import informative
+from symstiff.calibration.shared import Blocks
 from symstiff.codegen.runtime import for_poses
 from symstiff.errors import UserError
 from symstiff.model import StiffnessModel
@@ -140,16 +140,17 @@ def stated_sigma(table: Measurements, row: np.ndarray, component: np.ndarray) ->
     return sigma
 
 
-def shared_blocks(e: Equations, table: Measurements) -> np.ndarray:
-    """(R, K) numbers of the equations that an error is common to: one component of a pose, of one approach, of a point.
+def shared_blocks(e: Equations, table: Measurements) -> Blocks:
+    """Which equations an error is common to: one component of a pose, of one approach, of a point in either.
 
     The robot misses its pose, in part anew at every repeat; the reading without load is each point's own.
+    Translations and rotations have errors of their own size.
     """
     pose, approach, point = table.pose[e.row], table.approach[e.row], table.point[e.row]
     count, points = len(COMPONENTS), len(table.points)
-    by_component = (label * count + e.component for label in (pose, approach))
-    by_point = ((label * points + point) * count + e.component for label in (pose, approach))
-    return informative([*by_component, *by_point])
+    by_component = [label * count + e.component for label in (pose, approach)]
+    by_point = [(label * points + point) * count + e.component for label in (pose, approach)]
+    return Blocks(np.stack([*by_component, *by_point], axis=1), np.asarray(e.component >= 3, dtype=np.intp))
 
 
 def weights(e: Equations) -> np.ndarray | None:

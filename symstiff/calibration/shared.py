@@ -6,7 +6,6 @@ load). A least squares fit stays what it is, but its deviations are too small wh
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -23,6 +22,62 @@ LEVEL = 0.05
 _RANGE = (-7.0, 10.0)
 """Natural logarithm of the ratios that are looked at; the lowest stands for none."""
 _NONE = _RANGE[0] + 0.5
+_STARTS = (-2.0, 1.0, 4.0)
+"""Where the search for them begins: of several errors the largest may hide the others from one start."""
+_LEAST = 10
+"""Rows beyond one a block from which they say what they share."""
+
+
+@dataclass(frozen=True, eq=False)
+class Blocks:
+    """Which rows may share errors.
+
+    labels: (M, K) numbers of rows that share one, by column; rows of one number in another column have one in the
+    first, the widest; kind: (M,) numbers of rows whose shared errors have one size in their unit, such as metres and
+    radians.
+    """
+
+    labels: Index
+    kind: Index
+
+    @classmethod
+    def of(cls, given: npt.ArrayLike | Blocks) -> Blocks:
+        """From labels (M,) or (M, K) of rows of one kind."""
+        if isinstance(given, Blocks):
+            return given
+        labels = np.asarray(given)
+        columns = labels.reshape(len(labels), -1).T
+        numbers = [np.unique(c, return_inverse=True)[1].reshape(-1) for c in columns]
+        return cls(np.stack(numbers, axis=1), np.zeros(len(labels), dtype=np.intp))
+
+    @property
+    def wide(self) -> Index:
+        """(M,) number of each row's widest block."""
+        return np.unique(self.labels[:, 0], return_inverse=True)[1].reshape(-1)
+
+    @property
+    def by_kind(self) -> Index:
+        """(M, K') the columns of one kind each, -1 for rows of another; those that say nothing new are left out."""
+        return np.hstack([_informative(self.labels, self.kind == kind) for kind in np.unique(self.kind)])
+
+    def size(self, sigma: Array | None) -> Array:
+        """(M,) size of a shared error in each row's sigmas: root mean square sigma of its kind over its own."""
+        if sigma is None:
+            return np.ones(len(self.kind))
+        mean = np.bincount(self.kind, sigma**2) / np.maximum(np.bincount(self.kind), 1)
+        return np.asarray(np.sqrt(mean)[self.kind] / sigma)
+
+
+def _informative(labels: Index, rows: npt.NDArray[np.bool_]) -> Index:
+    """(M, k) columns of some rows, -1 elsewhere: the first, and others that hold several rows somewhere."""
+    kept: list[Index] = []
+    for column in labels.T:
+        _, first, number = np.unique(column[rows], return_index=True, return_inverse=True)
+        label = np.full(len(rows), -1, dtype=np.intp)
+        label[rows] = first[number.reshape(-1)]
+        if not kept or not (len(first) == rows.sum() or any(np.array_equal(label, k) for k in kept)):
+            kept.append(label)
+    return np.stack(kept, axis=1)
 
 
 @dataclass(frozen=True, eq=False)
@@ -30,7 +85,8 @@ class SharedError:
     """Variance components of whitened residuals: each row's own, and those that rows of a block share.
 
     variance: each row's own; ratios: (K,) shared over own, by the columns of blocks; p_value: of ratios this large when
-    rows are independent; blocks: (M, K) numbers from 0; size: (M,) of the shared error in each row, in sigmas.
+    rows are independent; blocks: (M, K) numbers, -1 for none; size: (M,) of the shared error in each row, in sigmas;
+    count: number of the widest blocks.
     """
 
     variance: float
@@ -38,151 +94,184 @@ class SharedError:
     p_value: float
     blocks: Index
     size: Array
+    count: int
+
+    @property
+    def of_rows(self) -> Array:
+        """(M,) variance of all that a row shares over its own, where its sigma is that of its kind."""
+        return np.asarray((self.blocks >= 0) @ np.array(self.ratios))
 
     @property
     def ratio(self) -> float:
-        """Variance of all that a row shares over its own."""
-        return float(sum(self.ratios))
+        """The same, mean of all rows."""
+        return float(np.mean(self.of_rows))
 
     @property
-    def shared_variance(self) -> float:
-        """Variance of all that a row shares, in units of the rows' sigma."""
-        return self.ratio * self.variance
+    def total(self) -> float:
+        """Mean variance of a row over its own."""
+        return float(np.mean(1.0 + self.of_rows * self.size**2))
 
     @property
     def each(self) -> Array:
-        """(M,) variance of each row over that of a row with a shared error of one size."""
-        return (1.0 + self.ratio * self.size**2) / (1.0 + self.ratio)
+        """(M,) variance of each row over the mean."""
+        return (1.0 + self.of_rows * self.size**2) / self.total
+
+    def shared_variance(self, rows: npt.NDArray[np.bool_]) -> float:
+        """Mean variance of what some rows share, in units of their kind's mean square sigma."""
+        return float(np.mean(self.of_rows[rows])) * self.variance
 
     def covariance_times(self, X: Array) -> Array:
         """(M, r) covariance of the rows, in units of their own variance, times X (M, r)."""
         total = np.array(X)
         for ratio, block in zip(self.ratios, self.blocks.T, strict=True):
-            sums = _membership(block, self.size) @ X
-            total += ratio * self.size[:, None] * sums[block]
+            there = block >= 0
+            sums = _membership(block[there, None], self.size[there]) @ X[there]
+            total[there] += ratio * self.size[there, None] * sums[block[there]]
         return total
 
     def among(self, rows: Index) -> Array:
         """(…, n, n) covariance of some rows (…, n), in units of their own variance."""
-        size = self.size[rows]
-        same = self.blocks[rows][..., :, None, :] == self.blocks[rows][..., None, :, :]
+        size, label = self.size[rows], self.blocks[rows]
+        same = (label[..., :, None, :] == label[..., None, :, :]) & (label >= 0)[..., :, None, :]
         common = (same @ np.array(self.ratios)) * size[..., :, None] * size[..., None, :]
         return np.asarray(np.eye(rows.shape[-1]) + common)
 
 
-def shared_error(Q: Array, z: Array, blocks: npt.ArrayLike, sigma: Array | None = None) -> SharedError | None:
-    """Estimate shared errors by restricted maximum likelihood; None where rows look independent, or stand alone.
+def shared_error(
+    Q: Array, z: Array, blocks: npt.ArrayLike | Blocks, sigma: Array | None = None
+) -> SharedError | None:
+    """Estimate shared errors by restricted maximum likelihood.
 
-    Q: (M, r) orthonormal whitened columns, z: (M,) whitened data, blocks: (M,) or (M, K) numbers of rows that share an
-    error, those of the first column the widest: rows of one number in another column have one in the first; sigma:
-    (M,) their deviations: a shared error has one size in m or rad, whatever the rows' own.
+    None where rows look independent, or too few stand in blocks of several. Q: (M, r) orthonormal whitened columns, z:
+    (M,) whitened data, sigma: (M,) the rows' deviations: a shared error has one size in m or rad, whatever they are.
     """
-    labels = _numbered(blocks)
+    given = Blocks.of(blocks)
     rows, rank = Q.shape
-    if rows - int(labels[:, 0].max() + 1) < 10 or rows <= rank + 2:
+    if rows - int(given.wide.max() + 1) < _LEAST or rows <= rank + 2:
         return None
-    size = np.ones(rows) if sigma is None else _common(labels[:, 0], sigma)
-    problem = _Components.of(Q, z, labels, size)
-    found = scipy.optimize.minimize(
-        lambda x: problem.fitted(np.exp(x))[0], np.full(labels.shape[1], _RANGE[0]), method="Powell",
-        bounds=[_RANGE] * labels.shape[1], options={"xtol": 1e-3, "ftol": 1e-10},
-    )  # fmt: skip
-    ratios = np.where(found.x < _NONE, 0.0, np.exp(found.x))
+    labels, size = given.by_kind, given.size(sigma)
+    problem = _Components.of(Q, z, given.wide, labels, size)
+    count = labels.shape[1]
+    found = [_searched(problem, np.full(count, start)) for start in _STARTS]
+    x = min(found, key=lambda x: problem.fitted(np.exp(x))[0])
+    ratios = np.where(x < _NONE, 0.0, np.exp(x))
     deviance, variance = problem.fitted(ratios)
-    p = _mixture(problem.fitted(0.0 * ratios)[0] - deviance, len(ratios))
+    p = _mixture(problem.fitted(0.0 * ratios)[0] - deviance, count)
     if p >= LEVEL or not ratios.any():
         return None
-    return SharedError(variance, tuple(ratios.tolist()), p, labels, size)
+    return SharedError(variance, tuple(ratios.tolist()), p, labels, size, int(given.wide.max() + 1))
 
 
-def informative(columns: Sequence[npt.ArrayLike]) -> Index:
-    """(M, K) those of nested groupings, widest first, that are not the one before and hold several rows somewhere."""
-    kept: list[Index] = []
-    for column in columns:
-        _, first, number = np.unique(column, return_index=True, return_inverse=True)
-        label = first[number.reshape(-1)]
-        if not kept or not (len(first) == len(label) or any(np.array_equal(label, k) for k in kept)):
-            kept.append(label)
-    return np.stack(kept, axis=1)
-
-
-def _numbered(blocks: npt.ArrayLike) -> Index:
-    """Labels (M,) or (M, K) as numbers from 0, by column."""
-    labels = np.asarray(blocks)
-    columns = labels.reshape(len(labels), -1).T
-    return np.stack([np.unique(c, return_inverse=True)[1].reshape(-1) for c in columns], axis=1)
-
-
-def _common(block: Index, sigma: Array) -> Array:
-    """(M,) root mean square sigma of a row's block over its own."""
-    return np.asarray(np.sqrt(np.bincount(block, sigma**2) / np.bincount(block))[block] / sigma)
+def _searched(problem: _Components, start: Array) -> Array:
+    """Logarithms of ratios (K,) at a least deviance, from a start."""
+    found = scipy.optimize.minimize(
+        lambda x: problem.fitted(np.exp(x))[0], start, method="L-BFGS-B", bounds=[_RANGE] * len(start)
+    )
+    return np.asarray(found.x)
 
 
 def _membership(group: Index, size: Array) -> scipy.sparse.csr_array:
-    """(G, M) matrix that sums rows by their groups, (M,) or (M, K), each times its size (M,)."""
-    count = group.size // len(size)
-    row = np.repeat(np.arange(len(size)), count)
+    """(G, M) matrix that sums rows by their groups (M, K), each times its size (M,); -1 is no group."""
+    row, column = np.nonzero(group >= 0)
+    number = group[row, column]
     return scipy.sparse.csr_array(
-        (np.repeat(size, count), (group.ravel(), row)), shape=(int(group.max() + 1), len(size))
+        (size[row], (number, row)), shape=(int(group.max(initial=-1) + 1), len(size))
     )
 
 
 def _mixture(statistic: float, count: int) -> float:
-    """p-value of a likelihood ratio for ``count`` variances that cannot be negative: each is zero in half of cases."""
+    """p-value of a likelihood ratio for ``count`` variances that cannot be negative: each is zero in half of cases.
+
+    As if they were independent; where they are not it is too large rather than too small.
+    """
     weight = scipy.stats.binom.pmf(np.arange(1, count + 1), count, 0.5)
     tails = scipy.stats.chi2.sf(max(statistic, 0.0), np.arange(1, count + 1))
     return float(weight @ tails)
 
 
 @dataclass(frozen=True, eq=False)
-class _Components:
-    """Whitened rows under errors of nested groups: sums by group, groups of one wide block side by side.
+class _Batch:
+    """Wide blocks of about as many groups, side by side; where one has fewer the rest is zero.
 
-    kind: (B, g) column of ``blocks`` that a group is of; inner: (B, g, g) products of the groups' rows; along: (B, g,
-    r) and data: (B, g) their sums of Q and of z; blocks without a group there hold zeros. Fit and square of z follow.
+    kind: (B, g) column of ``labels`` that a group is of; inner: (B, g, g) products of the groups' rows; along: (B, g,
+    r + 1) their sums of Q, and of z.
     """
 
     kind: Index
     inner: Array
     along: Array
-    data: Array
+
+    def solved(self, ratios: Array) -> tuple[Array, float]:
+        """Rows (B·g, r + 1) whose products are what the shared errors take away, and log-determinant of them."""
+        root = np.sqrt(ratios)[self.kind]
+        among = np.eye(self.kind.shape[1]) + root[:, :, None] * self.inner * root[:, None, :]
+        factor = np.linalg.cholesky(among)
+        solved = np.linalg.solve(factor, root[:, :, None] * self.along)
+        determinant = 2.0 * float(np.log(np.diagonal(factor, axis1=1, axis2=2)).sum())
+        return solved.reshape(-1, self.along.shape[2]), determinant
+
+
+@dataclass(frozen=True, eq=False)
+class _Components:
+    """Whitened rows under errors of groups within wide blocks: the groups, the fit Qᵀz, the square of z."""
+
+    batches: tuple[_Batch, ...]
     fit: Array
     square: float
     freedom: int
 
     @classmethod
-    def of(cls, Q: Array, z: Array, labels: Index, size: Array) -> _Components:
-        """From rows, their labels (M, K) and the size (M,) of the shared error in each."""
-        first = np.concatenate([[0], np.cumsum(labels.max(axis=0) + 1)])
-        group = labels + first[:-1]
+    def of(cls, Q: Array, z: Array, wide: Index, labels: Index, size: Array) -> _Components:
+        """From rows, their wide blocks (M,), labels (M, K) and the size (M,) of the shared error in each."""
+        group, groups = np.full(labels.shape, -1, dtype=np.intp), 0
+        for k, label in enumerate(labels.T):
+            there = label >= 0
+            found, number = np.unique(label[there], return_inverse=True)
+            group[there, k] = groups + number.reshape(-1)
+            groups += len(found)
+        row, column = np.nonzero(group >= 0)
+        kind, block = np.zeros((2, groups), dtype=np.intp)
+        kind[group[row, column]], block[group[row, column]] = column, wide[row]
         sums = _membership(group, size)
-        wide = np.zeros(int(first[-1]), dtype=np.intp)
-        wide[group] = labels[:, :1]
-        order = np.argsort(wide, kind="stable")
-        place = np.arange(len(wide)) - np.searchsorted(wide[order], wide[order])
-        seat = np.empty(len(wide), dtype=np.intp)
-        seat[order] = place
-        shape = (int(labels[:, 0].max() + 1), int(place.max() + 1))
-        inner, pairs = np.zeros((*shape, shape[1])), (sums @ sums.T).tocoo()
-        inner[wide[pairs.row], seat[pairs.row], seat[pairs.col]] = pairs.data
-        kind, along, data = np.zeros(shape, dtype=np.intp), np.zeros((*shape, Q.shape[1])), np.zeros(shape)
-        kind[wide, seat] = np.searchsorted(first, np.arange(len(wide)), side="right") - 1
-        along[wide, seat], data[wide, seat] = sums @ Q, sums @ z
-        return cls(kind, inner, along, data, Q.T @ z, float(z @ z), len(Q) - Q.shape[1])
+        along, inner = sums @ np.column_stack([Q, z]), (sums @ sums.T).tocsr()
+        count = np.bincount(block, minlength=int(wide.max() + 1))
+        batches = []
+        for width in sorted(set(_rounded(count[count > 0]).tolist())):
+            blocks = np.flatnonzero((count > 0) & (_rounded(count) == width))
+            batches.append(_batch(blocks, width, block, kind, inner, along))
+        return cls(tuple(batches), Q.T @ z, float(z @ z), len(Q) - Q.shape[1])
 
     def fitted(self, ratios: Array) -> tuple[float, float]:
         """Twice the negative restricted log-likelihood of ratios (K,), and the rows' own variance."""
-        root = np.sqrt(ratios)[self.kind]
-        factor = np.linalg.cholesky(
-            np.eye(self.kind.shape[1]) + root[:, :, None] * self.inner * root[:, None, :]
-        )
-        right = root[:, :, None] * np.concatenate([self.along, self.data[:, :, None]], axis=2)
-        solved = np.linalg.solve(factor, right).reshape(-1, right.shape[2])
-        X, h = solved[:, :-1], solved[:, -1]
-        own = np.linalg.cholesky(np.eye(X.shape[1]) - X.T @ X)
-        b = np.linalg.solve(own, self.fit - X.T @ h)
-        rss = max(self.square - float(h @ h) - float(b @ b), 1e-12 * self.square, 1e-300)
-        determinant = 2.0 * sum(
-            float(np.log(np.diagonal(f, axis1=-2, axis2=-1)).sum()) for f in (factor, own)
-        )
+        parts = [batch.solved(ratios) for batch in self.batches]
+        away = sum((rows.T @ rows for rows, _ in parts), np.zeros((len(self.fit) + 1,) * 2))
+        own = np.linalg.cholesky(np.eye(len(self.fit)) - away[:-1, :-1])
+        b = np.linalg.solve(own, self.fit - away[:-1, -1])
+        rss = max(self.square - float(away[-1, -1]) - float(b @ b), 1e-12 * self.square, 1e-300)
+        determinant = sum(d for _, d in parts) + 2.0 * float(np.log(np.diag(own)).sum())
         return self.freedom * float(np.log(rss)) + determinant, rss / self.freedom
+
+
+def _rounded(count: Index) -> Index:
+    """Counts (n,) rounded up to powers of two, so that few batches hold them and none is mostly empty."""
+    return np.asarray(2 ** np.ceil(np.log2(np.maximum(count, 1))), dtype=np.intp)
+
+
+def _batch(
+    blocks: Index, width: int, block: Index, kind: Index, inner: scipy.sparse.csr_array, along: Array
+) -> _Batch:
+    """Some wide blocks, of the groups' blocks (G,), kinds (G,), products (G, G) and sums (G, r + 1)."""
+    own = np.flatnonzero(np.isin(block, blocks))
+    own = own[np.argsort(block[own], kind="stable")]
+    at = np.searchsorted(blocks, block[own])
+    seat = np.arange(len(own)) - np.searchsorted(at, at)
+    shape = (len(blocks), width)
+    kinds, sums, products = (
+        np.zeros(shape, dtype=np.intp),
+        np.zeros((*shape, along.shape[1])),
+        np.zeros((*shape, width)),
+    )
+    kinds[at, seat], sums[at, seat] = kind[own], along[own]
+    pairs = inner[own][:, own].tocoo()
+    products[at[pairs.row], seat[pairs.row], seat[pairs.col]] = pairs.data
+    return _Batch(kinds, products, sums)

@@ -106,14 +106,17 @@ def run_plan(request: PlanRequest) -> None:
     _print_plan(out, plan, model.units)
     out.print(_measured(request, sigma))
     out.print(f"wrote {request.output}")
-    measured = {"points": list(request.markers), "sigma_mm": request.sigma, "measure": request.measure}
+    measured = {
+        "points": list(request.markers), "sigma_mm": request.sigma, "measure": request.measure,
+        "steps": request.steps,
+    }  # fmt: skip
     write_json(request.json, {**summary(plan), "measured": measured})
 
 
 def _measured(request: PlanRequest, sigma: tuple[float, float]) -> str:
     """What the promised deviations take for granted."""
     position = f"σ {1e3 * sigma[0]:g} mm a coordinate"
-    position += f", each of {request.steps} load steps" if request.steps > 1 else ""
+    position += f", each of {request.steps} load steps an independent reading" if request.steps > 1 else ""
     if request.markers:
         return f"assumed measured: positions of {', '.join(request.markers)}, {position}"
     if request.measure == "position":

@@ -56,7 +56,7 @@ def moments(model: StiffnessModel, program: Program) -> list[Moment]:
 
 def check_clock(model: StiffnessModel) -> None:
     """Raise UserError for a clock that single precision does not resolve."""
-    start = model.rest.get("time", 0.0)
+    start = max((r.rest.get("time", 0.0) for r in model.realisations), key=abs, default=0.0)
     if abs(start) >= _COARSE:
         raise UserError(
             f"the model's clock begins at {start:.15g} s, where single precision has no fractions of a second: use "

@@ -52,7 +52,8 @@ def candidates(
         places = effect.places(model.robot) if effect.places_in is None else effect.places_in(situation)
         for where in places:
             reason = why or ("the model has it" if (effect.identifier, dict(where)) in there else "")
-            reason = reason or effect.unlikely(model.robot, where)
+            grown = any(dict(e.where) == dict(where) for e in model.effects)
+            reason = reason or ("" if grown else effect.unlikely(model.robot, where))
             shapes = () if reason else effect.shapes(model.robot, where, scales)
             if not shapes:
                 reason = reason or "the table does not hold what it depends on"

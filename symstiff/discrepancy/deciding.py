@@ -67,6 +67,8 @@ class Choice:
     seed: int = 0
     offered: int = OFFERED
     region: Region | None = None
+    used: tuple[str, ...] = ()
+    """Labels of other poses, that no new one may have."""
 
 
 def experiment_like(table: Measurements) -> Experiment:
@@ -119,7 +121,8 @@ def decide_poses(
         _rows(found, new[state]), table.pose[state][new[state]], 1.0, choice.most, have, choice.least,
         choice.enough, tell,
     )  # fmt: skip
-    return _chosen(table, best, () if taken is None else taken.labels), best
+    used = choice.used if taken is None else (*choice.used, *taken.labels)
+    return _chosen(table, best, used), best
 
 
 def _chosen(table: Measurements, best: Decider, used: Sequence[str]) -> Measurements:

@@ -65,13 +65,25 @@ def separate(
     chosen, found = decide_poses(
         _model(robot, table, wish),
         rivals,
-        _experiment(rivals, wish),
+        _experiment(robot, rivals, wish),
         wish.sigma * np.array([1.0, 1.0, 1.0, 1 / _TURN, 1 / _TURN, 1 / _TURN]),
-        Choice(wish.poses, seed=wish.seed, offered=max(OFFERED, 4 * wish.poses), region=wish.region),
+        Choice(
+            wish.poses,
+            seed=wish.seed,
+            offered=max(OFFERED, 4 * wish.poses),
+            region=wish.region,
+            used=_labels(table),
+        ),
         _taken(robot, table, verdict),
         tell,
     )
     return chosen, found, [" with ".join(named(e.effect, e.where) for e in r.effects) for r in rivals]
+
+
+def _labels(table: Mapping[str, Any]) -> tuple[str, ...]:
+    """Labels of the poses that the verdict itself proposes, which may be measured as well."""
+    poses = (table.get("decide") or {}).get("poses") or []
+    return tuple(str(p.get("pose", "")) for p in poses if isinstance(p, dict))
 
 
 def _taken(robot: Robot, table: Mapping[str, Any], verdict: Path) -> Measurements | None:
@@ -141,16 +153,16 @@ def _model(robot: Robot, table: Mapping[str, Any], wish: Wish) -> StiffnessModel
     return StiffnessModel(robot, tuple(known[n] for n in values), wish.loads, wish.measure, (), values)
 
 
-def _experiment(rivals: list[Rival], wish: Wish) -> Experiment:
+def _experiment(robot: Robot, rivals: list[Rival], wish: Wish) -> Experiment:
     effects = [find(e.effect) for r in rivals for e in r.effects]
     absolute = all(e.seen_in == frozenset({"absolute"}) for e in effects)
     nan = float("nan")
     branches = (1.0, -1.0) if any("branch" in e.needs for e in effects) else (nan,)
     components = (0, 1, 2) if wish.markers or wish.measure == "position" else tuple(range(6))
     loads = np.zeros((1, 6)) if absolute else _loads(wish)
-    return Experiment(
-        "absolute" if absolute else "deflection", wish.markers or ("tcp",), components, loads, branches
-    )
+    units = tuple("m" if j.prismatic else "rad" for j in robot.joint)
+    kind = "absolute" if absolute else "deflection"
+    return Experiment(kind, wish.markers or ("tcp",), components, loads, branches, units)
 
 
 def _loads(wish: Wish) -> Array:

@@ -41,9 +41,8 @@ def _columns(situation: Situation, where: Where, shape: Shape) -> np.ndarray:
     point = at_lever(J, situation.offset)
     curved = _curved(point, theta + sag) - _curved(point, sag)
     turn, sagged = (np.einsum("nrv,nv->nr", J[:, 3:], angles) for angles in (theta, sag))
-    curved[:, 3:] -= (
-        np.cross(turn, sagged) / 2
-    )  # the rotation is told from the sagged attitude, not from the rigid one
+    # a measured rotation is told from the sagged attitude, not from the rigid one
+    curved[:, 3:] -= np.cross(turn, sagged) / 2
     return situation.rows(curved + np.einsum("nrv,nv->nr", point, situation.respond(change)))[:, None]
 
 

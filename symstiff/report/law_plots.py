@@ -267,7 +267,10 @@ def _paint(axes: Any, panel: _Panel, y_label: str) -> None:
 def _draw_added(finding: Finding, effect: Found, added: Array, there: Array) -> Picture:
     """For effects that are no law of a virtual joint: what they add to every row, against what is there."""
     problem = finding.assembly.problem
-    with drawing(f"added {effect.set_number} {effect.effect}", 9.0, 2.6) as (figure, out):
+    with drawing(f"added {effect.set_number} {named(effect.effect, effect.where)}", 9.0, 2.6) as (
+        figure,
+        out,
+    ):
         grid = figure.subplots(1, 3, sharey=True)
         for axes, axis in zip(grid, range(3), strict=True):
             rows = problem.axis == axis

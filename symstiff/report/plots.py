@@ -53,12 +53,14 @@ def drawing(name: str, width: float, height: float) -> Iterator[tuple[Any, list[
         yield figure, out
         buffer = io.StringIO()
         figure.savefig(buffer, format="svg", metadata={"Date": None, "Creator": None}, transparent=True)
-    out.append(inline(buffer.getvalue()))
+    out.append(inline(buffer.getvalue(), re.sub(r"\W+", "-", name)))
 
 
-def inline(svg: str) -> str:
-    """SVG for the body of an HTML page: no prologue, no metadata, no name spaces (HTML knows them)."""
+def inline(svg: str, name: str) -> str:
+    """SVG for the body of an HTML page: no prologue, no metadata, no name spaces (HTML knows them), ids of its own."""
     svg = svg[svg.index("<svg") :]
+    svg = re.sub(r'\bid="', f'id="{name}-', svg)
+    svg = re.sub(r'(href="|url\()#', rf"\1#{name}-", svg)
     svg = re.sub(r"<metadata>.*?</metadata>", "", svg, flags=re.S)
     svg = re.sub(r'\s+xmlns(:\w+)?="[^"]*"', "", svg)
     return svg.replace('width="', 'style="max-width:100%;height:auto" width="', 1)

@@ -16,7 +16,8 @@ _ROUNDING = 1e-6
 def in_few_digits(space: Space, q: np.ndarray, w: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Return poses (N, n) and wrenches (N, 6) rounded to 0.0001°, 0.001 mm and six digits of the load.
 
-    Fixed joints and given load cases stay as they are, and so does a pose that rounding would move out of the region.
+    Fixed joints and given load cases stay as they are, and so does a pose that rounding would move out of the region;
+    all do where poses share levels.
     """
     rounded = np.array(q)
     for j in space.free:
