@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import errno
+import logging
 import signal
 import sys
 import threading
@@ -52,7 +53,11 @@ def main() -> None:
 
 
 def _prepare() -> None:
-    """Let no character that the terminal's encoding lacks stop a command, and let SIGTERM clean up as an error does."""
+    """Let no character that the terminal's encoding lacks stop a command, and let SIGTERM clean up as an error does.
+
+    Where matplotlib keeps its caches is nobody's concern here.
+    """
+    logging.getLogger("matplotlib").setLevel(logging.ERROR)
     for stream in (sys.stdout, sys.stderr):
         reconfigure = getattr(stream, "reconfigure", None)
         if reconfigure is not None:
