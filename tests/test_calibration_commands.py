@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 
 from symstiff.effects.base import EffectInstance
-from symstiff.model import StiffnessModel
+from symstiff.model import StiffnessModel, load_model
 from symstiff.reduction import reduce
 from symstiff.robot import load
 
@@ -170,3 +170,10 @@ def test_physical_bounds_say_what_they_cost(folder: Path) -> None:
     assert "physics: " in words
     assert "noise alone makes these bounds cost as much with p = " in words
     assert "contradict" not in words
+
+
+def test_a_model_file_is_refitted_under_the_same_physical_bounds_as_a_robot(folder: Path) -> None:
+    for name, start in (("one.toml", "complete"), ("two.toml", "model.toml")):
+        succeeded(folder, "identify", "kuka_kr270", "data.csv", "--start", start, "--physical", "-o", name)
+    one, two = (load_model(folder / name).values for name in ("one.toml", "two.toml"))
+    assert dict(two) == pytest.approx(dict(one), rel=1e-4)

@@ -80,3 +80,15 @@ def test_a_robot_that_is_singular_everywhere_is_generated_and_compensates_nowher
     assert not corrected.solved.any()
     np.testing.assert_array_equal(corrected.q_cmd, q)
     np.testing.assert_array_equal(compensate_online(model.with_values(values), q, w), q)
+
+
+@pytest.mark.parametrize("seed", [3, 23])
+def test_a_stiffness_that_single_precision_cannot_tell_is_no_reference_for_it(seed: int) -> None:
+    """Two joints in a plane: what the links give one way is over ten thousand times what they give another."""
+    model = StiffnessModel.of(reduce(load("planar2r"), "force", "position"))
+    functions, values = Functions(model), plausible_values(model)
+    double, single = (cases(functions, values, 20, seed, s) for s in (False, True))
+    assert all(c.K is None or c.condition < 1.01e4 for c in single)
+    assert any(
+        a.K is not None and b.K is None and b.condition == -1.0 for a, b in zip(double, single, strict=True)
+    )

@@ -178,7 +178,8 @@ def identify(
     exchanged = marker_hint(train.points, left_of_deflections(model, train))
     remarks += [exchanged] if exchanged else axis_remarks(model, train, e)
     check_determined(fitted.rank, fitted.names, len(e.y), doubts)
-    values, constrained = _values(fitted, reduction, physical)
+    behind = _reduced_to(model, experiment) if physical and reduction is None else reduction
+    values, constrained = _values(fitted, behind, physical)
     model = model.with_values(values, _finite(dict(zip(fitted.names, fitted.std.tolist(), strict=True))))
     training = residual_table(_measured(train), predict(model, train))
     remarks += [*_explained(training), *_fits(fitted, e), *unlike_file(model, robot)]
@@ -302,6 +303,12 @@ def data_rank(model: StiffnessModel, table: Measurements) -> int:
     e = equations(model, table)
     found, _ = numeric_partition(e.A, model.parameters, model.parameters)
     return found.rank
+
+
+def _reduced_to(model: StiffnessModel, experiment: ExperimentClass) -> Reduction | None:
+    """The reduction that a start model came from, where it has the parameters of the experiment's and nothing else."""
+    found = reduce(model.robot, model.loads, model.measure, experiment.fixed)
+    return found if found.parameters == model.parameters else None
 
 
 def _values(

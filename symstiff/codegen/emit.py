@@ -300,7 +300,7 @@ def _selftest(functions: Functions, options: Options) -> dict[str, Any]:
     """Stored cases as literals."""
     model, algebra = functions.model, CAlgebra(options.single)
     values = plausible_values(model)
-    found = cases(functions, values)
+    found = cases(functions, values, single=options.single)
     stiffness = len(model.stiffness_parameters)
     parameters = [algebra.literal(values[n]) for n in model.parameters]
 

@@ -102,8 +102,10 @@ def _drawn(robot: Any, rng: random.Random) -> Input:
     return q, w
 
 
-def cases(functions: Functions, values: Mapping[str, float], n: int = 3, seed: int = 3) -> list[Case]:
-    """Evaluate n random configurations with 50 digits, all at once."""
+def cases(
+    functions: Functions, values: Mapping[str, float], n: int = 3, seed: int = 3, single: bool = False
+) -> list[Case]:
+    """Evaluate n random configurations with 50 digits, all at once; ``single``: for functions in single precision."""
     model, found = functions.model, configurations(functions, n, seed)
     with mpmath.workdps(DIGITS):
         inputs = {
@@ -121,7 +123,10 @@ def cases(functions: Functions, values: Mapping[str, float], n: int = 3, seed: i
             dt = _evaluated(model.deflection_program, inputs, len(found))
         else:
             dt = (A.reshape(len(found), 6, -1) * p).sum(-1)
-        return [_case(model, *found[i], *(list(x[i]) for x in (dt, A, J, T, C))) for i in range(len(found))]
+        return [
+            _case(model, *found[i], *(list(x[i]) for x in (dt, A, J, T, C)), single=single)
+            for i in range(len(found))
+        ]
 
 
 def _case(
@@ -133,8 +138,10 @@ def _case(
     J: list[Any],
     T: list[Any],
     C: list[Any],
+    *,
+    single: bool,
 ) -> Case:
-    K, condition = _inverse(C, turning_length(model))
+    K, condition = _inverse(C, turning_length(model), 1e-4 if single else 1e-8)
     q_cmd, compensation = _compensated(q, J, dt, unit_length(model))
     return Case(q, w, dt, A, J, T, C, K, condition, q_cmd, compensation)
 
@@ -206,14 +213,14 @@ def _evaluated(program: Program, inputs: Mapping[str, Any], n: int) -> np.ndarra
     return result
 
 
-def _inverse(C: Sequence[Any], unit: float) -> tuple[list[Any] | None, float]:
+def _inverse(C: Sequence[Any], unit: float, regular: float) -> tuple[list[Any] | None, float]:
     scale = [1, 1, 1, unit, unit, unit]
     matrix = mpmath.matrix(6, 6)
     for i in range(6):
         for j in range(6):
             matrix[i, j] = C[6 * i + j] * scale[i] * scale[j]
     s = np.linalg.svd(np.array(matrix.tolist(), dtype=float), compute_uv=False)
-    if s[5] < s[0] * 1e-8:
+    if s[5] < s[0] * regular:
         return None, 0.0 if s[5] < s[0] * 1e-13 else -1.0
     inverse = matrix**-1
     K = [inverse[i, j] * scale[i] * scale[j] for i in range(6) for j in range(6)]

@@ -78,7 +78,7 @@ def verify(
     if "c" not in options.targets:
         compiler = None
     values = plausible_values(functions.model)
-    found = cases(functions, values, n=CONFIGURATIONS if compiler else 4, seed=23)
+    found = cases(functions, values, CONFIGURATIONS if compiler else 4, 23, options.single)
     errors: dict[str, float] = {}
     if "casadi" in options.targets:
         errors["casadi"] = _casadi_error(folder, functions, found[:4], values)
