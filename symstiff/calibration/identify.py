@@ -7,10 +7,8 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
-import scipy.stats
 
 from symstiff.calibration.absolute import fit_absolute
-from symstiff.calibration.axes import axis_hint_refit
 from symstiff.calibration.checks import without_copies
 from symstiff.calibration.constrained import ConstrainedEstimate, constrain
 from symstiff.calibration.estimate import Estimate, estimate
@@ -19,15 +17,13 @@ from symstiff.calibration.kept import completed, seen_in
 from symstiff.calibration.loading import as_loading
 from symstiff.calibration.markers import left_of_deflections, marker_hint
 from symstiff.calibration.measurements import COMPONENTS, Measurements
+from symstiff.calibration.remarks import axis_remarks, explained, fits, of_loads, repeated
 from symstiff.calibration.residuals import ResidualTable, residual_table, split
 from symstiff.calibration.robust import RobustEstimate, robust_estimate
 from symstiff.calibration.rows import Equations, equations, predict, shared_blocks, weights
-from symstiff.calibration.shared import SharedError
 from symstiff.calibration.soundness import (
     check_beside_geometry,
     check_determined,
-    check_loads,
-    check_poses,
     check_same_robot,
     outside_class,
     unlike_file,
@@ -44,8 +40,6 @@ from symstiff.reduction.svd import numeric_partition
 from symstiff.robot.schema import Robot
 
 _ROUNDS = 8
-_HINT_ROWS = 1000
-_NO_FIT = 1e-6  # probability of the residual sum below which the fit is questioned
 
 
 @dataclass(frozen=True)
@@ -155,7 +149,7 @@ def identify(
     table, copies = without_copies(as_loading(table))
     remarks += copies
     seen = experiment_of(table, robot)
-    remarks += [*_of_loads(table, seen.loads), *_repeated(table)]
+    remarks += [*of_loads(table, seen.loads), *repeated(table)]
     experiment = ExperimentClass(loads or seen.loads, measure or seen.measure, seen.fixed)
     model, reduction = start_model(robot, start, experiment)
     if experiment.fixed and start in ("complete", "joints"):
@@ -182,7 +176,7 @@ def identify(
     values, constrained = _values(fitted, behind, physical)
     model = model.with_values(values, _finite(dict(zip(fitted.names, fitted.std.tolist(), strict=True))))
     training = residual_table(_measured(train), predict(model, train))
-    remarks += [*_explained(training), *_fits(fitted, e), *unlike_file(model, robot)]
+    remarks += [*explained(training), *fits(fitted, e), *unlike_file(model, robot)]
     return Identification(
         completed(model, told),
         reduction,
@@ -244,8 +238,8 @@ def _from_absolute(
         f"absolute positions: {geometry} constants of geometry and placement were fitted along{weights}",
     ]
     remarks += [
-        *_explained(found.residuals),
-        *_fits(found.fit, found.equations),
+        *explained(found.residuals),
+        *fits(found.fit, found.equations),
         *unlike_file(model, model.robot),
     ]
     return Identification(
@@ -323,45 +317,6 @@ def _values(
     return dict(zip(constrained.names, constrained.values.tolist(), strict=True)), constrained
 
 
-def _explained(residuals: ResidualTable) -> list[str]:
-    """A warning where the model says little about the data."""
-    if not residuals.compensated < 0.5:
-        return []
-    return [
-        f"only {100 * max(residuals.compensated, 0.0):.0f} % of the deflection is explained: do not compensate with "
-        "this model, look for what is missing with symstiff diagnose"
-    ]
-
-
-def _fits(fit: Estimate, e: Equations) -> list[str]:
-    """A warning where a pose's rows share an error, and where what is left is far more than the stated sigma."""
-    remarks = []
-    left = fit.fit_p
-    if fit.shared is not None:
-        told = " and ".join(_shared_sizes(fit.shared, e))
-        remarks.append(
-            f"the rows of a pose share an error of {told}, {np.sqrt(fit.shared.ratio):.1f} times their own noise: the "
-            "robot's repeatability, or something that is missing (symstiff diagnose); the deviations above hold it"
-        )
-        left = None if left is None else float(scipy.stats.chi2.sf(fit.dof * fit.shared.variance, fit.dof))
-    if left is not None and left < _NO_FIT:
-        remarks.append(
-            "the model or the stated sigma does not fit these data: symstiff diagnose tells what may be missing"
-        )
-    return remarks
-
-
-def _shared_sizes(shared: SharedError, e: Equations) -> list[str]:
-    """What rows share, of translations and of rotations, in words; none where they share next to nothing."""
-    sigma, told = weights(e), []
-    for kind, unit in ((e.component < 3, "mm"), (e.component >= 3, "mrad")):
-        if kind.any():
-            square = 1.0 if sigma is None else float(np.mean(sigma[kind] ** 2))
-            size = np.sqrt(shared.shared_variance(kind) * square)
-            told += [f"{1e3 * size:.2g} {unit}"] if size > 0 else []
-    return told
-
-
 def _refuse_for_absolute(given: Mapping[str, bool]) -> None:
     for option, used in given.items():
         if used:
@@ -383,36 +338,3 @@ def _measured(table: Measurements) -> np.ndarray:
 
 def _finite(values: dict[str, float]) -> dict[str, float]:
     return {k: v for k, v in values.items() if np.isfinite(v)}
-
-
-def _of_loads(table: Measurements, loads: str) -> list[str]:
-    if table.kind != "deflection":
-        return []
-    # a model for vertical loads is reduced for one direction: nothing to warn of
-    return [r for r in check_loads(table.w, table.place) if loads != "gravity" or "one direction" not in r]
-
-
-def _repeated(table: Measurements) -> list[str]:
-    labels = [table.labels[k] for k in table.pose]
-    one = np.asarray(table.point == table.point[0])
-    return check_poses(
-        table.q[one], table.w[one], [label for label, keep in zip(labels, one, strict=True) if keep]
-    )
-
-
-def axis_remarks(model: StiffnessModel, table: Measurements, e: Equations) -> list[str]:
-    """A hint where another assignment of the measured axes would fit far better."""
-    whole: np.ndarray = np.all(table.measured[:, :3], axis=1)
-    if not whole.any():
-        return []
-    thin = max(1, int(whole.sum()) // _HINT_ROWS)  # a swapped axis shows in any few hundred rows
-    whole &= np.cumsum(whole) % thin == 0
-    keep = np.flatnonzero(whole[e.row] & (e.component < 3))
-    order = keep[np.lexsort((e.component[keep], e.row[keep]))]
-    positive = [_cannot_be_negative(name) for name in model.parameters]
-    hint = axis_hint_refit(e.A[order], table.values[whole][:, :3], None, positive, table.w[whole][:, :3])
-    return [str(hint)] if hint is not None else []
-
-
-def _cannot_be_negative(name: str) -> bool:
-    return (name[0] == "c" and name[1:].isdigit()) or (name[0] == "k" and name[-2] == name[-1])

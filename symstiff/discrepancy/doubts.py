@@ -9,9 +9,9 @@ import numpy as np
 
 from symstiff.calibration.experiment.placement import placed
 from symstiff.calibration.experiment.situation import Laws, look
-from symstiff.calibration.identify import axis_remarks
 from symstiff.calibration.markers import left_of_deflections, marker_hint
 from symstiff.calibration.measurements import Measurements
+from symstiff.calibration.remarks import axis_remarks
 from symstiff.calibration.rows import equations
 from symstiff.model import StiffnessModel
 

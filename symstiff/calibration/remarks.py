@@ -1,0 +1,93 @@
+"""What is remarked on the data and on a fit, beside its numbers."""
+
+from __future__ import annotations
+
+import numpy as np
+import scipy.stats
+
+from symstiff.calibration.axes import axis_hint_refit
+from symstiff.calibration.estimate import Estimate
+from symstiff.calibration.measurements import Measurements
+from symstiff.calibration.residuals import ResidualTable
+from symstiff.calibration.rows import Equations, weights
+from symstiff.calibration.shared import SharedError
+from symstiff.calibration.soundness import check_loads, check_poses
+from symstiff.model import StiffnessModel
+
+_HINT_ROWS = 1000
+_NO_FIT = 1e-6  # probability of the residual sum below which the fit is questioned
+
+
+def explained(residuals: ResidualTable) -> list[str]:
+    """A warning where the model says little about the data."""
+    if not residuals.compensated < 0.5:
+        return []
+    return [
+        f"only {100 * max(residuals.compensated, 0.0):.0f} % of the deflection is explained: do not compensate with "
+        "this model, look for what is missing with symstiff diagnose"
+    ]
+
+
+def fits(fit: Estimate, e: Equations) -> list[str]:
+    """A warning where a pose's rows share an error, and where what is left is far more than the stated sigma."""
+    remarks = []
+    left = fit.fit_p
+    if fit.shared is not None:
+        told = " and ".join(_shared_sizes(fit.shared, e))
+        remarks.append(
+            f"the rows of a pose share an error of {told}, {np.sqrt(fit.shared.ratio):.1f} times their own noise: the "
+            "robot's repeatability, or something that is missing (symstiff diagnose); the deviations above hold it"
+        )
+        left = None if left is None else float(scipy.stats.chi2.sf(fit.dof * fit.shared.variance, fit.dof))
+    if left is not None and left < _NO_FIT:
+        remarks.append(
+            "the model or the stated sigma does not fit these data: symstiff diagnose tells what may be missing"
+        )
+    return remarks
+
+
+def _shared_sizes(shared: SharedError, e: Equations) -> list[str]:
+    """What rows share, of translations and of rotations, in words; none where they share next to nothing."""
+    sigma, told = weights(e), []
+    for kind, unit in ((e.component < 3, "mm"), (e.component >= 3, "mrad")):
+        if kind.any():
+            square = 1.0 if sigma is None else float(np.mean(sigma[kind] ** 2))
+            size = np.sqrt(shared.shared_variance(kind) * square)
+            told += [f"{1e3 * size:.2g} {unit}"] if size > 0 else []
+    return told
+
+
+def of_loads(table: Measurements, loads: str) -> list[str]:
+    """Warnings on the loads of deflections, for a class of loads."""
+    if table.kind != "deflection":
+        return []
+    # a model for vertical loads is reduced for one direction: nothing to warn of
+    return [r for r in check_loads(table.w, table.place) if loads != "gravity" or "one direction" not in r]
+
+
+def repeated(table: Measurements) -> list[str]:
+    """A remark on poses that repeat another's joints and load."""
+    labels = [table.labels[k] for k in table.pose]
+    one = np.asarray(table.point == table.point[0])
+    return check_poses(
+        table.q[one], table.w[one], [label for label, keep in zip(labels, one, strict=True) if keep]
+    )
+
+
+def axis_remarks(model: StiffnessModel, table: Measurements, e: Equations) -> list[str]:
+    """A hint where another assignment of the measured axes would fit far better."""
+    whole: np.ndarray = np.all(table.measured[:, :3], axis=1)
+    if not whole.any():
+        return []
+    thin = max(1, int(whole.sum()) // _HINT_ROWS)  # a swapped axis shows in any few hundred rows
+    whole &= np.cumsum(whole) % thin == 0
+    keep = np.flatnonzero(whole[e.row] & (e.component < 3))
+    order = keep[np.lexsort((e.component[keep], e.row[keep]))]
+    positive = [_cannot_be_negative(name) for name in model.parameters]
+    hint = axis_hint_refit(e.A[order], table.values[whole][:, :3], None, positive, table.w[whole][:, :3])
+    return [str(hint)] if hint is not None else []
+
+
+def _cannot_be_negative(name: str) -> bool:
+    """Whether a parameter is a compliance along one axis."""
+    return (name[0] == "c" and name[1:].isdigit()) or (name[0] == "k" and name[-2] == name[-1])
