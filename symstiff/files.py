@@ -16,6 +16,8 @@ LISTING = ".symstiff"
 """File in a written folder that lists its files: what may be replaced when the folder is written again."""
 _HEAD = "# files of this folder that symstiff wrote, and replaces when it writes the folder again"
 _SCRATCH = ".symstiff-"
+CODE, DIAGNOSIS = "manifest.json", "verdict.json"
+"""The file that every folder of code, and every one of a diagnosis, holds: neither is taken for the other."""
 
 
 def write_file(path: str | Path, data: bytes | str) -> None:
@@ -37,13 +39,14 @@ def write_file(path: str | Path, data: bytes | str) -> None:
 
 
 @contextmanager
-def new_folder(path: str | Path) -> Iterator[Path]:
+def new_folder(path: str | Path, mark: str | None = None) -> Iterator[Path]:
     """Fill a folder that appears only when all of it is there; in an old one, files that symstiff wrote are replaced.
 
-    Yields the temporary folder. The list of what was written stays in the folder, as ``.symstiff``. Raises UserError
-    where the place cannot be written, or holds anything else than a build tree of CMake.
+    Yields the temporary folder. mark: a file that every folder of this kind holds. The list of what was written stays
+    in the folder, as ``.symstiff``. Raises UserError where the place cannot be written, or holds anything else than a
+    folder of the same kind and a build tree of CMake.
     """
-    check_folder(path)
+    check_folder(path, mark)
     target = Path(os.path.realpath(path))
     temporary = None
     missing = [p for p in target.parents if not p.exists()]  # the innermost first
@@ -59,7 +62,7 @@ def new_folder(path: str | Path) -> Iterator[Path]:
         yield temporary
         (temporary / LISTING).write_bytes(_listing(temporary))
         if inside:
-            check_folder(path)
+            check_folder(path, mark)
             _exchange(temporary, target)
         else:
             os.replace(temporary, target)
@@ -71,15 +74,18 @@ def new_folder(path: str | Path) -> Iterator[Path]:
         _remove_empty(missing)
 
 
-def check_folder(path: str | Path) -> None:
+def check_folder(path: str | Path, mark: str | None = None) -> None:
     """Refuse a place for a folder before the work for it begins. Raises UserError as ``new_folder`` does."""
     target = Path(os.path.realpath(path))
     if target.is_file():
         raise UserError(f"{path} is a file: give a folder")
     if target.is_dir():
-        _check_contents(Path(path), target)
+        _check_contents(Path(path), target, mark)
     try:
         _probe(next(p for p in (target, *target.parents) if p.exists()))
+        for name in sorted({n.partition("/")[0] for n in _listed(target) if "/" in n}):
+            if (target / name).is_dir():  # it is moved away
+                _probe(target / name)
     except OSError as error:
         raise cannot_write(Path(path), error) from error
 
@@ -121,9 +127,14 @@ def _listed(target: Path) -> frozenset[str]:
     return frozenset(lines[1:]) if lines[:1] == [_HEAD] else frozenset()
 
 
-def _check_contents(shown: Path, target: Path) -> None:
-    """Refuse a folder that holds a file which is not on symstiff's list of that folder."""
+def _check_contents(shown: Path, target: Path, mark: str | None) -> None:
+    """Refuse a folder that holds a file which is not on symstiff's list of that folder, or one of another kind."""
     listed = _listed(target)
+    for other, kind in ((CODE, "code"), (DIAGNOSIS, "a diagnosis")):
+        if mark not in (None, other) and other in listed:
+            raise UserError(
+                f"{shown} holds {kind} that symstiff wrote: give a new folder, or remove that one"
+            )
     for name in sorted(_contents(target)):
         if name not in listed:
             old = (

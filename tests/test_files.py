@@ -9,7 +9,7 @@ import pytest
 
 from symstiff.cli import main
 from symstiff.errors import UserError
-from symstiff.files import check_file, check_folder, new_folder
+from symstiff.files import CODE, DIAGNOSIS, check_file, check_folder, new_folder
 
 
 def test_a_folder_that_fails_leaves_no_parent_that_was_made_for_it(tmp_path):
@@ -80,6 +80,42 @@ def test_a_manifest_of_somebody_else_makes_no_folder_ours(tmp_path, name):
         with pytest.raises(UserError, match=f"web holds {name}, which symstiff did not write: move it"):
             job(tmp_path / "web")
     assert [p.name for p in (tmp_path / "web").iterdir()] == [name]
+
+
+def test_a_diagnosis_does_not_replace_code_nor_code_a_diagnosis(tmp_path, monkeypatch, capsys):
+    with new_folder(tmp_path / "gen", CODE) as folder:
+        (folder / CODE).write_text("{}")
+    with new_folder(tmp_path / "found", DIAGNOSIS) as folder:
+        (folder / "code").mkdir()
+        for name in ("code/manifest.json", DIAGNOSIS):
+            (folder / name).write_text("{}")
+    table = tmp_path / "table.csv"
+    for words, place, kind in (
+        (["diagnose", "scara", str(table), "-o", str(tmp_path / "gen")], "gen", "code"),
+        (["generate", "scara", "-o", str(tmp_path / "found")], "found", "a diagnosis"),
+    ):
+        monkeypatch.setattr("sys.argv", ["symstiff", *words])
+        with pytest.raises(SystemExit) as stopped:
+            main()
+        assert stopped.value.code == 2
+        assert f"{place} holds {kind} that symstiff wrote: give a new folder" in capsys.readouterr().err
+    check_folder(tmp_path / "gen", CODE)
+    check_folder(tmp_path / "found", DIAGNOSIS)
+
+
+def test_a_folder_below_that_cannot_be_moved_is_told_before_the_work(tmp_path, monkeypatch):
+    with new_folder(tmp_path / "found", DIAGNOSIS) as folder:
+        (folder / "code").mkdir()
+        for name in ("code/manifest.json", DIAGNOSIS):
+            (folder / name).write_text("{}")
+
+    def probe(folder):
+        if folder.name == "code":
+            raise PermissionError(13, "Permission denied")
+
+    monkeypatch.setattr("symstiff.files._probe", probe)
+    with pytest.raises(UserError, match=r"cannot write .*found: Permission denied"):
+        check_folder(tmp_path / "found", DIAGNOSIS)
 
 
 def test_a_users_file_in_a_generated_folder_stops_the_next_writing(tmp_path):

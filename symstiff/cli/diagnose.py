@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 from symstiff.cli.output import check_targets, console, inside, note, stages, write_json
 from symstiff.errors import UserError
+from symstiff.files import DIAGNOSIS
 from symstiff.robot import load
 
 if TYPE_CHECKING:
@@ -46,7 +47,7 @@ def run_diagnose(request: DiagnoseRequest) -> None:
             raise UserError(
                 f"{source} lies in {request.output}, which this command writes: give another folder"
             )
-    check_targets({"--json": request.json}, inputs, folder=request.output)
+    check_targets({"--json": request.json}, inputs, request.output, DIAGNOSIS)
     out = console(request.json)
     with stages(out) as progress:
         progress("reading the tables")

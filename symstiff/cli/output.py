@@ -39,17 +39,19 @@ def check_targets(
     targets: Mapping[str, str | Path | None],
     inputs: Iterable[str | Path] = (),
     folder: str | Path | None = None,
+    mark: str | None = None,
 ) -> None:
     """Refuse places before the work begins: files by option, and a folder that the command writes as a whole.
 
-    Raises UserError where a file cannot be written, is read by the command, is named twice, or lies in the folder;
-    where a picture has an ending that is not written.
+    mark: a file that every folder of the command's kind holds (`symstiff.files`). Raises UserError where a file cannot
+    be written, is read by the command, is named twice, or lies in the folder; where a picture has an ending that is
+    not written.
     """
     from symstiff.files import check_file, check_folder
 
     inputs = tuple(inputs)
     if folder is not None:
-        check_folder(folder)
+        check_folder(folder, mark)
     seen: dict[str, str] = {}
     for option, place in targets.items():
         if place is None or (option == "--json" and place == "-"):

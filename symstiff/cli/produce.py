@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 from symstiff.cli.output import check_targets, console, note, stages, write_json
 from symstiff.cli.show import parse_fixed, print_stages
 from symstiff.errors import UserError
+from symstiff.files import CODE
 from symstiff.robot import load
 
 if TYPE_CHECKING:
@@ -37,7 +38,7 @@ def run_generate(
     options = Options(precision, layout, targets)
     if model_file is not None and fixed:
         raise UserError("--fixed has no effect with --model, which was reduced already: leave it out")
-    check_targets({"--json": json}, [p for p in (robot, model_file) if p is not None], folder=output)
+    check_targets({"--json": json}, [p for p in (robot, model_file) if p is not None], output, CODE)
     out = console(json)
     with stages(out) as progress:
         progress("deriving and reducing")

@@ -16,7 +16,7 @@ from symstiff.codegen.options import Options
 from symstiff.codegen.targets import TARGETS
 from symstiff.codegen.verify import Verification, verify
 from symstiff.errors import UserError
-from symstiff.files import new_folder, write_tree
+from symstiff.files import CODE, new_folder, write_tree
 from symstiff.model import StiffnessModel
 
 Progress = Callable[[str], None]
@@ -56,7 +56,7 @@ def generate(
             "the model has no parameter: no such load bends this robot; use --loads force or wrench"
         )
     functions = Functions(model)
-    with new_folder(folder) as temporary:
+    with new_folder(folder, CODE) as temporary:
         for target in options.targets:
             progress(f"emitting {target}")
             write_tree(temporary, TARGETS[target].emitter()(functions, options))
@@ -66,7 +66,7 @@ def generate(
         reason = why_none() if compile_c and compiler is None else ""
         proof = verify(temporary, functions, compiler, options, footprint, reason)
         manifest = manifest_of(functions, options, proof)
-        (temporary / "manifest.json").write_bytes((json.dumps(manifest, indent=2) + "\n").encode())
+        (temporary / CODE).write_bytes((json.dumps(manifest, indent=2) + "\n").encode())
     return Generated(Path(folder), manifest, proof, left_out)
 
 

@@ -16,7 +16,7 @@ from symstiff.discrepancy.deciding import Choice, Rival, decide_poses, experimen
 from symstiff.discrepancy.finding import Finding
 from symstiff.discrepancy.separate import TAKEN
 from symstiff.errors import UserError
-from symstiff.files import new_folder
+from symstiff.files import DIAGNOSIS, new_folder
 from symstiff.model import StiffnessModel
 from symstiff.report.code import Line, core, difference, excerpt
 from symstiff.report.html import render
@@ -38,7 +38,7 @@ class Written:
 
 def write_folder(finding: Finding, folder: Path, tell: Callable[[str], None] = lambda stage: None) -> Written:
     """Write everything that a diagnosis leaves behind. Raises UserError where the place cannot be written."""
-    with new_folder(folder) as temporary:
+    with new_folder(folder, DIAGNOSIS) as temporary:
         verdict = verdict_table(finding)
         tell("code")
         code = _code(finding, temporary.resolve() / "code")
@@ -49,7 +49,7 @@ def write_folder(finding: Finding, folder: Path, tell: Callable[[str], None] = l
         tell("report")
         page = render(finding, {"code": code, "decide": decide}, changes)
         (temporary / "report.html").write_bytes(page.encode())
-        (temporary / "verdict.json").write_bytes(
+        (temporary / DIAGNOSIS).write_bytes(
             (json.dumps(verdict, indent=2, ensure_ascii=False, allow_nan=False) + "\n").encode()
         )
     return Written(folder, verdict, code["text"])
