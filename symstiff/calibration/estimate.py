@@ -124,31 +124,18 @@ def estimate(
     if not 0.0 < confidence < 1.0:
         raise UserError(f"confidence {confidence:g} is not between 0 and 1: give 0.95 for 95 %")
     form = compact(A, y, sigma)
-    U, s, Vt = np.linalg.svd(form.R)
-    singular = np.concatenate([s, np.zeros(len(named) - len(s))])
-    known = U.T @ form.z
-    noise = _noise(form, s, known, sigma is not None) if truncate == "noise" else 0.0
-    silent = [name for name, column in zip(named, A.T, strict=True) if not column.any()]
-    decision = decide_rank(form, singular, Vt, named, noise, silent)
-    rank = decision.rank
-    root = (Vt[:rank].T / singular[:rank]) / form.scale[:, None]  # (P, r): covariance = root·rootᵀ
-    values = root @ known[:rank]
+    decision, root, known = _resolved(form, A, named, sigma is not None, truncate)
+    values, rank = root @ known, decision.rank
     residuals = y - A @ values
     whitened = residuals if sigma is None else residuals / sigma
     dof = len(y) - rank
     total = float(whitened @ whitened)
     s0_squared = total / dof if dof > 0 else math.nan
     unit_variance = 1.0 if sigma is not None else s0_squared
-    shared = None
+    covariance, shared = unit_variance * (root @ root.T), None
     if blocks is not None and dof > 0:
-        Q = (A if sigma is None else A / sigma[:, None]) @ root
-        shared = shared_error(Q, y if sigma is None else y / sigma, blocks, sigma)
-    # a sigma from residuals holds the shared error as well
-    own = unit_variance if shared is None or not (sigma is None or estimated) else shared.variance
-    covariance = own * (root @ root.T)
-    if shared is not None:
-        among = Q.T @ shared.covariance_times(Q) - np.eye(rank)
-        covariance += shared.variance * (root @ among @ root.T)
+        fixed = 1.0 if sigma is not None and not estimated else None
+        covariance, shared = _with_shared(covariance, A, y, sigma, root, blocks, fixed)
     std = np.sqrt(np.diag(covariance))
     std[[name in decision.affected for name in named]] = np.inf
     half = std * interval_factor(confidence, dof if sigma is None or estimated else None)
@@ -165,7 +152,7 @@ def estimate(
         s0_squared=s0_squared,
         unit_variance=unit_variance,
         dof=dof,
-        condition=float(singular[0] / singular[rank - 1]) if rank else math.inf,
+        condition=decision.condition,
         confidence=confidence,
         fit_p=float(scipy.stats.chi2.sf(total, dof))
         if sigma is not None and not estimated and dof > 0
@@ -175,6 +162,43 @@ def estimate(
         compact=form,
         shared=shared,
     )
+
+
+def _resolved(
+    form: Compact, A: Array, names: tuple[str, ...], given: bool, truncate: Literal["noise", "rounding"]
+) -> tuple[RankDecision, Array, Array]:
+    """The rank decision, the (P, r) root of the covariance of what is resolved, and the (r,) data along it."""
+    U, s, Vt = np.linalg.svd(form.R)
+    singular = np.concatenate([s, np.zeros(len(names) - len(s))])
+    known = U.T @ form.z
+    noise = _noise(form, s, known, given) if truncate == "noise" else 0.0
+    silent = [name for name, column in zip(names, A.T, strict=True) if not column.any()]
+    decision = decide_rank(form, singular, Vt, names, noise, silent)
+    r = decision.rank
+    return decision, (Vt[:r].T / singular[:r]) / form.scale[:, None], known[:r]
+
+
+def _with_shared(
+    covariance: Array,
+    A: Array,
+    y: Array,
+    sigma: Array | None,
+    root: Array,
+    blocks: npt.ArrayLike | Blocks,
+    fixed: float | None,
+) -> tuple[Array, SharedError | None]:
+    """(P, P) covariance with the errors that rows share; fixed: a row's own variance, None where residuals tell it.
+
+    A sigma from residuals holds the shared error as well: the rows' own part of it takes its place.
+    """
+    whiten = 1.0 if sigma is None else 1.0 / sigma
+    Q = (A.T * whiten).T @ root
+    shared = shared_error(Q, y * whiten, blocks, sigma)
+    if shared is None:
+        return covariance, None
+    own = shared.variance if fixed is None else fixed
+    among = Q.T @ shared.covariance_times(Q) - np.eye(root.shape[1])
+    return own * (root @ root.T) + shared.variance * (root @ among @ root.T), shared
 
 
 def interval_factor(confidence: float, dof: int | None) -> float:

@@ -57,6 +57,12 @@ class RankDecision:
         return float(s[self.rank - 1] / s[self.rank]) if self.rank else 0.0
 
     @property
+    def condition(self) -> float:
+        """Largest singular value over the smallest one kept."""
+        s = self.singular_values
+        return float(s[0] / s[self.rank - 1]) if self.rank else math.inf
+
+    @property
     def full(self) -> bool:
         """Whether every direction is resolved."""
         return self.rank == len(self.singular_values)
