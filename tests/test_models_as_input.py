@@ -10,6 +10,7 @@ import tomli_w
 from command_line import OBLIQUE, Run, assert_users_mistake, run_command_line  # noqa: F401
 
 from symstiff.calibration.identify import identify
+from symstiff.calibration.kept import seen_in
 from symstiff.calibration.measurements import measurements
 from symstiff.calibration.rows import equations, stated_sigma
 from symstiff.discrepancy.finding import Task
@@ -160,3 +161,17 @@ def test_what_deflections_do_not_show_stays_as_it_was_told(effect: EffectInstanc
     assert {n: saved.values[n] for n in names} == dict.fromkeys(names, 1e-3)
     assert effect.effect in [e.effect for e in saved.effects]
     assert any("deflections do not show it" in r for r in found.remarks)
+
+
+def test_a_weight_that_a_bending_law_would_feel_is_told() -> None:
+    """Loaded minus unloaded shows no weight, but a gear that bends stands elsewhere on its law under it."""
+    robot = load(ROBOT)
+    bent = StiffnessModel.of(reduce(robot, "force", "position")).with_effect(
+        EffectInstance("nonlinear_stiffness", {"joint": 2}, {"load": 500.0, "power": 2.0})
+    )
+    for other, told in (("link_weight", True), ("geometric_error", False)):
+        _, remarks = seen_in(bent.with_effect(EffectInstance(other, {"link": 1})), "deflection")
+        assert any("the law of joint2 bends under the links' weight too" in r for r in remarks) == told
+    plain = StiffnessModel.of(reduce(robot, "force", "position"))
+    _, remarks = seen_in(plain.with_effect(EffectInstance("link_weight", {"link": 1})), "deflection")
+    assert len(remarks) == 1
