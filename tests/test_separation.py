@@ -12,8 +12,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from symstiff.calibration.table import write_table
+from symstiff.calibration.writing import LOADS
 from symstiff.discrepancy.separate import Wish, separate
 from symstiff.discrepancy.separation import Decider, Hypotheses, deciding_poses
+from symstiff.errors import UserError
 from symstiff.robot import load
 
 SIGMA = 0.1
@@ -112,7 +114,7 @@ def test_poses_for_a_robot_that_slides_are_in_its_units_and_have_labels_of_their
     decide = {"poses": [{"pose": "decide1"}, {"pose": "decide2"}]}
     verdict.write_text(json.dumps({"robot": "scara", "effects": rivals, "decide": decide}))
     robot = load("scara")
-    table, found, _ = separate(robot, verdict, Wish(3, "force", "position", 100.0))
+    table, found, *_ = separate(robot, verdict, Wish(3, "force", "position", 100.0))
     assert len(found.poses) == 3
     assert table.joint_units == ("rad", "rad", "m", "rad")
     assert table.labels == ("decide3", "decide4", "decide5")
@@ -120,3 +122,58 @@ def test_poses_for_a_robot_that_slides_are_in_its_units_and_have_labels_of_their
     assert "q3[m]" in (tmp_path / "p.csv").read_text().splitlines()[0]
     low, high = robot.joint[2].range
     assert np.all((table.q[:, 2] >= float(low)) & (table.q[:, 2] <= float(high)))
+
+
+def told(robot: str, **changed: object) -> dict[str, object]:
+    """A verdict between two gears, on data with two markers, two loads and a small noise."""
+    effects = [
+        {
+            "effect": "hysteresis",
+            "where": {"joint": j},
+            "set": j,
+            "parameters": {f"hysteresis_{j}_width": {"value": 2e-4}},
+        }
+        for j in (1, 2)
+    ]
+    load = dict.fromkeys(LOADS, 0.0)
+    decide = {
+        "kind": "deflection", "components": [0, 1, 2], "points": ["p1", "p2"], "branches": ["up", "down"],
+        "loads": [{**load, "fz[N]": -90.0}, {**load, "fx[N]": 40.0}], "poses": [],
+    }  # fmt: skip
+    return {
+        "robot": robot, "effects": effects, "decide": decide, "noise": {"sigma_mm": 0.03, "approach_mm": 0.04},
+        "model": {"loads": "force", "measure": "position", "values": {}},
+    } | changed  # fmt: skip
+
+
+def test_poses_for_a_verdict_are_measured_as_its_data_were_unless_something_else_is_wished(
+    tmp_path: Path,
+) -> None:
+    verdict = tmp_path / "verdict.json"
+    verdict.write_text(json.dumps(told("ur10")))
+    table, _, _, means = separate(load("ur10"), verdict, Wish(2))
+    assert table.points == ("p1", "p2")
+    assert {tuple(w) for w in table.w} == {(0, 0, -90, 0, 0, 0), (40, 0, 0, 0, 0, 0)}
+    assert set(table.branch) == {1.0, -1.0}
+    np.testing.assert_allclose(means.sigma[:3], 5e-5, rtol=1e-12)
+    assert (means.loads, means.measure) == ("force", "position")
+    table, _, _, means = separate(load("ur10"), verdict, Wish(2, force=20.0, markers=("p3",), sigma=1e-5))
+    assert table.points == ("p3",)
+    assert np.abs(table.w).max() == 20.0
+    assert not table.w[:, 3:].any()
+    np.testing.assert_allclose(means.sigma[:3], 1e-5, rtol=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("changed", "clue"),
+    [
+        ({"decide": {"components": [0, 1, 2]}}, "do not tell an experiment"),
+        ({"noise": {"sigma_mm": "much"}}, "do not tell an experiment"),
+        ({"model": {"loads": "all"}}, "use gravity, force or wrench"),
+    ],
+)
+def test_a_verdict_that_tells_no_experiment_is_refused(tmp_path: Path, changed: dict, clue: str) -> None:
+    verdict = tmp_path / "verdict.json"
+    verdict.write_text(json.dumps(told("ur10", **changed)))
+    with pytest.raises(UserError, match=clue):
+        separate(load("ur10"), verdict, Wish(2))

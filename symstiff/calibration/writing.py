@@ -17,7 +17,7 @@ from symstiff.files import write_file
 
 Column = list[str] | NDArray[np.float64]
 
-_LOADS = ("fx[N]", "fy[N]", "fz[N]", "mx[N*m]", "my[N*m]", "mz[N*m]")
+LOADS = ("fx[N]", "fy[N]", "fz[N]", "mx[N*m]", "my[N*m]", "mz[N*m]")
 _CONTEXT = (("load_step", "load_step"), ("repeat", "repeat"))
 _PLAIN = (("time", "time[s]"), ("temperature", "temperature[degC]"))
 
@@ -43,7 +43,7 @@ def columns(table: Measurements, angle: Literal["rad", "deg"] = "rad") -> dict[s
         result[f"q{k + 1}[{'deg' if in_degrees else unit}]"] = table.q[:, k] * (
             degrees(1) if in_degrees else 1
         )
-    for k, header in enumerate(_LOADS):
+    for k, header in enumerate(LOADS):
         if table.w[:, k].any():
             result[header] = table.w[:, k]
     if table.points != ("tcp",):

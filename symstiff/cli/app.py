@@ -121,20 +121,26 @@ def plan(
     robot: Robot,
     poses: Annotated[int, typer.Option(help="Number of poses.")],
     output: Annotated[Path, typer.Option("-o", "--output", help="Table of poses (CSV) to write.")],
-    loads: Loads = "wrench",
-    measure: Measure = "pose",
+    loads: Annotated[
+        str | None, typer.Option(help="Class of loads: wrench (where nobody says), force or gravity.")
+    ] = None,
+    measure: Annotated[
+        str | None, typer.Option(help="What is measured: pose (where nobody says) or position.")
+    ] = None,
     criterion: Annotated[
         str, typer.Option(help="D, A or test (error after compensation at --test-poses).")
     ] = "D",
     test_poses: Annotated[
         Path | None, typer.Option(help="Poses at which accuracy matters, for criterion test.")
     ] = None,
-    force: Annotated[float, typer.Option(help="Magnitude of the load \\[N].")] = 1000.0,
+    force: Annotated[float | None, typer.Option(help="Magnitude of the load \\[N] (1000).")] = None,
     steps: Annotated[
         int, typer.Option(help="Steps in which every load comes; several show what is not linear in it.")
     ] = 1,
     candidates: Annotated[int | None, typer.Option(help="Size of the candidate set (20000).")] = None,
-    sigma: Annotated[float, typer.Option(help="Measurement noise of a coordinate \\[mm].")] = 0.03,
+    sigma: Annotated[
+        float | None, typer.Option(help="Measurement noise of a coordinate \\[mm] (0.03).")
+    ] = None,
     levels: Annotated[str | None, typer.Option(help="Distinct values of a joint, e.g. q2=5.")] = None,
     markers: Annotated[
         str | None, typer.Option(help="Measured points, e.g. p1,p2,p3; the pose itself where none.")
@@ -146,7 +152,10 @@ def plan(
     ] = None,
     floor: Annotated[float | None, typer.Option(help="Nothing of the robot below this height \\[m].")] = None,
     separate: Annotated[
-        Path | None, typer.Option(help="A verdict.json: choose poses that decide among its effects.")
+        Path | None,
+        typer.Option(
+            help="A verdict.json: choose poses that decide among its effects, measured as its data were."
+        ),
     ] = None,
     seed: Annotated[int, typer.Option(min=0, help="Seed of the candidate set.")] = 1,
     refine: Annotated[bool, typer.Option(help="Refine the chosen poses continuously.")] = True,

@@ -19,8 +19,8 @@ if TYPE_CHECKING:
     from symstiff.robot import Robot
 
 
-CANDIDATES = 20_000
-"""Candidates that poses are chosen from where nobody says how many."""
+CANDIDATES, LOADS, MEASURE, FORCE, SIGMA = 20_000, "wrench", "pose", 1000.0, 0.03
+"""What is taken where nobody says: candidates, classes, force [N], noise [mm]; of a verdict, what its data had."""
 
 
 @dataclass(frozen=True)
@@ -30,14 +30,14 @@ class PlanRequest:
     robot: str
     poses: int
     output: Path
-    loads: str
-    measure: str
+    loads: str | None
+    measure: str | None
     criterion: str
     test_poses: Path | None
-    force: float
+    force: float | None
     steps: int
     candidates: int | None
-    sigma: float
+    sigma: float | None
     levels: str | None
     markers: tuple[str, ...]
     fixed: str | None
@@ -75,23 +75,25 @@ def run_plan(request: PlanRequest) -> None:
         raise UserError("--test-poses has no effect without --criterion test: add it, or leave the file out")
     robot = load(request.robot)
     fixed, levels = parse_fixed(request.fixed), _levels(request.levels)
+    loads, measure = request.loads or LOADS, request.measure or MEASURE
+    force, sigma_mm = _given(request.force, FORCE), _given(request.sigma, SIGMA)
     out = console(request.json)
     with stages(out) as progress:
         progress("deriving and reducing")
-        reduction = reduce(robot, request.loads, request.measure, fixed)
+        reduction = reduce(robot, loads, measure, fixed)
         model = StiffnessModel.of(reduction)
         test_q, test_w = _test_poses(request, robot)
         goal = Goal(request.poses, request.criterion, None, test_q, test_w)  # type: ignore[arg-type]
-        load_class: Any = request.loads
+        load_class: Any = loads
         candidates = CANDIDATES if request.candidates is None else request.candidates
         search = Search(candidates, seed=request.seed, refine=request.refine, cluster=request.cluster)
-        sigma = (request.sigma * 1e-3, request.sigma * 1e-3 / 0.3)
+        sigma = (sigma_mm * 1e-3, sigma_mm * 1e-3 / 0.3)
         together = (
             sigma[0] / gain_of_steps(request.steps) ** 0.5,
             sigma[1] / gain_of_steps(request.steps) ** 0.5,
         )
         plan = plan_for(
-            model, goal, Load(load_class, request.force), request.markers, together, _region(request),
+            model, goal, Load(load_class, force), request.markers, together, _region(request),
             {j: float(v) for j, v in fixed.items()}, levels, search,
             lambda label, share: progress(f"{label} {share:.0%}"),
         )  # fmt: skip
@@ -104,22 +106,26 @@ def run_plan(request: PlanRequest) -> None:
     if request.plot is not None:
         save_figure(draw_plan(plan, geometry), request.plot)
     _print_plan(out, plan, model.units)
-    out.print(_measured(request, sigma))
+    out.print(_measured(request, measure, sigma))
     out.print(f"wrote {request.output}")
     measured = {
-        "points": list(request.markers), "sigma_mm": request.sigma, "measure": request.measure,
+        "points": list(request.markers), "sigma_mm": sigma_mm, "measure": measure,
         "steps": request.steps,
     }  # fmt: skip
     write_json(request.json, {**summary(plan), "measured": measured})
 
 
-def _measured(request: PlanRequest, sigma: tuple[float, float]) -> str:
+def _given(value: float | None, otherwise: float) -> float:
+    return otherwise if value is None else value
+
+
+def _measured(request: PlanRequest, measure: str, sigma: tuple[float, float]) -> str:
     """What the promised deviations take for granted."""
     position = f"σ {1e3 * sigma[0]:g} mm a coordinate"
     position += f", each of {request.steps} load steps an independent reading" if request.steps > 1 else ""
     if request.markers:
         return f"assumed measured: positions of {', '.join(request.markers)}, {position}"
-    if request.measure == "position":
+    if measure == "position":
         return f"assumed measured: position of the tool centre point, {position}"
     return (
         f"assumed measured: position and rotation of the tool, {position}, {1e3 * sigma[1]:g} mrad: a device that "
@@ -129,28 +135,22 @@ def _measured(request: PlanRequest, sigma: tuple[float, float]) -> str:
 
 def _separate(request: PlanRequest) -> None:
     """Poses that decide among the explanations of an ambiguous verdict."""
-    from symstiff.calibration.plan import Load
-    from symstiff.calibration.planning.measurement import Measurement
     from symstiff.calibration.table import write_table
     from symstiff.discrepancy.separate import Wish, separate
-    from symstiff.report.deciding import DECIDES, reach
+    from symstiff.report.deciding import DECIDES, assumed, reach
 
     assert request.separate is not None
     _refuse_unused(request)
-    load_class: Any = request.loads
-    (
-        Load(load_class, request.force),
-        Measurement(sigma_t=request.sigma * 1e-3),
-    )  # they refuse what is no load or sigma
     robot = load(request.robot)
     out = console(request.json)
+    sigma = None if request.sigma is None else request.sigma * 1e-3
     wish = Wish(
-        request.poses, request.loads, request.measure, request.force, request.markers, request.sigma * 1e-3,
-        request.seed, _region(request),
+        request.poses, request.loads, request.measure, request.force, request.markers, sigma, request.seed,
+        _region(request),
     )  # fmt: skip
     with stages(out) as progress:
         progress("deciding poses")
-        table, found, names = separate(robot, request.separate, wish, progress)
+        table, found, names, means = separate(robot, request.separate, wish, progress)
     if not found.poses:
         raise UserError(
             "no pose tells these explanations apart under such loads: other loads (--loads), or a reading of "
@@ -162,12 +162,17 @@ def _separate(request: PlanRequest) -> None:
         f"they reach {reach(found.separation[-1])}: the squared distance of the predictions, in units of the noise "
         "variance, that no fit closes"
     )
+    out.print(assumed(means.experiment, means.sigma))
     if found.separation[-1] < DECIDES:
         note(out, "these loads do not tell them apart: other loads, or more force")
     out.print(f"wrote {request.output}")
     write_json(
-        request.json, {"explanations": names, "poses": table.labels, "separation": list(found.separation)}
-    )
+        request.json,
+        {
+            "explanations": names, "poses": table.labels, "separation": list(found.separation),
+            "measured": {"points": list(means.experiment.points), "sigma_mm": 1e3 * float(means.sigma[0])},
+        },
+    )  # fmt: skip
 
 
 def _refuse_unused(request: PlanRequest) -> None:

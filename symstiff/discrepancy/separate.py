@@ -12,6 +12,9 @@ import numpy as np
 
 from symstiff.calibration.identify import ExperimentClass, start_model
 from symstiff.calibration.measurements import Measurements
+from symstiff.calibration.planning.loads import Load
+from symstiff.calibration.planning.measurement import Measurement
+from symstiff.calibration.writing import LOADS
 from symstiff.discrepancy.deciding import OFFERED, Choice, Experiment, Rival, decide_poses, several_levels
 from symstiff.discrepancy.problem import Array
 from symstiff.discrepancy.separation import Decider
@@ -35,22 +38,42 @@ TAKEN = "taken.csv"
 
 @dataclass(frozen=True)
 class Wish:
-    """What the plan may use: poses, class of loads and measurement, force [N], markers, noise [m], region, seed."""
+    """What the plan may use: poses, class of loads and measurement, force [N], markers, noise [m], seed, region.
+
+    What is None, and markers that are none, are those of the data that the verdict is about. Raises UserError for a
+    number of poses, a load or a noise that none is.
+    """
 
     poses: int
-    loads: str = "wrench"
-    measure: str = "pose"
-    force: float = 1000.0
+    loads: str | None = None
+    measure: str | None = None
+    force: float | None = None
     markers: tuple[str, ...] = ()
-    sigma: float = 30e-6
+    sigma: float | None = None
     seed: int = 0
     region: Region | None = None
+
+    def __post_init__(self) -> None:
+        if self.poses < 1:
+            raise UserError(f"--poses {self.poses}: 1 or more")
+        Load(self.loads or "wrench", Load.force if self.force is None else self.force)  # type: ignore[arg-type]
+        Measurement(sigma_t=Measurement.sigma_t if self.sigma is None else self.sigma)
+
+
+@dataclass(frozen=True)
+class Means:
+    """What the next measurement is taken to be: classes of the model's reduction, experiment, noise (6,) [m, rad]."""
+
+    loads: str
+    measure: str
+    experiment: Experiment
+    sigma: Array
 
 
 def separate(
     robot: Robot, verdict: Path, wish: Wish, tell: Callable[[str], None] = lambda stage: None
-) -> tuple[Measurements, Decider, list[str]]:
-    """The deciding poses with their loads, how far they separate, and the explanations in words.
+) -> tuple[Measurements, Decider, list[str], Means]:
+    """The deciding poses with their loads, how far they separate, the explanations in words, what was assumed.
 
     Data that the verdict is about count, where ``taken.csv`` stands beside it. Raises UserError for a file that is
     no verdict of this robot, or that holds fewer than two explanations.
@@ -59,14 +82,13 @@ def separate(
     if table.get("robot", robot.name) != robot.name:
         raise UserError(f"{verdict} is a verdict on {table['robot']}, not on {robot.name}")
     rivals = _rivals(robot, table, str(verdict))
-    if wish.poses < 1:
-        raise UserError(f"--poses {wish.poses}: 1 or more")
+    means = _means(robot, rivals, table, wish, str(verdict))
     tell("deciding poses: model")
     chosen, found = decide_poses(
-        _model(robot, table, wish),
+        _model(robot, table, means),
         rivals,
-        _experiment(robot, rivals, wish),
-        wish.sigma * np.array([1.0, 1.0, 1.0, 1 / _TURN, 1 / _TURN, 1 / _TURN]),
+        means.experiment,
+        means.sigma,
         Choice(
             wish.poses,
             seed=wish.seed,
@@ -77,7 +99,8 @@ def separate(
         _taken(robot, table, verdict),
         tell,
     )
-    return chosen, found, [" with ".join(named(e.effect, e.where) for e in r.effects) for r in rivals]
+    names = [" with ".join(named(e.effect, e.where) for e in r.effects) for r in rivals]
+    return chosen, found, names, means
 
 
 def _labels(table: Mapping[str, Any]) -> tuple[str, ...]:
@@ -141,36 +164,77 @@ def _rival(robot: Robot, entries: list[Mapping[str, Any]]) -> Rival:
     return Rival(tuple(instances), values)
 
 
-def _model(robot: Robot, table: Mapping[str, Any], wish: Wish) -> StiffnessModel:
+def _model(robot: Robot, table: Mapping[str, Any], means: Means) -> StiffnessModel:
     """The model that the verdict started from, else the complete one, as the planned experiment needs it."""
     known = {p.name: p for stage in physical_stages(robot) for p in stage.parameters}
     values = {n: float(v or 0.0) for n, v in table.get("model", {}).get("values", {}).items() if n in known}
     start = table.get("start", "complete")
     if start in ("complete", "joints") or not values:
-        experiment = ExperimentClass(wish.loads, wish.measure, {})
+        experiment = ExperimentClass(means.loads, means.measure, {})
         model = start_model(robot, "joints" if start == "joints" else "complete", experiment)[0]
         return model.with_values({n: values.get(n, 0.0) for n in model.parameters})
-    return StiffnessModel(robot, tuple(known[n] for n in values), wish.loads, wish.measure, (), values)
+    return StiffnessModel(robot, tuple(known[n] for n in values), means.loads, means.measure, (), values)
 
 
-def _experiment(robot: Robot, rivals: list[Rival], wish: Wish) -> Experiment:
+def _means(robot: Robot, rivals: list[Rival], table: Mapping[str, Any], wish: Wish, origin: str) -> Means:
+    """As wished, else as in the data of the verdict, else poses under wrenches of 1 kN, read to 0.03 mm."""
+    told, model = table.get("decide") or {}, table.get("model") or {}
+    loads = wish.loads or str(model.get("loads", "wrench"))
+    measure = wish.measure or str(model.get("measure", "pose"))
+    load = Load(loads, Load.force if wish.force is None else wish.force)  # type: ignore[arg-type]
+    usual = _experiment(robot, rivals, load, measure, wish.markers)
+    try:
+        experiment = usual if "components" not in told else _as_told(usual, told, wish)
+        sigma = _noise(table) if wish.sigma is None else wish.sigma
+    except (AttributeError, KeyError, TypeError, ValueError) as error:
+        raise UserError(
+            f"{origin}: not a verdict.json: decide and noise do not tell an experiment"
+        ) from error
+    rotation = sigma if wish.sigma is None and min(experiment.components) >= 3 else sigma / _TURN
+    return Means(loads, measure, experiment, np.repeat([sigma, rotation], 3))
+
+
+def _as_told(usual: Experiment, told: Mapping[str, Any], wish: Wish) -> Experiment:
+    """The experiment with what the verdict tells of its data, where nothing else was wished."""
+    found = replace(usual, kind=str(told["kind"]))
+    if not wish.markers:
+        found = replace(found, points=tuple(str(p) for p in told["points"]))
+    if not wish.markers and wish.measure is None:
+        found = replace(found, components=tuple(int(c) for c in told["components"]))
+    if wish.loads is None and wish.force is None:
+        found = replace(found, loads=np.array([[float(w[h]) for h in LOADS] for w in told["loads"]]))
+    if told["branches"]:
+        found = replace(found, branches=tuple(1.0 if b == "up" else -1.0 for b in told["branches"]))
+    return found
+
+
+def _noise(table: Mapping[str, Any]) -> float:
+    """Standard deviation of a reading as the diagnosis found it, with what a pose's rows share [m]."""
+    noise = table.get("noise") or {}
+    found = 1e-3 * float(np.hypot(noise.get("sigma_mm") or 0.0, noise.get("approach_mm") or 0.0))
+    return found or Measurement.sigma_t
+
+
+def _experiment(
+    robot: Robot, rivals: list[Rival], load: Load, measure: str, markers: tuple[str, ...]
+) -> Experiment:
     effects = [find(e.effect) for r in rivals for e in r.effects]
     absolute = all(e.seen_in == frozenset({"absolute"}) for e in effects)
     nan = float("nan")
     branches = (1.0, -1.0) if any("branch" in e.needs for e in effects) else (nan,)
-    components = (0, 1, 2) if wish.markers or wish.measure == "position" else tuple(range(6))
-    loads = np.zeros((1, 6)) if absolute else _loads(wish)
+    components = (0, 1, 2) if markers or measure == "position" else tuple(range(6))
+    loads = np.zeros((1, 6)) if absolute else _cases(load)
     units = tuple("m" if j.prismatic else "rad" for j in robot.joint)
     kind = "absolute" if absolute else "deflection"
-    return Experiment(kind, wish.markers or ("tcp",), components, loads, branches, units)
+    return Experiment(kind, markers or ("tcp",), components, loads, branches, units)
 
 
-def _loads(wish: Wish) -> Array:
+def _cases(load: Load) -> Array:
     """Load cases of every pose: down at two levels; sideways and as moments where the class allows them."""
-    down = np.array([0.0, 0.0, -wish.force, 0.0, 0.0, 0.0])
+    down = np.array([0.0, 0.0, -load.force, 0.0, 0.0, 0.0])
     cases = [several_levels(down)]
-    if wish.loads != "gravity":
-        cases.append(wish.force * np.eye(6)[:2])
-    if wish.loads == "wrench":
-        cases.append(_LEVER * wish.force * np.eye(6)[3:])
+    if load.kind != "gravity":
+        cases.append(load.force * np.eye(6)[:2])
+    if load.kind == "wrench":
+        cases.append(_LEVER * load.force * np.eye(6)[3:])
     return np.vstack(cases)

@@ -12,6 +12,7 @@ import numpy as np
 
 from symstiff.calibration.identify import ExperimentClass, experiment_of, start_model
 from symstiff.calibration.measurements import COMPONENTS, Measurements
+from symstiff.calibration.writing import LOADS
 from symstiff.discrepancy.deciding import Choice, Rival, decide_poses, experiment_like
 from symstiff.discrepancy.finding import Finding
 from symstiff.discrepancy.separate import TAKEN
@@ -125,7 +126,7 @@ def write_deciding_poses(
         "kind": experiment.kind,
         "components": list(experiment.components),
         "points": list(experiment.points),
-        "loads": [dict(zip(_LOADS, map(float, w), strict=True)) for w in experiment.loads],
+        "loads": [dict(zip(LOADS, map(float, w), strict=True)) for w in experiment.loads],
         "branches": [b for b in ("up", "down") if len(experiment.branches) > 1],
         "poses": [
             {"pose": label, "q": _joints(table, k), "separation": float(s)}
@@ -137,9 +138,6 @@ def write_deciding_poses(
         write_table(_without_readings(finding.table), folder / TAKEN)
     verdict["decide"], verdict["sentence"] = record, sentence(finding, record)
     return record
-
-
-_LOADS = ("fx[N]", "fy[N]", "fz[N]", "mx[N*m]", "my[N*m]", "mz[N*m]")
 
 
 def _joints(table: Measurements, pose: int) -> dict[str, float]:
