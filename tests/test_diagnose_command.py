@@ -17,6 +17,8 @@ from symstiff.calibration.measurements import Measurements
 from symstiff.calibration.table import read_measurements, read_poses
 from symstiff.codegen.compiler import find_compiler
 from symstiff.discrepancy.finding import Task
+from symstiff.discrepancy.remarks import remarked
+from symstiff.discrepancy.result import Name
 from symstiff.discrepancy.used import MOST_POSES, thinned
 from symstiff.discrepancy.workflow import run
 from symstiff.model import load_model
@@ -152,6 +154,25 @@ def test_one_pose_without_sigma_or_repeats_is_untestable_and_no_error(tmp_path: 
     assert (found["verdict"], found["testable"], found["effects"]) == ("unexplained", False, [])
     assert not any(c["testable"] for c in found["candidates"])
     assert "measure more poses" in found["reason"]
+    assert (found["p_missing"], found["p_unnamed"], found["steps"][0]["p_left"]) == (None, None, None)
+    page = (tmp_path / "out" / "report.html").read_text()
+    assert "from what the model leaves" in page
+    assert "everything found" not in page
+
+
+def test_a_small_rest_that_passes_for_a_shape_is_told_with_what_it_looks_like() -> None:
+    found = run(Task(load(ROBOT), measured(HARDENING)))
+    view, last = found.assembly.situation.view, found.last
+    end = last.growth[-1]
+    assert end.further is not None
+    assert end.further.effect != "nonlinear_stiffness"
+    assert not any("more than noise" in r for r in remarked(view, last))  # p is large there
+    rest = replace(end, p_left=4e-4, further=Name("large_deflection", {"model": "all"}))
+    (said,) = [
+        r for r in remarked(view, replace(last, growth=(*last.growth[:-1], rest))) if "than noise" in r
+    ]
+    assert "p = 0.0004" in said
+    assert "most like large deflection" in said
 
 
 def test_one_row_says_nothing_of_its_sigma(tmp_path: Path) -> None:

@@ -197,7 +197,8 @@ def _exact(problem: Problem) -> bool:
 def _without_tests(verdict: str, problem: Problem, candidates: Sequence[Candidate], reason: str) -> Diagnosis:
     ready = prepare(problem, ())
     rms = float(np.sqrt(np.mean(ready.residual**2)))
+    p = float("nan") if verdict == UNTESTABLE else 1.0
     return Diagnosis(
-        verdict, reason, (), unavailable(candidates, reason), 1.0, 1.0, ready.report, (), None, None, None, (),
+        verdict, reason, (), unavailable(candidates, reason), p, p, ready.report, (), None, None, None, (),
         Rms(rms, rms, None, None, ready.report.sigma), None, np.zeros((0, 0)), (),
     )  # fmt: skip

@@ -10,8 +10,8 @@ from symstiff.calibration.experiment.situation import View
 from symstiff.calibration.measurements import Measurements
 from symstiff.discrepancy.finding import Found
 from symstiff.discrepancy.noise import CONTRADICTED, NoiseReport
-from symstiff.discrepancy.numbers import quantity
-from symstiff.discrepancy.problem import Array
+from symstiff.discrepancy.numbers import p_equals, quantity
+from symstiff.discrepancy.problem import Array, Options
 from symstiff.discrepancy.result import Diagnosis, Estimate
 from symstiff.discrepancy.sharing import JOINTS
 from symstiff.discrepancy.speech import named as named_at
@@ -47,6 +47,7 @@ def remarked(view: View, last: Diagnosis) -> list[str]:
     return [
         *_of_sigma(noise), *_of_approach(view.table, last), *_of_markers(noise), *_of_poses(view.table, last),
         *_of_single(last), *_of_proof(last), *_of_rows(view, last), *_of_weights(view, last), *_of_signs(view, last),
+        *_of_further(last),
     ]  # fmt: skip
 
 
@@ -120,6 +121,20 @@ def _of_single(last: Diagnosis) -> list[str]:
     names = ", ".join(str(pose) for labels in rows if isinstance(labels, list | tuple) for pose in labels)
     said = f"pose {names}: measure it again, or leave it out; no other pose confirms it or can be predicted by it"
     return [said] if names else []
+
+
+def _of_further(last: Diagnosis) -> list[str]:
+    """A small rest that passes for the shape of what was named, and may be a further effect."""
+    if last.verdict != NAMED or not last.growth:
+        return []
+    step = last.growth[-1]
+    if step.further is None or not step.p_left < Options.alpha_further:
+        return []
+    return [
+        f"what is left is small but more than noise ({p_equals(step.p_left)}), most like "
+        f"{named_at(step.further.effect, step.further.where)}: it passes for a shape that is only close; more poses "
+        "would tell, or a diagnosis that starts from the grown model (--start)"
+    ]
 
 
 def _of_proof(last: Diagnosis) -> list[str]:

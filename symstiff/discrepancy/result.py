@@ -91,6 +91,8 @@ class Step:
     """Family-wise p-value of the best further candidate."""
     residual: Array
     """(M,) data's unit."""
+    further: Name | None = None
+    """The best further candidate."""
 
 
 @dataclass(frozen=True)
@@ -121,7 +123,7 @@ class Diagnosis:
     candidates: tuple[CandidateResult, ...]
     """Best first, untestable ones last."""
     p_missing: float
-    """Family-wise p-value that anything of the catalogue is missing."""
+    """Family-wise p-value that anything of the catalogue is missing; nan where nothing can be tested."""
     p_unnamed: float
     """The same for laws that have no name."""
     noise: NoiseReport

@@ -204,11 +204,12 @@ def steps(problem: Problem, ready: Prepared, named: Judged | None, outcome: Outc
         score = np.where(ready.bank.generic, -np.inf, found.score)
         score[owners] = -np.inf
         best = float(np.max(score, initial=-np.inf))
+        further = _name(ready.bank.candidates[int(np.argmax(score))]) if np.isfinite(best) else None
         p_left = outcome.null.p_named(best) if count < len(entries) or named is None else named.p_left_named
         out.append(
             Step(
                 effects[-1][0] if effects else None, model, std, tuple(effects),
-                float(np.sqrt(np.mean(residual[rows] ** 2))), strata(problem, scan), p_left, residual,
+                float(np.sqrt(np.mean(residual[rows] ** 2))), strata(problem, scan), p_left, residual, further,
             )
         )  # fmt: skip
     return tuple(out)

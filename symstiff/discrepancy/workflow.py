@@ -244,7 +244,7 @@ def _steps(
     climbed: bool,
 ) -> tuple[Rung, ...]:  # fmt: skip
     if not last.growth:
-        return (Rung("start model", len(start.parameters), before.residual, first.strata, 1.0),)
+        return (Rung("start model", len(start.parameters), before.residual, first.strata, first.p_missing),)
     out = []
     if climbed:
         g = first.growth[0]

@@ -372,7 +372,8 @@ def _value(value: float | None, std: float | None) -> str:
 
 def _noise(finding: Finding) -> list[str]:
     n = finding.last.noise
-    source = {"repeats": "repeated readings", "residual": "what is left after everything found"}
+    left = "what is left after everything found" if finding.testable else "what the model leaves"
+    source = {"repeats": "repeated readings", "residual": left}
     lines = [
         f"standard deviation {words.size(n.sigma, finding)} from {source.get(n.source, n.source)} "
         f"({n.degrees_of_freedom:.0f} degrees of freedom)"

@@ -48,7 +48,8 @@ def step_rows(finding: Finding) -> list[StepRow]:
         share = None
         if whole is not None and whole.rms > 0 and "positional" in found:
             share = 1.0 - found["positional"].rms / whole.rms
-        out.append(StepRow(step.title, str(step.parameters), _shown(found), share, step.p_left))
+        p_left = step.p_left if math.isfinite(step.p_left) else None
+        out.append(StepRow(step.title, str(step.parameters), _shown(found), share, p_left))
     return out
 
 
