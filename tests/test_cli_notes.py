@@ -157,7 +157,19 @@ def test_one_pose_under_several_loads_becomes_several_only_where_its_commands_pa
 def test_a_trajectory_without_loads_is_remarked(run: Run) -> None:
     arm().save("model.toml")
     Path("way.csv").write_text("q1[deg],q2[deg]\n0,30\n")
-    assert "no loads: nothing to compensate" in notes(run, "compensate", "model.toml", "way.csv")
+    assert "no loads at the tool: nothing that the model compensates" in notes(
+        run, "compensate", "model.toml", "way.csv"
+    )
+
+
+@pytest.mark.parametrize(("robot", "told"), [("ur10", True), ("planar2r", False)])
+def test_that_the_own_weight_is_not_compensated_is_told(run: Run, robot: str, told: bool) -> None:
+    """A robot whose masses are known sags by itself, and the model gives what loads at the tool add to that."""
+    model = joints_only(load(robot), "wrench")
+    model.with_values(dict.fromkeys(model.parameters, 1e-6)).save("model.toml")
+    names = [f"q{k + 1}[deg]" for k in range(model.robot.dof)]
+    Path("way.csv").write_text(",".join([*names, "fy[N]"]) + "\n" + "30," * len(names) + "10\n")
+    assert ("own weight bends the arm as well" in notes(run, "compensate", "model.toml", "way.csv")) == told
 
 
 @pytest.mark.parametrize(

@@ -11,8 +11,10 @@ from symstiff.calibration.experiment.current import settled
 from symstiff.calibration.identify import identify
 from symstiff.calibration.measurements import measurements
 from symstiff.calibration.simulation import Truth, clean_response, nominal_truth
+from symstiff.discrepancy.finding import Task
 from symstiff.discrepancy.growth import fit
 from symstiff.discrepancy.scan import column_space
+from symstiff.discrepancy.workflow import run
 from symstiff.model import StiffnessModel
 from symstiff.reduction.reduce import reduce
 from symstiff.robot import Robot, load
@@ -62,6 +64,15 @@ def test_the_values_are_those_that_loads_at_the_tool_show(way: str) -> None:
     found = model.deflection(loads.q, loads.w)[:, :3]
     error = float(np.sqrt(np.mean((found - wanted) ** 2)))
     assert error < 0.05 * float(np.sqrt(np.mean(wanted**2)))
+
+
+def test_absolute_data_of_a_heavy_arm_say_that_model_and_code_leave_its_weight_out() -> None:
+    robot = heavy()
+    for kind, told in (("absolute", 1), ("deflection", 0)):
+        _, table = experiment(robot, 3, kind, SIGMA)
+        start = StiffnessModel.of(reduce(robot, "force", "pose"))
+        remarks = (identify(robot, table, start).remarks, run(Task(robot, table, start)).remarks)
+        assert [sum("own weight bends the arm" in r for r in said) for said in remarks] == [told, told]
 
 
 def test_no_column_is_the_rounding_of_others() -> None:

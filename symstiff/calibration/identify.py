@@ -17,7 +17,7 @@ from symstiff.calibration.kept import completed, seen_in
 from symstiff.calibration.loading import as_loading
 from symstiff.calibration.markers import left_of_deflections, marker_hint
 from symstiff.calibration.measurements import COMPONENTS, Measurements
-from symstiff.calibration.remarks import axis_remarks, explained, fits, of_loads, repeated
+from symstiff.calibration.remarks import axis_remarks, explained, fits, of_loads, of_sag, repeated
 from symstiff.calibration.residuals import ResidualTable, residual_table, split
 from symstiff.calibration.robust import RobustEstimate, robust_estimate
 from symstiff.calibration.rows import Equations, equations, predict, shared_blocks, weights
@@ -241,6 +241,7 @@ def _from_absolute(
         *explained(found.residuals),
         *fits(found.fit, found.equations),
         *unlike_file(model, model.robot),
+        *of_sag(model.robot),
     ]
     return Identification(
         model, reduction, found.fit, found.equations, found.residuals, None, None, None, tuple(remarks), table, None

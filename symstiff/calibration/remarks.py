@@ -7,12 +7,14 @@ import scipy.stats
 
 from symstiff.calibration.axes import axis_hint_refit
 from symstiff.calibration.estimate import Estimate
+from symstiff.calibration.experiment.situation import has_weights
 from symstiff.calibration.measurements import Measurements
 from symstiff.calibration.residuals import ResidualTable
 from symstiff.calibration.rows import Equations, weights
 from symstiff.calibration.shared import SharedError
 from symstiff.calibration.soundness import check_loads, check_poses
 from symstiff.model import StiffnessModel
+from symstiff.robot.schema import Robot
 
 _HINT_ROWS = 1000
 _NO_FIT = 1e-6  # probability of the residual sum below which the fit is questioned
@@ -63,6 +65,16 @@ def of_loads(table: Measurements, loads: str) -> list[str]:
         return []
     # a model for vertical loads is reduced for one direction: nothing to warn of
     return [r for r in check_loads(table.w, table.place) if loads != "gravity" or "one direction" not in r]
+
+
+def of_sag(robot: Robot) -> list[str]:
+    """A remark for robots whose masses are known: no model, code or compensation holds what they do by themselves."""
+    if not has_weights(robot):
+        return []
+    return [
+        "the links' own weight bends the arm as well: absolute data count it, but model, code and compensation give "
+        "only what loads at the tool and the model's effects add"
+    ]
 
 
 def repeated(table: Measurements) -> list[str]:

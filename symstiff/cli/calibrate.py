@@ -58,6 +58,7 @@ def run_compensate(model_file: Path, trajectory: Path, output: Path, json: str |
     """Correct a trajectory."""
     import numpy as np
 
+    from symstiff.calibration.remarks import of_sag
     from symstiff.calibration.rewriting import rewrite_joints
     from symstiff.calibration.rows import context_of
     from symstiff.calibration.soundness import outside_class, usable_model
@@ -68,7 +69,8 @@ def run_compensate(model_file: Path, trajectory: Path, output: Path, json: str |
     model = usable_model(model_file)
     table = read_poses(trajectory)
     out = console(json)
-    for warning in (*check_robot(table, model.robot), *outside_class(table.w, model.loads)):
+    known = (*check_robot(table, model.robot), *outside_class(table.w, model.loads), *of_sag(model.robot))
+    for warning in known:
         note(out, warning)
     without = [e.effect for e in model.effects if e not in model.of_robot().effects]
     if without:
@@ -82,7 +84,7 @@ def run_compensate(model_file: Path, trajectory: Path, output: Path, json: str |
         f"{len(table)} poses: predicted error {_millimetres(rms[0])} rms, after compensation {_millimetres(rms[1])}"
     )
     if not table.w.any() and rms[0] < 1e-12:
-        note(out, "no loads: nothing to compensate; give columns fx[N] … mz[N*m]")
+        note(out, "no loads at the tool: nothing that the model compensates; give columns fx[N] … mz[N*m]")
     if split:
         note(
             out,

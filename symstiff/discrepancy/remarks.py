@@ -8,6 +8,7 @@ import numpy as np
 
 from symstiff.calibration.experiment.situation import View
 from symstiff.calibration.measurements import Measurements
+from symstiff.calibration.remarks import of_sag
 from symstiff.discrepancy.finding import Found
 from symstiff.discrepancy.noise import CONTRADICTED, NoiseReport
 from symstiff.discrepancy.numbers import p_equals, quantity
@@ -47,7 +48,7 @@ def remarked(view: View, last: Diagnosis) -> list[str]:
     return [
         *_of_sigma(noise), *_of_approach(view.table, last), *_of_markers(noise), *_of_poses(view.table, last),
         *_of_single(last), *_of_proof(last), *_of_rows(view, last), *_of_weights(view, last), *_of_signs(view, last),
-        *_of_further(last),
+        *_of_further(last), *(of_sag(view.robot) if view.table.kind == "absolute" else ()),
     ]  # fmt: skip
 
 
