@@ -7,8 +7,12 @@ import ctypes
 import numpy as np
 import pytest
 
+from symstiff.codegen.functions import Functions
+from symstiff.codegen.options import Options
 from symstiff.codegen.rls import column_scales
-from tests.generated_c import STRICT, compiler, model, poses, run, shared_library, written
+from symstiff.codegen.targets import TARGETS
+from symstiff.files import write_tree
+from tests.generated_c import STRICT, compiler, grown, model, poses, run, shared_library, written
 
 ROBOT = "kuka_kr270"
 SIGMA = np.array([5e-5, 5e-5, 5e-5, 1e-4, 1e-4, 1e-4])
@@ -250,3 +254,42 @@ def test_it_compiles_strictly_in_single_precision_without_heap(tmp_path):
     run(compiler(), *STRICT, "-O2", "-c", "-I.", f"{ROBOT}_rls.c", "-o", "r.o", cwd=folder)
     needed = run("nm", "-u", "r.o", cwd=folder)
     assert "malloc" not in needed
+
+
+@pytest.mark.parametrize(("effect", "size"), [("payload_error", 40.0), ("link_weight", 80.0)])
+def test_it_converges_where_an_effect_adds_more_load_than_the_experiment(tmp_path, effect, size):
+    """The compliances give way under the added load as well: columns of the bare load are far from theirs."""
+    m = grown("ur10", effect)
+    m = m.with_values(dict(m.values) | {m.effect_parameters[0].name: size})
+    files = {
+        n: c
+        for t in ("c", "rls")
+        for n, c in TARGETS[t].emitter()(Functions(m), Options(targets=("c", "rls"))).items()
+    }
+    write_tree(tmp_path, files)
+    library = shared_library(tmp_path, ["ur10.c", "ur10_rls.c"])
+    library.ur10_rls_deviation.restype = ctypes.c_double
+    n, p = len(m.stiffness_parameters), len(m.parameters)
+    state, start = np.zeros(p + n * (n - 1) // 2 + n + 2), m.vector()
+    start[:n] *= 0.7
+
+    def call(name, *arguments):
+        raw = [
+            a.ctypes.data_as(ctypes.c_void_p) if isinstance(a, np.ndarray) else a for a in (state, *arguments)
+        ]
+        return getattr(library, f"ur10_{name}")(*raw)
+
+    assert call("rls_init", start, ctypes.c_double(1e-2), ctypes.c_double(1.0), ctypes.c_double(1e3)) == 0
+    rng = np.random.default_rng(0)
+    q, _ = poses("ur10", 400, 5)
+    w = rng.uniform(-100, 100, (400, 6)) * [1, 1, 1, 0.2, 0.2, 0.2]
+    dt = m.deflection(q, w) + rng.normal(size=(400, 6)) * SIGMA
+    for k in range(400):
+        assert call("rls_update", q[k], w[k], dt[k], SIGMA) == 0
+    deviation = np.array([call("rls_deviation", ctypes.c_int(k)) for k in range(n)])
+    z = (state[:n] - m.vector()[:n]) / deviation
+    assert np.sqrt(np.mean(z**2)) < 1.6
+    found = dict(zip(m.stiffness_parameters, state[:n].tolist(), strict=True))
+    fresh, load = poses("ur10", 50, 6)
+    wrong = m.deflection(fresh, 0.1 * load, dict(m.values) | found) - m.deflection(fresh, 0.1 * load)
+    assert np.sqrt(np.mean(wrong[:, :3] ** 2)) < SIGMA[0]

@@ -34,6 +34,8 @@ def emit_rls(functions: Functions, options: Options) -> dict[str, bytes]:
         "state": numbers * (4 if options.single else 8),
         "scales": [literal(s) for s in column_scales(model)],
         "least_forgetting": literal(0.5),
+        # loads that effects add act on the compliances, which the observation of the bare wrench does not know
+        "columns_by_difference": not model.is_linear,
     }
     jinja = environment()
     return {
