@@ -457,3 +457,10 @@ def test_single_precision_refuses_a_clock_that_it_cannot_resolve(functions):
     model = functions.model.with_effect(EffectInstance("thermal_drift", {"link": 3}, shape))
     with pytest.raises(UserError, match=r"clock begins at 1700000000 s.*double precision"):
         emit_c(Functions(model), Options(targets=("c",), precision="float"))
+
+
+def test_single_precision_refuses_a_value_that_it_does_not_hold(functions):
+    grown = functions.model.with_effect(EffectInstance("payload_error", {"load": "payload"}))
+    heavy = grown.with_values(dict(grown.values) | {"payload_error_payload_m": 1e60})
+    with pytest.raises(UserError, match=r"payload_error_payload_m = 1e\+60 does not fit single precision"):
+        emit_c(Functions(heavy), Options(targets=("c",), precision="float"))

@@ -12,7 +12,7 @@ from symstiff import __version__
 from symstiff.codegen.batch import batch_context, block_size
 from symstiff.codegen.compact import compact
 from symstiff.codegen.functions import Functions
-from symstiff.codegen.names import LOADS_MEANING, SUMMARIES, check_clock, meaning, moments
+from symstiff.codegen.names import LOADS_MEANING, SUMMARIES, check_single, meaning, moments
 from symstiff.codegen.options import Options
 from symstiff.codegen.quoting import FILTERS
 from symstiff.codegen.reference import (
@@ -93,7 +93,7 @@ def base_context(functions: Functions, options: Options) -> dict[str, Any]:
     model = functions.model
     counts = operations(functions, options)
     if options.single:
-        check_clock(functions.model)
+        check_single(functions.model)
     context = _identity(functions, options) | _numbers(functions, options) | _parameters(functions, options)
     context["functions"] = [
         {"name": p.name, "summary": SUMMARIES[p.name], "operations": operations_text(counts[p.name])}

@@ -14,6 +14,7 @@ from symstiff.codegen.emit import operations
 from symstiff.codegen.functions import Functions
 from symstiff.codegen.options import Options
 from symstiff.codegen.targets import TARGETS
+from symstiff.codegen.text import context_names
 from symstiff.codegen.verify import Verification, verify
 from symstiff.errors import UserError
 from symstiff.files import CODE, new_folder, write_tree
@@ -87,6 +88,7 @@ def manifest_of(functions: Functions, options: Options, proof: Verification) -> 
         "effect_parameters": {
             e.name: {"value": values[e.name], "unit": e.unit} for e in model.effect_parameters
         },
+        "context": context_names(functions.deflection),
         "operations": operations(functions, options),
         "verified": proof.table(),
     }

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+import numpy as np
+
 from symstiff.codegen.text import context_names
 from symstiff.errors import UserError
 from symstiff.model import StiffnessModel
@@ -54,8 +56,11 @@ def moments(model: StiffnessModel, program: Program) -> list[Moment]:
     return found
 
 
-def check_clock(model: StiffnessModel) -> None:
-    """Raise UserError for a clock that single precision does not resolve."""
+def check_single(model: StiffnessModel) -> None:
+    """Raise UserError for a value or a clock that single precision does not hold."""
+    large = [n for n in model.parameters if abs(model.values.get(n, 0.0)) > float(np.finfo(np.float32).max)]
+    if large:
+        raise UserError(f"{large[0]} = {model.values[large[0]]:g} does not fit single precision: use double")
     start = max((r.rest.get("time", 0.0) for r in model.realisations), key=abs, default=0.0)
     if abs(start) >= _COARSE:
         raise UserError(
