@@ -46,7 +46,8 @@ class StiffnessModel:
     """A stiffness model: Δt = Σ_v J_v·Δθ_v over the terms of its compliances and effects.
 
     compliances: the identifiable parameters π″; effects: what was added to them; values, deviations: by parameter name,
-    SI units, read-only (a missing value is zero).
+    SI units, read-only (a missing value is zero); fixed: joints (from 1) that stood still when the compliances were
+    reduced, with their values [rad, m]: elsewhere the model does not hold.
     """
 
     robot: Robot
@@ -56,9 +57,10 @@ class StiffnessModel:
     effects: tuple[EffectInstance, ...] = ()
     values: Mapping[str, float] = field(default_factory=dict)
     deviations: Mapping[str, float] = field(default_factory=dict)
+    fixed: Mapping[int, float] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
-        for name in ("values", "deviations"):
+        for name in ("values", "deviations", "fixed"):
             object.__setattr__(self, name, FrozenDict(getattr(self, name)))
 
     @classmethod
@@ -66,8 +68,11 @@ class StiffnessModel:
         """The model that a reduction leaves; values default to those the robot file knows."""
         if values is None:
             values = known_values(reduction)
+        from symstiff.reduction.reduce import standing
+
         experiment = reduction.experiment
-        model = cls(reduction.robot, reduction.kept, experiment.loads, experiment.measure)
+        fixed = {j: float(v) for j, v in standing(reduction).items()}
+        model = cls(reduction.robot, reduction.kept, experiment.loads, experiment.measure, fixed=fixed)
         return model.with_values(values)
 
     @property
@@ -289,7 +294,12 @@ class StiffnessModel:
             ],
             "robot": to_table(self.robot),
         }
-        return table
+        return table | ({"fixed": self.fixed_by_name} if self.fixed else {})
+
+    @property
+    def fixed_by_name(self) -> dict[str, float]:
+        """The values of the joints that stood still, by ``q1`` … ``qn``."""
+        return {f"q{j}": float(v) for j, v in sorted(self.fixed.items())}
 
     def save(self, path: str | Path) -> None:
         """Write model.toml, whole or not at all."""
@@ -373,7 +383,7 @@ def joints_only(
     from symstiff.reduction.reduce import reduce
 
     reduction = reduce(rigid, loads, measure, fixed)
-    return StiffnessModel(robot, reduction.kept, loads, measure, (), known_values(reduction))
+    return replace(StiffnessModel.of(reduction), robot=robot)
 
 
 def _without_links(robot: Robot) -> Robot:

@@ -48,6 +48,7 @@ class ModelFile(_Strict):
     values: dict[str, Number] = {}
     deviations: dict[str, Deviation] = {}
     effect: tuple[EffectEntry, ...] = ()
+    fixed: dict[str, Number] = {}
     robot: dict[str, Any]
 
 
@@ -84,8 +85,14 @@ def from_model_table(table: dict[str, Any], origin: str) -> StiffnessModel:
             raise UserError(f"{origin}: values: {name}: {error}") from None
     effects = tuple(EffectInstance(e.effect, e.where, e.shape) for e in file.effect)
     compliances = tuple(known[n] for n in file.parameters)
+    joints = {f"q{j}": j for j in range(1, robot.dof + 1)}
+    if strange := sorted(set(file.fixed) - set(joints)):
+        raise UserError(
+            f"{origin}: fixed: {robot.name} has no joint {printable(strange[0], 40)!r}: remove it"
+        )
+    fixed = {joints[name]: float(value) for name, value in file.fixed.items()}
     model = StiffnessModel(
-        robot, compliances, file.loads, file.measure, effects, file.values, file.deviations
+        robot, compliances, file.loads, file.measure, effects, file.values, file.deviations, fixed
     )
     _complete(model, origin)
     return model

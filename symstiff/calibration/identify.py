@@ -26,6 +26,7 @@ from symstiff.calibration.soundness import (
     check_determined,
     check_same_robot,
     outside_class,
+    outside_fixed,
     unlike_file,
     usable_model,
 )
@@ -155,7 +156,7 @@ def identify(
     if experiment.fixed and start in ("complete", "joints"):
         names = ", ".join(f"q{i}" for i in experiment.fixed)
         remarks.append(f"{names} never move(s): the model is reduced for that")
-    remarks += outside_class(table.w, model.loads)
+    remarks += [*outside_class(table.w, model.loads), *outside_fixed(table.q, model)]
     doubts = reduction_remarks(reduction) if reduction is not None else []
     remarks += doubts
     if per_level is not None:

@@ -23,6 +23,8 @@ _SAME = 1e-9  # m between two tool centre points that are one
 _FAR = 100.0  # times the robot file's compliance from which a unit is questioned
 _CLEAR = 0.5  # largest deviation, as a share of the value, of a compliance that is compared
 
+_STILL = 1e-6  # rad, m by which a joint that stands still may be off
+
 _LINK = re.compile(r"k(\d+)_([1-6])([1-6])")
 _JOINT = re.compile(r"c(\d+)")
 _LOADS = {
@@ -112,6 +114,24 @@ def outside_class(w: Array, loads: str) -> list[str]:
     return [
         f"the model is reduced for {loads} loads ({', '.join(within)}), and these have {', '.join(beyond)} too: what "
         f"they do to the robot is not in the model; identify with --loads {wider}"
+    ]
+
+
+def outside_fixed(q: Array, model: StiffnessModel) -> list[str]:
+    """A remark where joints (N, n) stand elsewhere than those that a model was reduced for."""
+    off = [
+        j
+        for j, value in model.fixed.items()
+        if np.abs(np.asarray(q)[:, j - 1] - value).max(initial=0.0) > _STILL
+    ]
+    if not off:
+        return []
+    told = ", ".join(
+        f"q{j} = {model.fixed[j]:.6g} {'m' if model.robot.joint[j - 1].prismatic else 'rad'}" for j in off
+    )
+    return [
+        f"the model was reduced for {told}, and these poses have other values: its compliances are sums that hold "
+        "there alone; identify with poses that move these joints"
     ]
 
 

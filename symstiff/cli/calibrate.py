@@ -61,7 +61,7 @@ def run_compensate(model_file: Path, trajectory: Path, output: Path, json: str |
     from symstiff.calibration.remarks import of_sag
     from symstiff.calibration.rewriting import rewrite_joints
     from symstiff.calibration.rows import context_of
-    from symstiff.calibration.soundness import outside_class, usable_model
+    from symstiff.calibration.soundness import outside_class, outside_fixed, usable_model
     from symstiff.calibration.table import check_robot, read_poses
     from symstiff.compensation import compensate
 
@@ -69,7 +69,10 @@ def run_compensate(model_file: Path, trajectory: Path, output: Path, json: str |
     model = usable_model(model_file)
     table = read_poses(trajectory)
     out = console(json)
-    known = (*check_robot(table, model.robot), *outside_class(table.w, model.loads), *of_sag(model.robot))
+    known = (
+        *check_robot(table, model.robot), *outside_class(table.w, model.loads), *outside_fixed(table.q, model),
+        *of_sag(model.robot),
+    )  # fmt: skip
     for warning in known:
         note(out, warning)
     without = [e.effect for e in model.effects if e not in model.of_robot().effects]

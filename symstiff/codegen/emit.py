@@ -116,6 +116,7 @@ def _identity(functions: Functions, options: Options) -> dict[str, Any]:
         "loads": model.loads,
         "measure": model.measure,
         "loads_meaning": LOADS_MEANING[model.loads],
+        "fixed": ", ".join(f"{name} = {value:.9g}" for name, value in model.fixed_by_name.items()),
         "defaults_meaning": _defaults_meaning(model.deviations),
         "compensation_meaning": _compensation_meaning(robot.dof, unit_length(model)),
         **{key: _triple(value) for key, value in _places(robot).items()},

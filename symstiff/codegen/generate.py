@@ -81,7 +81,9 @@ def manifest_of(functions: Functions, options: Options, proof: Verification) -> 
         "robot": model.robot.name,
         "model_hash": options.model_hash(model.structure_hash, values),
         "parameter_hash": model.structure_hash,
-        "options": {"loads": model.loads, "measure": model.measure, **options.table()},
+        "options": {
+            "loads": model.loads, "measure": model.measure, "fixed": model.fixed_by_name, **options.table(),
+        },
         "parameters": list(names),
         "default_parameters": [values[n] for n in names],
         "units": [model.units[n] for n in names],
@@ -91,4 +93,4 @@ def manifest_of(functions: Functions, options: Options, proof: Verification) -> 
         "context": context_names(functions.deflection),
         "operations": operations(functions, options),
         "verified": proof.table(),
-    }
+    }  # fmt: skip

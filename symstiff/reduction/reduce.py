@@ -161,6 +161,25 @@ def reduce(
     return Reduction(robot, experiment, stages, found, inexact_aggregations(chain, stages, from_zero))
 
 
+def standing(reduction: Reduction) -> dict[int, sp.Expr]:
+    """The fixed joints that matter: were they free, more could be identified: what is kept holds there alone."""
+    e, fixed = reduction.experiment, dict(reduction.experiment.fixed)
+    for joint in sorted(fixed):
+        others = {j: v for j, v in fixed.items() if j != joint}
+        # moving a joint only adds rows: with the same rank they have the same null space
+        if _rank(reduction.robot, Experiment(e.loads, e.measure, others)) == reduction.partition.rank:
+            fixed = others
+    return fixed
+
+
+def _rank(robot: Robot, experiment: Experiment) -> int:
+    full = physical_stages(robot)[-1].parameters
+    chain, from_zero = from_dh_zero(ElasticChain(robot), experiment)
+    names = tuple(p.name for p in full)
+    engine = ExactEngine(chain, observation_program(chain, terms_of(full), names), names, from_zero)
+    return engine.partition(preference(chain, full)).rank
+
+
 def _fixed(robot: Robot, fixed: Mapping[int, Any]) -> dict[int, sp.Expr]:
     values = {}
     for joint, given in sorted(fixed.items()):

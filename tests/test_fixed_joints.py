@@ -1,0 +1,89 @@
+"""A model that was reduced for joints that stand still says where it holds, in every file that it writes."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+from command_line import Run, run_command_line  # noqa: F401
+
+from symstiff.calibration.identify import identify
+from symstiff.calibration.measurements import measurements
+from symstiff.errors import UserError
+from symstiff.model import StiffnessModel, joints_only, load_model
+from symstiff.reduction.physical import physical_stages
+from symstiff.reduction.reduce import reduce, standing
+from symstiff.robot import load
+
+ROBOT = "ur10"
+
+
+def test_only_joints_that_matter_are_said_to_stand_still() -> None:
+    """The last joint turns nothing that a vertical load bends, and without links the first does not either."""
+    assert list(standing(reduce(load(ROBOT), "gravity", "pose", {2: -1, 6: "0.3"}))) == [2]
+    assert standing(reduce(load(ROBOT), "gravity", "pose")) == {}
+    assert joints_only(load(ROBOT), "gravity", "pose", {1: 0, 6: 0}).fixed == {}
+
+
+def test_what_is_kept_holds_where_the_joints_stood_alone() -> None:
+    """Fitted to the complete arm where q2 and q3 stand still, the model gives it there and nowhere else."""
+    robot, fixed = load(ROBOT), {2: -1.0, 3: 1.2}
+    model = StiffnessModel.of(reduce(robot, "gravity", "pose", fixed))
+    assert model.fixed == fixed
+    full = physical_stages(robot)[-1].parameters
+    rng = np.random.default_rng(1)
+    truth = StiffnessModel(
+        robot, full, "gravity", values={p.name: rng.uniform(0.5, 1.5) * 1e-8 for p in full}
+    )
+    q, w = rng.uniform(-2, 2, (60, 6)), np.zeros((60, 6))
+    w[:, 2] = -100.0
+    there = q.copy()
+    there[:, 1:3] = [-1.0, 1.2]
+    table = measurements(there, w, values=truth.deflection(there, w), kind="deflection")
+    found = identify(robot, table, model).model
+    wanted = truth.deflection(there, w)
+    np.testing.assert_allclose(found.deflection(there, w), wanted, atol=1e-9 * np.abs(wanted).max())
+    assert np.abs(found.deflection(q, w) - truth.deflection(q, w)).max() > 1e-3 * np.abs(wanted).max()
+
+
+def test_the_file_and_the_hash_tell_where_the_joints_stood(tmp_path: Path) -> None:
+    models = [
+        StiffnessModel.of(reduce(load(ROBOT), "gravity", "pose", fixed))
+        for fixed in (None, {2: -1.0, 3: 1.2}, {2: -0.5, 3: 0.7})
+    ]
+    assert len({m.structure_hash for m in models}) == 3
+    for m in models:
+        m.save(tmp_path / "model.toml")
+        again = load_model(tmp_path / "model.toml")
+        assert (again.fixed, again.structure_hash) == (m.fixed, m.structure_hash)
+    assert "fixed" not in (models[0].save(tmp_path / "m.toml"), (tmp_path / "m.toml").read_text())[1]
+
+
+@pytest.mark.parametrize("key", ["q9", "2"])
+def test_a_joint_that_the_robot_does_not_have_cannot_stand_still(tmp_path: Path, key: str) -> None:
+    StiffnessModel.of(reduce(load(ROBOT), "gravity", "pose", {2: -1.0})).save(tmp_path / "model.toml")
+    text = (tmp_path / "model.toml").read_text()
+    assert "q2 = -1.0" in text
+    (tmp_path / "model.toml").write_text(text.replace("q2 = -1.0", f"{key} = -1.0"))
+    with pytest.raises(UserError, match=f"fixed: ur10 has no joint '{key}'"):
+        load_model(tmp_path / "model.toml")
+
+
+def test_code_and_compensation_say_it(run: Run, tmp_path: Path) -> None:
+    where = ("--loads", "gravity", "--fixed", "q2=-1,q3=1.2", "--targets", "c", "--no-compile")
+    folder = tmp_path / "code"
+    assert run("generate", ROBOT, *where, "-o", str(folder)).code == 0
+    assert "q2 = -1, q3 = 1.2 (rad, m), and hold there alone" in (folder / "ur10.h").read_text()
+    assert "q2 = -1, q3 = 1.2 (rad, m) alone" in (folder / "README.md").read_text()
+    assert json.loads((folder / "manifest.json").read_text())["options"]["fixed"] == {"q2": -1.0, "q3": 1.2}
+    model = load_model(folder / "model.toml")
+    model.with_values(dict.fromkeys(model.parameters, 1e-8)).save(tmp_path / "m.toml")
+    head = ",".join(f"q{k}[rad]" for k in range(1, 7))
+    for name, q3, told in (("there", 1.2, False), ("elsewhere", 0.5, True)):
+        way = tmp_path / f"{name}.csv"
+        way.write_text(f"{head},fz[N]\n0.3,-1,{q3},0.2,0.4,0.1,-50\n")
+        done = run("compensate", str(tmp_path / "m.toml"), str(way), "-o", str(tmp_path / "out.csv"))
+        assert done.code == 0, done.err
+        assert ("was reduced for q3 = 1.2 rad" in " ".join(done.out.split())) == told
