@@ -16,19 +16,18 @@ import sympy as sp
 
 from symstiff.reduction.physical import terms_of
 from symstiff.reduction.prime import PRIMES, echelon, rational
-from symstiff.reduction.reduce import Reduction
-from symstiff.reduction.structural import ExactEngine, from_dh_zero
+from symstiff.reduction.reduce import Reduction, axis_sizes
+from symstiff.reduction.structural import ExactEngine, in_rationals
 from symstiff.symbolic.chain import ElasticChain
 from symstiff.symbolic.program import Program, Vector
 from symstiff.symbolic.programs import observation_program
 
-_PRIME = PRIMES[0]
 _CHECKS = 4
 
 
 def closed_form(reduction: Reduction) -> dict[str, dict[str, sp.Expr]]:
     """Couplings as expressions in a_i, d_i, t_x …; one that no small rational function fits stays a number."""
-    chain, experiment = from_dh_zero(ElasticChain(reduction.robot, symbolic=True), reduction.experiment)
+    chain, experiment = in_rationals(ElasticChain(reduction.robot, symbolic=True), reduction.experiment)
     lengths = chain.lengths()
     names = tuple(p.name for p in reduction.full)
     program = observation_program(chain, terms_of(reduction.full), names)
@@ -41,11 +40,13 @@ def closed_form(reduction: Reduction) -> dict[str, dict[str, sp.Expr]]:
     )
     engine = ExactEngine(chain, program, names, experiment)
     sampler = _Sampler(engine, reduction, len(lengths))
+    size = axis_sizes(chain, reduction.full)
     degree = {p.name: p.length_degree for p in reduction.full}
     here = dict(zip(lengths, chain.length_values(), strict=True))
 
-    def fitted(eliminated: str, kept: str, value: Fraction) -> sp.Expr:
+    def fitted(eliminated: str, kept: str, value: Fraction | float) -> sp.Expr:
         found = _fit(sampler, (eliminated, kept), lengths, degree[kept] - degree[eliminated])
+        found = None if found is None else found * size[kept] / size[eliminated]
         there = sp.nan if found is None else sp.N(found.subs(here))
         close = there.is_finite and abs(float(there) - float(value)) <= 1e-9 * max(1.0, abs(float(value)))
         return found if close else _number(value)
@@ -65,8 +66,8 @@ class _SpecialLengthsError(Exception):
     """The robot's lengths happen to fit together: others would have another identifiable set."""
 
 
-def _number(value: Fraction) -> sp.Expr:
-    if value.denominator > 10**15:
+def _number(value: Fraction | float) -> sp.Expr:
+    if isinstance(value, float) or value.denominator > 10**15:
         return sp.Float(float(value), 15)
     return sp.Rational(value.numerator, value.denominator)
 
@@ -75,7 +76,7 @@ class _Sampler:
     """Couplings modulo a prime at random lengths, drawn as they are needed."""
 
     def __init__(self, engine: ExactEngine, reduction: Reduction, dimension: int) -> None:
-        self.engine, self.dimension = engine, dimension
+        self.engine, self.dimension, self.prime = engine, dimension, PRIMES[0]
         self.rng = np.random.default_rng(11)
         kept = reduction.parameters
         self.free = [n for n in engine.names if n not in kept]
@@ -83,11 +84,11 @@ class _Sampler:
         self.kept = kept
         self.points: list[list[int]] = []
         self.values: list[dict[tuple[str, str], int]] = []
-        self.base = [int(x) for x in self.rng.integers(1, _PRIME, dimension)]
+        self.base = [int(x) for x in self.rng.integers(1, self.prime, dimension)]
 
     def at(self, point: Sequence[int]) -> dict[tuple[str, str], int]:
         """All couplings at one choice of lengths."""
-        form, pivots = echelon(self.engine.matrix(_PRIME, list(point))[:, self.order], _PRIME)
+        form, pivots = echelon(self.engine.matrix(self.prime, list(point))[:, self.order], self.prime)
         if pivots != list(range(len(self.kept))):
             raise _SpecialLengthsError
         return {
@@ -99,7 +100,7 @@ class _Sampler:
     def samples(self, n: int) -> None:
         """Have at least n samples."""
         while len(self.points) < n:
-            point = [int(x) for x in self.rng.integers(1, _PRIME, self.dimension)]
+            point = [int(x) for x in self.rng.integers(1, self.prime, self.dimension)]
             self.points.append(point)
             self.values.append(self.at(point))
 
@@ -110,7 +111,7 @@ class _Sampler:
             self._shifted = []
             for k in range(self.dimension):
                 point = list(self.base)
-                point[k] = (point[k] * 3 + 1) % _PRIME
+                point[k] = (point[k] * 3 + 1) % self.prime
                 self._shifted.append(self.at(point))
         return [k for k in range(self.dimension) if self._shifted[k][key] != self._origin[key]]
 
@@ -141,22 +142,22 @@ def _solve(
     bottom: Sequence[tuple[int, ...]],
 ) -> sp.Expr | None:
     """Numerator and denominator coefficients as the null vector of N(x) − c·D(x) at the samples."""
-    unknowns = len(top) + len(bottom)
+    unknowns, prime = len(top) + len(bottom), sampler.prime
     sampler.samples(unknowns + _CHECKS)
     rows = []
     for point, values in zip(sampler.points, sampler.values, strict=True):
-        above = [_monomial(point, m) for m in top]
-        below = [-values[key] * _monomial(point, m) % _PRIME for m in bottom]
+        above = [_monomial(point, m, prime) for m in top]
+        below = [-values[key] * _monomial(point, m, prime) % prime for m in bottom]
         rows.append([*above, *below])
-    form, pivots = echelon(np.array(rows, dtype=np.int64), _PRIME)
+    form, pivots = echelon(np.array(rows, dtype=np.int64), prime)
     if len(pivots) != unknowns - 1:
         return None
     (free,) = set(range(unknowns)) - set(pivots)
     residues = [0] * unknowns
     residues[free] = 1
     for r, p in enumerate(pivots):
-        residues[p] = int(-form[r, free]) % _PRIME
-    fractions = [rational(r, _PRIME) for r in residues]
+        residues[p] = int(-form[r, free]) % prime
+    fractions = [rational(r, prime) for r in residues]
     if any(f is None for f in fractions):
         return None
     terms = [sp.Rational(f.numerator, f.denominator) for f in fractions if f is not None]
@@ -167,8 +168,8 @@ def _solve(
     return sp.factor(numerator / denominator)
 
 
-def _monomial(point: Sequence[int], monomial: Sequence[int]) -> int:
+def _monomial(point: Sequence[int], monomial: Sequence[int], prime: int) -> int:
     value = 1
     for k in monomial:
-        value = value * point[k] % _PRIME
+        value = value * point[k] % prime
     return value

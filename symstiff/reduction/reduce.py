@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from fractions import Fraction
 from functools import cached_property
 from typing import Any
 
@@ -14,7 +13,7 @@ import sympy as sp
 from symstiff.errors import UserError
 from symstiff.reduction.aggregation import inexact_aggregations
 from symstiff.reduction.physical import Parameter, Stage, physical_stages, terms_of
-from symstiff.reduction.structural import ExactEngine, Experiment, Partition, from_dh_zero
+from symstiff.reduction.structural import ExactEngine, Experiment, Partition, in_rationals, in_unit_axes
 from symstiff.robot.exact import parse_exact
 from symstiff.robot.schema import LONGEST, WIDEST, Robot
 from symstiff.symbolic.chain import ElasticChain
@@ -129,8 +128,8 @@ class Reduction:
 
 
 def shown(coefficient: Any) -> str:
-    """A coupling as text: a short fraction exactly, an approximated irrational one to 15 digits."""
-    if isinstance(coefficient, Fraction) and coefficient.denominator > 10**15:
+    """A coupling as text: a short fraction exactly, a long or irrational one to 15 digits."""
+    if isinstance(coefficient, float) or coefficient.denominator > 10**15:
         return f"{float(coefficient):.15g}"
     return str(coefficient)
 
@@ -153,11 +152,11 @@ def reduce(
     full = stages[-1].parameters
     if not full:
         raise UserError(f"{robot.name}: every link is rigid and no joint is left: nothing to identify")
-    chain, from_zero = from_dh_zero(ElasticChain(robot), experiment)
+    chain, from_zero = in_rationals(ElasticChain(robot), experiment)
     names = tuple(p.name for p in full)
     program = observation_program(chain, terms_of(full), names)
     engine = ExactEngine(chain, program, names, from_zero)
-    found = engine.partition(preference(chain, full, prefer, avoid))
+    found = in_unit_axes(engine.partition(preference(chain, full, prefer, avoid)), axis_sizes(chain, full))
     return Reduction(robot, experiment, stages, found, inexact_aggregations(chain, stages, from_zero))
 
 
@@ -178,6 +177,15 @@ def _rank(robot: Robot, experiment: Experiment) -> int:
     names = tuple(p.name for p in full)
     engine = ExactEngine(chain, observation_program(chain, terms_of(full), names), names, from_zero)
     return engine.partition(preference(chain, full)).rank
+
+
+def axis_sizes(chain: ElasticChain, parameters: Sequence[Parameter]) -> dict[str, sp.Expr]:
+    """Lengths of the two elastic axes that belong to a link's parameter, multiplied: the size of its column."""
+    sizes = {}
+    for p in parameters:
+        axes = chain.axis_lengths(p.body)
+        sizes[p.name] = sp.S.One if p.is_joint else axes[(p.row - 1) % 3] * axes[(p.column - 1) % 3]
+    return sizes
 
 
 def _fixed(robot: Robot, fixed: Mapping[int, Any]) -> dict[int, sp.Expr]:

@@ -100,11 +100,11 @@ def _blocks(g3: Sequence[str], couplings: Couplings) -> tuple[tuple[str, ...], .
     return tuple(tuple(block) for block in found.values())
 
 
-def from_dh_zero(chain: ElasticChain, experiment: Experiment) -> tuple[ElasticChain, Experiment]:
-    """The same chain and experiment with revolute variables that count the DH angle itself, offsets included.
+def in_rationals(chain: ElasticChain, experiment: Experiment) -> tuple[ElasticChain, Experiment]:
+    """The same chain and experiment with fewer irrational numbers.
 
-    Compliances do not depend on where a joint's zero is. Offsets of odd angles would get stand-ins, and those of two
-    parallel joints and of their sum need not fit together.
+    Revolute variables count the DH angle itself, offsets included: compliances do not depend on where a joint's zero
+    is. Oblique elastic axes keep the length that makes them rational, which only scales a column (``in_unit_axes``).
     """
     offsets = [Exact() if joint.prismatic else joint.theta for joint in chain.robot.joint]
     rows = tuple(
@@ -113,9 +113,23 @@ def from_dh_zero(chain: ElasticChain, experiment: Experiment) -> tuple[ElasticCh
     )
     fixed = {i: sp.sympify(v) + offsets[i - 1].sympy() for i, v in experiment.fixed.items()}
     return (
-        replace(chain, robot=chain.robot.model_copy(update={"joint": rows})),
+        replace(chain, robot=chain.robot.model_copy(update={"joint": rows}), unit_axes=False),
         replace(experiment, fixed=fixed),
     )
+
+
+def in_unit_axes(found: Partition, sizes: Mapping[str, sp.Expr]) -> Partition:
+    """A partition of columns that are ``sizes`` times too large, with the couplings of the columns themselves."""
+    couplings = {
+        e: {k: _times(c, sizes[k] / sizes[e]) for k, c in row.items()} for e, row in found.couplings.items()
+    }
+    return replace(found, couplings=couplings)
+
+
+def _times(coefficient: Fraction | float, ratio: sp.Expr) -> Fraction | float:
+    if ratio.is_Rational and isinstance(coefficient, Fraction):
+        return coefficient * Fraction(int(ratio.p), int(ratio.q))
+    return float(coefficient) * float(ratio)
 
 
 @dataclass(frozen=True)

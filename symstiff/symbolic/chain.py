@@ -31,10 +31,14 @@ _CYCLIC = {"x": (0, 1, 2), "y": (1, 2, 0), "z": (2, 0, 1)}
 
 @dataclass(frozen=True)
 class ElasticChain:
-    """A robot as a chain of exact motions and virtual joints; lengths stay symbols where ``symbolic`` is set."""
+    """A robot as a chain of exact motions and virtual joints; lengths stay symbols where ``symbolic`` is set.
+
+    Without ``unit_axes`` oblique elastic axes keep the length that makes their components rational.
+    """
 
     robot: Robot
     symbolic: bool = False
+    unit_axes: bool = True
 
     @cached_property
     def rows(self) -> tuple[Row, ...]:
@@ -102,22 +106,40 @@ class ElasticChain:
 
     def elastic_axes(self, b: Builder, i: int) -> Axes:
         """Axes of link i's elastic frame in DH frame i: cyclic for x, y, z; else beam, z × beam, and their product."""
-        axis = self.robot.links[i].beam_axis or self._default_axis(i)
+        axis = self._beam_axis(i)
         if isinstance(axis, str):
             return tuple(IDENTITY[k] for k in _CYCLIC[axis])  # type: ignore[return-value]
-        bx, by, bz = (v.sympy() for v in axis)
-        radius = sp.sqrt(bx**2 + by**2)
-        norm = sp.sqrt(bx**2 + by**2 + bz**2)
-        cf, sf = (sp.S.One, sp.S.Zero) if radius == 0 else b.rotation(bx / radius, by / radius)
-        if radius == 0:  # z × beam vanishes: the second axis is frame x
+        bx, by, bz = axis
+        if bx == 0 and by == 0:  # z × beam vanishes: the second axis is frame x
             up = sp.sign(bz)
             return (sp.S.Zero, sp.S.Zero, up), IDENTITY[0], (sp.S.Zero, up, sp.S.Zero)
+        if not self.unit_axes:
+            return (bx, by, bz), (-by, bx, sp.S.Zero), (-bx * bz, -by * bz, bx**2 + by**2)
+        norm, radius, _ = self._sizes(axis)
+        cf, sf = b.rotation(bx / radius, by / radius)
         cp, sp_ = b.rotation(radius / norm, bz / norm)
         return (
             (cf * cp, sf * cp, sp_),
             (-sf, cf, sp.S.Zero),
             (-cf * sp_, -sf * sp_, cp),
         )
+
+    def axis_lengths(self, i: int) -> Vec:
+        """Lengths of link i's elastic axes: one, or of oblique axes without ``unit_axes`` a root each."""
+        axis = self._beam_axis(i)
+        if self.unit_axes or isinstance(axis, str) or (axis[0] == 0 and axis[1] == 0):
+            return sp.S.One, sp.S.One, sp.S.One
+        return self._sizes(axis)
+
+    @staticmethod
+    def _sizes(beam: Vec) -> Vec:
+        """Lengths of a beam's vector, of z × beam, and of their product."""
+        norm, radius = sp.sqrt(dot(beam, beam)), sp.sqrt(beam[0] ** 2 + beam[1] ** 2)
+        return norm, radius, norm * radius
+
+    def _beam_axis(self, i: int) -> str | Vec:
+        axis = self.robot.links[i].beam_axis or self._default_axis(i)
+        return axis if isinstance(axis, str) else tuple(v.sympy() for v in axis)
 
     def _default_axis(self, i: int) -> str:
         """The DH axis nearest to the link's own offset, seen in frame i; x where the offset vanishes."""
