@@ -1,9 +1,10 @@
-"""Programs: how many operations, nothing twice and nothing in vain, angles and their rational stand-ins."""
+"""Programs: how many operations, nothing twice and nothing in vain, angles and what stands for them modulo a prime."""
 
 from __future__ import annotations
 
 import math
 import tomllib
+from dataclasses import replace
 from importlib import resources
 from typing import Any
 
@@ -16,6 +17,8 @@ from kr270_programs import kr270_programs
 from symstiff.effects.base import EffectInstance
 from symstiff.model import StiffnessModel
 from symstiff.reduction import reduce
+from symstiff.reduction.circle import prime_with_roots
+from symstiff.reduction.prime import PRIMES, PrimeAlgebra
 from symstiff.robot import from_table, library, load, parse_exact
 from symstiff.symbolic.algebras import count
 from symstiff.symbolic.chain import ElasticChain
@@ -140,39 +143,39 @@ def test_a_right_angle_with_all_its_digits_is_one(alpha: float) -> None:
 
 
 @pytest.mark.parametrize("alpha", ["pi/6", "pi/3", "-2*pi/3", "pi/4", "3*pi/4", "pi/5", "0.4", "-3"])
-def test_the_stand_ins_of_an_odd_angle_are_a_rational_rotation_beside_the_exact_one(alpha: str) -> None:
-    """Also where the sine is a half, or equals the cosine: both keep a stand-in, or rank would be found."""
+def test_the_constants_of_an_odd_angle_are_a_rotation_exactly_and_modulo_a_prime(alpha: str) -> None:
     robot = from_table({"format": 1, "name": "one", "joint": [{"a": 0.5, "alpha": alpha, "d": 0.1}]})
-    builder = Builder("constants", ())
+    builder, algebra = Builder("constants", ()), PrimeAlgebra(PRIMES[0])
     pair = sp.Matrix(ElasticChain(robot).alpha(builder, 1))
-    rational = pair.subs({c.symbol: c.rational for c in builder.constants})
-    assert rational.dot(rational) == 1
     angle = sp.nsimplify(alpha)
     assert pair.subs({c.symbol: c.exact for c in builder.constants}) == sp.Matrix(
         [sp.cos(angle), sp.sin(angle)]
     )
-    assert max(abs(sp.N(rational - sp.Matrix([sp.cos(angle), sp.sin(angle)]), 30))) < 1e-12
+    assert all(abs(sp.N(sp.cos(c.turn) - c.exact, 30)) < 1e-25 for c in builder.constants)
+    residues = pair.subs({c.symbol: algebra.constant(c) for c in builder.constants})
+    assert residues.dot(residues) % algebra.p == 1
+    fixed = algebra.fixed_angle(angle)
+    assert [x % algebra.p for x in residues] == [fixed.cosine, fixed.sine]
 
 
-def test_the_rational_stand_ins_of_an_inclined_beam_are_a_rotation() -> None:
-    robot = from_table(
-        {
-            "format": 1,
-            "name": "one",
-            "joint": [{"a": 1, "alpha": 0.4, "d": 0, "link": {"beam_axis": [1, 2, 3]}}],
-        }
-    )
+def test_an_inclined_beams_axes_are_a_rotation_and_have_rational_multiples() -> None:
+    joint = {"a": 1, "alpha": 0.4, "d": 0, "link": {"beam_axis": [1, 2, 3]}}
+    chain = ElasticChain(from_table({"format": 1, "name": "one", "joint": [joint]}))
     builder = Builder("axes", ())
-    axes = ElasticChain(robot).elastic_axes(builder, 1)
-    rational = {c.symbol: c.rational for c in builder.constants}
-    exact_values = {c.symbol: c.exact for c in builder.constants}
+    axes = chain.elastic_axes(builder, 1)
     E = sp.Matrix(3, 3, lambda r, k: sp.sympify(axes[k][r]))
-    R = E.subs(rational)
-    assert sp.eye(3) == R.T * R
-    assert R.det() == 1
+    R = E.subs({c.symbol: c.exact for c in builder.constants})
+    assert sp.eye(3) == (R.T * R).applyfunc(sp.nsimplify)
     expected = elastic_frame((1, 2, 3), float, np.sqrt).astype(float)
-    np.testing.assert_allclose(np.array(E.subs(exact_values), float), expected, atol=1e-15)
-    np.testing.assert_allclose(np.array(R, float), expected, atol=1e-12)
+    np.testing.assert_allclose(np.array(R, float), expected, atol=1e-15)
+    prime = prime_with_roots(360, chain.squares())
+    residue = {c.symbol: PrimeAlgebra(prime).constant(c) for c in builder.constants}
+    assert (E.T * E).subs(residue).applyfunc(lambda x: x % prime) == sp.eye(3)
+    longer = replace(chain, unit_axes=False)
+    S = sp.Matrix(3, 3, lambda r, k: sp.sympify(longer.elastic_axes(builder, 1)[k][r]))
+    assert all(x.is_Rational for x in S)
+    lengths = np.array(longer.axis_lengths(1), float)
+    np.testing.assert_allclose(np.array(S, float), expected * lengths, rtol=1e-14)
 
 
 def test_a_terms_load_symbol_and_its_place_share_a_name() -> None:

@@ -18,7 +18,8 @@ import sympy as sp
 
 from symstiff.effects.base import Effect, EffectInstance, Scales, Shape, Where, catalogue, find
 from symstiff.model import StiffnessModel
-from symstiff.reduction.prime import PRIMES, PrimeAlgebra, echelon
+from symstiff.reduction.circle import prime_with_roots
+from symstiff.reduction.prime import PrimeAlgebra, echelon
 from symstiff.reduction.structural import MEASURES, ExactEngine, Experiment
 from symstiff.symbolic.program import evaluate
 from symstiff.symbolic.programs import deflection_program
@@ -88,11 +89,11 @@ def _distinction(known: _Known, effect: str, where: Where, kind: str, shape: Sha
     if entry.columns is not None:
         return Distinction(own, len(own), ())
     columns = known.beside(instance, own)
-    total = len(echelon(np.hstack([known.columns, columns]), PRIMES[0])[1])
+    total = len(echelon(np.hstack([known.columns, columns]), known.algebra.p)[1])
     inside = tuple(
         n
         for k, n in enumerate(own)
-        if len(echelon(np.hstack([known.columns, columns[:, [k]]]), PRIMES[0])[1]) == known.rank
+        if len(echelon(np.hstack([known.columns, columns[:, [k]]]), known.algebra.p)[1]) == known.rank
     )
     reason = "" if total > known.rank else "its columns are combinations of the model's"
     if not columns.any():
@@ -117,8 +118,9 @@ class _Known:
         """In absolute data the placement of the measuring device is among what is known."""
         experiment = experiment or Experiment(model.loads, model.measure)
         terms = tuple(dict.fromkeys((*model.terms, *(_placement() if kind == "absolute" else ()))))
-        algebra, rng = PrimeAlgebra(PRIMES[0]), np.random.default_rng([_SEED, PRIMES[0]])
         engine = ExactEngine(model.chain, deflection_program(model.chain, (), ()), (), experiment)
+        prime = prime_with_roots(engine.order, model.chain.squares())
+        algebra, rng = engine.algebra(prime), np.random.default_rng([_SEED, prime])
         names = tuple(dict.fromkeys((*model.parameters, *(t.parameter for t in terms))))
         count = 5 * (len(names) + _MOST) // (4 * len(MEASURES[experiment.measure])) + 12
         return cls(model, experiment, terms, names, algebra, count, engine.points(algebra, rng, count))

@@ -7,7 +7,6 @@ from collections.abc import Sequence
 import sympy as sp
 
 from symstiff.reduction.physical import Parameter, Stage, terms_of
-from symstiff.reduction.prime import PRIMES
 from symstiff.reduction.structural import ExactEngine, Experiment
 from symstiff.symbolic.chain import ElasticChain
 from symstiff.symbolic.program import Builder
@@ -30,7 +29,7 @@ def inexact_aggregations(
     names = tuple(p.name for p in (*full, *suspects))
     program = observation_program(chain, terms_of((*full, *suspects)), names)
     engine = ExactEngine(chain, program, names, experiment)
-    form, pivots = engine.reduced(PRIMES[0], range(len(names)))
+    form, pivots = engine.reduced(engine.primes[0], range(len(names)))
     beyond = [r for r, column in enumerate(pivots) if column >= len(full)]
     return tuple(p.name for c, p in enumerate(suspects, start=len(full)) if form[beyond, c].any())
 

@@ -15,7 +15,7 @@ import numpy as np
 import sympy as sp
 
 from symstiff.reduction.physical import terms_of
-from symstiff.reduction.prime import PRIMES, echelon, rational
+from symstiff.reduction.prime import echelon, rational
 from symstiff.reduction.reduce import Reduction, axis_sizes
 from symstiff.reduction.structural import ExactEngine, in_rationals
 from symstiff.symbolic.chain import ElasticChain
@@ -76,7 +76,7 @@ class _Sampler:
     """Couplings modulo a prime at random lengths, drawn as they are needed."""
 
     def __init__(self, engine: ExactEngine, reduction: Reduction, dimension: int) -> None:
-        self.engine, self.dimension, self.prime = engine, dimension, PRIMES[0]
+        self.engine, self.dimension, self.prime = engine, dimension, engine.primes[0]
         self.rng = np.random.default_rng(11)
         kept = reduction.parameters
         self.free = [n for n in engine.names if n not in kept]

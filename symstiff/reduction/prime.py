@@ -1,9 +1,9 @@
 """Exact arithmetic for the structural engine: programs evaluated, and matrices reduced, modulo a prime.
 
-Random residues stand for joint variables and loads; a random rational point of the unit circle gives an exact
-sine/cosine pair. A rank found so is exact but for a chance of about (degree / prime). A function that no field knows
-(tanh, sign, …) is a random oracle: independent of everything but its argument, with the function's symmetry about
-zero and its value there.
+Random residues stand for joint variables and loads; a point of the unit circle gives an exact sine/cosine pair: a
+random one for a joint that moves, for a fixed angle one that keeps every identity among the angles. A rank found so is
+exact but for a chance of about (degree / prime). A function that no field knows (tanh, sign, …) is a random oracle:
+independent of everything but its argument, with the function's symmetry about zero and its value there.
 """
 
 from __future__ import annotations
@@ -11,17 +11,16 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from fractions import Fraction
-from itertools import islice
 from typing import Any
 
 import numpy as np
 import sympy as sp
 
-from symstiff.symbolic.program import Constant, stand_in
+from symstiff.reduction.circle import ORDER, Circle, primes, split
+from symstiff.symbolic.program import Constant, walk
 
-# −1 has no square root modulo 4k + 3, so that 1 + t² never vanishes and every t is a point of the circle.
-_BELOW = (sp.prevprime(2**31 - 1 - 7919 * k) for k in range(1, 200))
-PRIMES = tuple(islice((p for p in _BELOW if p % 4 == 3), 24))
+# 4k + 3: −1 has no square root, so that 1 + t² never vanishes and every t is a point of the circle.
+PRIMES = primes(ORDER)
 ODD = frozenset({"sin", "tan", "tanh", "sinh", "atan", "asin", "sign"})
 AT_ZERO = {"cos": 1, "cosh": 1, "Abs": 0}
 """Even functions, and what they are at zero."""
@@ -49,10 +48,10 @@ class Number(int):
 
 
 class PrimeAlgebra:
-    """Residues modulo a prime below 2³¹; products fit 64 bits."""
+    """Residues modulo a prime below 2³¹; products fit 64 bits. ``order``: fixed angles are multiples of 2·pi/order."""
 
-    def __init__(self, prime: int) -> None:
-        self.p = prime
+    def __init__(self, prime: int, order: int = ORDER) -> None:
+        self.p, self.circle = prime, Circle(prime, order)
 
     def random(self, rng: np.random.Generator, n: int) -> np.ndarray:
         """Uniform non-zero residues (n,)."""
@@ -74,13 +73,9 @@ class PrimeAlgebra:
         return np.array([pow(int(v), -1, self.p) if v else 0 for v in x], dtype=np.int64)
 
     def fixed_angle(self, value: sp.Expr) -> Angle:
-        """An angle of known value r + s·pi; an irrational sine gets a rational stand-in that agrees to 1e-12."""
-        c, s = sp.cos(value), sp.sin(value)
-        if not (c.is_Rational and s.is_Rational):
-            c, s = stand_in(float(c), float(s))
-        rest, turns = value.as_independent(sp.pi, as_Add=True)
-        linear = self.number(rest + turns / sp.pi * PI)
-        return Angle(int(linear), int(self.number(c)), int(self.number(s)), value)
+        """An angle of known value r + s·pi."""
+        rest, half_turns = split(value)
+        return Angle(int(self.number(rest + half_turns * PI)), *self.circle.point(value), value)
 
     def number(self, value: sp.Expr) -> Any:
         """A rational's residue; a multiple of pi is an angle, any other number an oracle."""
@@ -93,8 +88,10 @@ class PrimeAlgebra:
         return number
 
     def constant(self, constant: Constant) -> int:
-        """The residue of the constant's rational stand-in."""
-        return self.number(constant.rational)  # type: ignore[no-any-return]
+        """The cosine of the constant's angle; any other constant is a product of fractions and their roots."""
+        if constant.turn is not None:
+            return self.circle.point(constant.turn)[0]
+        return int(walk(constant.exact, {}, self))
 
     def sum(self, terms: Sequence[tuple[int, Any]]) -> Any:
         """Σ ±x; angles and known numbers add up to an angle, with anything else among them to its value."""
@@ -139,7 +136,11 @@ class PrimeAlgebra:
         return total
 
     def power(self, base: Any, exponent: sp.Expr) -> Any:
-        """Whole powers; others are oracles."""
+        """Whole powers, and roots of fractions that have one; others are oracles."""
+        if isinstance(base, Number) and abs(exponent) == sp.S.Half:
+            root = self.circle.root(int(base))
+            if root is not None:
+                return root if exponent > 0 else self._inverse(root)
         x = base.value if isinstance(base, Angle) else base
         if not exponent.is_Integer:
             root = self._oracle(f"power{exponent}", [x])

@@ -2,6 +2,7 @@
 
 The observation matrix is evaluated at random points modulo a prime and brought to reduced row echelon form: rank,
 groups and couplings come out without a tolerance; further primes confirm them and lift the couplings to fractions.
+Couplings that are irrational are then solved for with fifty digits among the parameters that the primes name.
 """
 
 from __future__ import annotations
@@ -9,15 +10,18 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from fractions import Fraction
+from functools import cached_property
 from typing import Any
 
+import mpmath
 import numpy as np
 import sympy as sp
 
 from symstiff.errors import UserError
+from symstiff.reduction.circle import ORDER, order_for, primes
 from symstiff.reduction.prime import PRIMES, Angle, PrimeAlgebra, echelon, rational
 from symstiff.robot.exact import Exact
-from symstiff.symbolic.algebras import evaluate_numpy
+from symstiff.symbolic.algebras import evaluate_decimal, evaluate_numpy
 from symstiff.symbolic.chain import ElasticChain
 from symstiff.symbolic.program import Program, evaluate
 
@@ -142,9 +146,26 @@ class ExactEngine:
     experiment: Experiment = Experiment()
     seed: int = 1
 
+    @cached_property
+    def order(self) -> int:
+        """The order of the circle in which every fixed angle of the robot and of the experiment is exact."""
+        fixed = [
+            sp.sympify(v) for i, v in self.experiment.fixed.items() if not self.chain.rows[i - 1].prismatic
+        ]
+        return order_for([*self.chain.constant_angles(), *fixed])
+
+    @property
+    def primes(self) -> tuple[int, ...]:
+        """Primes with a circle of that order."""
+        return PRIMES if self.order == ORDER else primes(self.order)
+
+    def algebra(self, prime: int) -> PrimeAlgebra:
+        """Arithmetic modulo one of them."""
+        return PrimeAlgebra(prime, self.order)
+
     def matrix(self, prime: int, lengths: Sequence[int] = ()) -> np.ndarray:
         """The aggregated observation matrix modulo a prime, at enough random configurations."""
-        algebra = PrimeAlgebra(prime)
+        algebra = self.algebra(prime)
         rng = np.random.default_rng([self.seed, prime])
         rows = MEASURES[self.experiment.measure]
         n = (5 * len(self.names)) // (4 * len(rows)) + 12
@@ -190,24 +211,53 @@ class ExactEngine:
         """Rank, groups, kept parameters and exact couplings; earlier names in ``preference`` are kept first."""
         order = [self.names.index(n) for n in preference]
         lifted = _Lift()
-        for prime in PRIMES:
+        for prime in self.primes:
             if lifted.add(*self.reduced(prime, order), prime):
                 break
         kept = [preference[p] for p in lifted.pivots]
-        measured = self.measured(kept, preference) if lifted.unsure else None
-        couplings: Couplings = {}
-        for position, name in enumerate(preference):
-            if position not in lifted.pivots:
-                row = lifted.column(position, measured)
-                couplings[name] = {kept[r]: c for r, c in row if c != 0}
+        free = [position for position in range(len(order)) if position not in lifted.pivots]
+        rows = {preference[p]: {kept[r]: c for r, c in lifted.column(p).items()} for p in free}
+        irrational = {e: tuple(row) for e, row in rows.items() if None in row.values()}
+        solved = self.solved(irrational) if irrational else {}
+        couplings = {
+            e: {k: solved[e][k] if c is None else c for k, c in row.items()} for e, row in rows.items()
+        }
         return partition(self.names, kept, couplings)
 
-    def measured(self, kept: Sequence[str], names: Sequence[str]) -> np.ndarray:
-        """Coefficients (kept × names) of kept columns in others, in doubles: by least squares at random points.
+    def solved(self, supports: Mapping[str, Sequence[str]]) -> dict[str, dict[str, float]]:
+        """Coefficients of the kept columns that make up an eliminated one, for each: at random points, fifty digits."""
+        rows, width = MEASURES[self.experiment.measure], len(self.names)
+        count = 5 * max(map(len, supports.values())) // (4 * len(rows)) + 12
+        exact = {i - 1: str(sp.N(value, 60)) for i, value in self.experiment.fixed.items()}
+        inputs, flat = self.random_inputs(count), []
+        for n in range(count):
+            point = {name: list(values[n]) for name, values in inputs.items()}
+            point["q"] = [exact.get(k, x) for k, x in enumerate(point["q"])]
+            flat.append(evaluate_decimal(self.program, 50, **point)["A"])
+        found = {}
+        with mpmath.workdps(50):
+            for eliminated, kept in supports.items():
+                columns = [self.names.index(n) for n in (*kept, eliminated)]
+                A = mpmath.matrix([[a[r * width + c] for c in columns] for a in flat for r in rows])
+                solution = mpmath.lu_solve(A[:, : len(kept)], A[:, len(kept)])
+                found[eliminated] = dict(zip(kept, map(float, solution), strict=True))
+        return found
 
-        For couplings where stand-ins of odd angles make the fractions endless.
-        """
-        rng, n = np.random.default_rng(self.seed), len(self.names) + 12
+    def measured(self, kept: Sequence[str], names: Sequence[str]) -> np.ndarray:
+        """Coefficients (kept × names) of kept columns in others, in doubles: by least squares at random points."""
+        rows, n = list(MEASURES[self.experiment.measure]), len(self.names) + 12
+        matrix = evaluate_numpy(self.program, **self.random_inputs(n))["A"][:, rows, :].reshape(
+            n * len(rows), -1
+        )
+        columns = matrix[:, [self.names.index(name) for name in kept]]
+        size = np.linalg.norm(columns, axis=0)
+        everything = matrix[:, [self.names.index(name) for name in names]]
+        found = np.linalg.lstsq(columns / size, everything, rcond=None)[0] / size[:, None]
+        return np.asarray(found)
+
+    def random_inputs(self, n: int) -> dict[str, np.ndarray]:
+        """Inputs of n random points of the class of experiments, in doubles."""
+        rng = np.random.default_rng(self.seed)
         q, w = rng.uniform(-3.0, 3.0, (n, self.chain.dof)), np.zeros((n, 6))
         for joint, value in self.experiment.fixed.items():
             q[:, joint - 1] = float(value)
@@ -217,13 +267,7 @@ class ExactEngine:
         for vector in self.program.inputs:
             if vector.name == "context":
                 inputs["context"] = rng.uniform(0.5, 1.0, (n, len(vector.symbols)))
-        rows = list(MEASURES[self.experiment.measure])
-        matrix = evaluate_numpy(self.program, **inputs)["A"][:, rows, :].reshape(n * len(rows), -1)
-        columns = matrix[:, [self.names.index(name) for name in kept]]
-        size = np.linalg.norm(columns, axis=0)
-        everything = matrix[:, [self.names.index(name) for name in names]]
-        found = np.linalg.lstsq(columns / size, everything, rcond=None)[0] / size[:, None]
-        return np.asarray(found)
+        return inputs
 
 
 def _angle(algebra: PrimeAlgebra, fixed: sp.Expr | None, rng: np.random.Generator, n: int) -> Angle:
@@ -243,11 +287,12 @@ class _Lift:
 
     def add(self, form: np.ndarray, pivots: list[int], prime: int) -> bool:
         """Take in one prime; returns whether every fraction found before agrees with it."""
-        fresh = self.modulus == 1 or len(pivots) > len(self.pivots)
+        best, this = (-len(self.pivots), self.pivots), (-len(pivots), pivots)
+        fresh = self.modulus == 1 or this < best
         if fresh:
             self.pivots, self.modulus, self.width = pivots, 1, form.shape[1]
             self.residues = {}
-        elif pivots != self.pivots:
+        elif this > best:
             return False  # an unlucky prime lost rank: leave it out
         free = [c for c in range(self.width) if c not in self.pivots]
         keys = [(r, c) for r in range(len(self.pivots)) for c in free]
@@ -270,13 +315,7 @@ class _Lift:
         self.residues[key] = old + self.modulus * step
         return agrees
 
-    def column(self, position: int, measured: np.ndarray | None) -> list[tuple[int, Fraction]]:
-        """Coefficients of one free column over the pivots; ``measured`` ones where no fraction was confirmed."""
-        found = []
-        for r in range(len(self.pivots)):
-            guess = self._guess.get((r, position))
-            if measured is not None and (r, position) in self.unsure:
-                guess = Fraction(float(measured[r, position])) if self.residues[r, position] else None
-            if guess is not None:
-                found.append((r, guess))
-        return found
+    def column(self, position: int) -> dict[int, Fraction | None]:
+        """Coefficients of one free column over the pivots; None where no fraction was confirmed."""
+        keys = [(r, position) for r in range(len(self.pivots)) if self.residues[r, position]]
+        return {key[0]: None if key in self.unsure else self._guess[key] for key in keys}

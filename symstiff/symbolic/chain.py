@@ -104,6 +104,11 @@ class ElasticChain:
         row = self.rows[i - 1]
         return row.theta.sympy() + (sp.S.Zero if row.prismatic else q(i))
 
+    def constant_angles(self) -> tuple[sp.Expr, ...]:
+        """Every constant angle of the chain: twists, offsets, rotations of the base and of the tool."""
+        turns = [e.value.sympy() for e in (*self.base, *self.tool) if e.kind[0] == "r"]
+        return (*turns, *(x.sympy() for row in self.rows for x in (row.theta, row.alpha)))
+
     def elastic_axes(self, b: Builder, i: int) -> Axes:
         """Axes of link i's elastic frame in DH frame i: cyclic for x, y, z; else beam, z × beam, and their product."""
         axis = self._beam_axis(i)
@@ -131,6 +136,12 @@ class ElasticChain:
             return sp.S.One, sp.S.One, sp.S.One
         return self._sizes(axis)
 
+    def squares(self) -> frozenset[int]:
+        """Whole numbers of whose roots, and those of their divisors, the components of unit elastic axes are made."""
+        rational = replace(self, unit_axes=False)
+        lengths = {x**2 for i in range(self.dof + 1) for x in rational.axis_lengths(i)[:2]}
+        return frozenset(int(x.p * x.q) for x in lengths if x.is_Rational and x != 1)
+
     @staticmethod
     def _sizes(beam: Vec) -> Vec:
         """Lengths of a beam's vector, of z × beam, and of their product."""
@@ -153,7 +164,7 @@ class ElasticChain:
     def alpha(self, b: Builder, i: int) -> tuple[sp.Expr, sp.Expr]:
         """Cosine and sine of α_i as exact constants."""
         alpha = self.rows[i - 1].alpha.sympy()
-        return b.rotation(sp.cos(alpha), sp.sin(alpha))
+        return b.turn(alpha)
 
     def base_axes(self, b: Builder) -> Axes:
         """Axes of frame 0 in world axes."""
@@ -161,7 +172,7 @@ class ElasticChain:
         for motion in self.base:
             if motion.kind[0] == "r":
                 value = motion.value.sympy()
-                axes = _turned(axes, "xyz".index(motion.kind[1]), *b.rotation(sp.cos(value), sp.sin(value)))
+                axes = _turned(axes, "xyz".index(motion.kind[1]), *b.turn(value))
         return tuple(b.vector(a) for a in axes)  # type: ignore[return-value]
 
     def _repr_html_(self) -> str:

@@ -10,7 +10,6 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
-from fractions import Fraction
 from itertools import count
 from typing import Any, Protocol
 
@@ -27,11 +26,11 @@ class Vector:
 
 @dataclass(frozen=True)
 class Constant:
-    """An irrational constant: its exact value and a rational stand-in that keeps cos² + sin² = 1 (to 1e-12)."""
+    """An irrational constant: its exact value, and the angle of which it is the cosine where it is one."""
 
     symbol: sp.Symbol
     exact: sp.Expr
-    rational: sp.Rational
+    turn: sp.Expr | None = None
 
 
 @dataclass(frozen=True)
@@ -218,31 +217,34 @@ class Builder:
         """Bind every component."""
         return tuple(self.let(sp.sympify(e)) for e in expressions)
 
-    def constant(self, exact: sp.Expr, rational: sp.Rational) -> sp.Expr:
-        """Name a constant that has a rational stand-in; a sign goes outside."""
-        if float(exact) < 0:
-            return -self.constant(-exact, -rational)
-        for known in self.constants:
-            if (known.exact, known.rational) == (exact, rational):
-                return known.symbol
-        symbol = sp.Symbol(f"const{len(self.constants)}")
-        self.constants.append(Constant(symbol, exact, rational))
-        return symbol
-
-    def rotation(self, cosine: sp.Expr, sine: sp.Expr) -> tuple[sp.Expr, sp.Expr]:
-        """Constants for an exact rotation given by its cosine and sine.
-
-        Where one of them is irrational both get stand-ins, a sine of one half too: only together are they a rotation.
-        """
+    def turn(self, angle: sp.Expr) -> tuple[sp.Expr, sp.Expr]:
+        """Cosine and sine of a constant angle: constants where one of them is irrational, a sine of one half too."""
+        cosine, sine = sp.cos(angle), sp.sin(angle)
         if cosine.is_Rational and sine.is_Rational:
             return cosine, sine
-        c, s = stand_in(float(cosine), float(sine))
-        return self.constant(cosine, c), self.constant(sine, s)
+        return self._constant(cosine, angle), self._constant(sine, sp.pi / 2 - angle)
+
+    def rotation(self, cosine: sp.Expr, sine: sp.Expr) -> tuple[sp.Expr, sp.Expr]:
+        """Constants for an exact rotation given by its cosine and sine: fractions, roots of fractions."""
+        if cosine.is_Rational and sine.is_Rational:
+            return cosine, sine
+        return self._constant(cosine), self._constant(sine)
+
+    def _constant(self, exact: sp.Expr, turn: sp.Expr | None = None) -> sp.Expr:
+        """Name a constant; a sign goes outside."""
+        if float(exact) < 0:
+            return -self._constant(-exact, None if turn is None else turn + sp.pi)
+        for known in self.constants:
+            if known.exact == exact:
+                return known.symbol
+        symbol = sp.Symbol(f"const{len(self.constants)}")
+        self.constants.append(Constant(symbol, exact, turn))
+        return symbol
 
     def cos_sin(self, angle: sp.Expr, name: str) -> tuple[sp.Expr, sp.Expr]:
         """Cosine and sine of an angle: exact for a constant, multiples of pi/2 folded, else temporaries c…, s…."""
         if not angle.free_symbols:
-            return self.rotation(sp.cos(angle), sp.sin(angle))
+            return self.turn(angle)
         if angle not in self._angles:
             offset = sp.Add(*[a for a in sp.Add.make_args(angle) if not a.free_symbols])
             quarter = offset / (sp.pi / 2)
@@ -294,16 +296,6 @@ class Builder:
         used = set().union(*(s.expression.free_symbols for s in statements)) if statements else set()
         constants = tuple(c for c in self.constants if c.symbol in used)
         return Program(self.name, self.inputs, constants, _renamed(statements), tuple(self._outputs.items()))
-
-
-def stand_in(cosine: float, sine: float) -> tuple[sp.Rational, sp.Rational]:
-    """A rational point of the unit circle within 1e-12; mirror images and complements give theirs exactly."""
-    x, y = abs(cosine), abs(sine)
-    fraction = Fraction(min(x, y) / (1.0 + max(x, y))).limit_denominator(3_000_000)
-    half = sp.Rational(fraction.numerator, fraction.denominator)
-    long, short = (1 - half**2) / (1 + half**2), 2 * half / (1 + half**2)
-    c, s = (long, short) if x >= y else (short, long)
-    return (c if cosine >= 0 else -c), (s if sine >= 0 else -s)
 
 
 def _quarter_turns(c: sp.Expr, s: sp.Expr, turns: int) -> tuple[sp.Expr, sp.Expr]:

@@ -280,7 +280,7 @@ def forward_program(chain: ElasticChain) -> Program:
     for motion in chain.tool:
         if motion.kind[0] == "r":
             value = motion.value.sympy()
-            c, s = b.rotation(sp.cos(value), sp.sin(value))
+            c, s = b.turn(value)
             axes = _turned_about(b, axes, "xyz".index(motion.kind[1]), c, s)
     position = plus(f.levers[0], _base_origin(chain, b))
     rows = [[axes[k][r] for k in range(3)] + [position[r]] for r in range(3)]
@@ -308,7 +308,7 @@ def _base_origin(chain: ElasticChain, b: Builder) -> Vec:
         if motion.kind[0] == "t":
             origin = plus(origin, scaled(axes[k], value))
         else:
-            axes = _turned_about(b, axes, k, *b.rotation(sp.cos(value), sp.sin(value)))
+            axes = _turned_about(b, axes, k, *b.turn(value))
     return origin
 
 
