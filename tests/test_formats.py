@@ -10,6 +10,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from definition import motion
 
 from symstiff.calibration.simulation import SHAPES, load_truth
 from symstiff.calibration.table import check_robot, read_measurements, read_poses
@@ -54,6 +55,18 @@ def test_the_robot_of_the_page_is_what_its_comments_say(arm: Robot) -> None:
     assert [n for n in names if n.startswith("k2")] == ["k2_11", "k2_22", "k2_26", "k2_66"]
     assert not [n for n in names if n.startswith("k3")]
     assert np.isfinite(StiffnessModel.of(reduction).vector()).all()
+
+
+def test_the_beam_and_the_weight_of_the_page_lie_along_their_link(arm: Robot) -> None:
+    """Frame 0's origin seen in frame 1 from the product of the row's matrices, not from the page's formula."""
+    step = np.eye(4)
+    for kind, value in (("tz", arm.joint[0].d), ("tx", arm.joint[0].a), ("rx", arm.joint[0].alpha)):
+        step = step @ motion(kind, float(value)).astype(complex).real
+    back = np.linalg.inv(step)[:3, 3]
+    link = arm.links[1]
+    assert link.beam_axis is not None
+    np.testing.assert_allclose([float(v) for v in link.beam_axis], -back, atol=1e-12)
+    np.testing.assert_allclose(link.com, back / 2, atol=1e-12)
 
 
 def test_the_rule_for_the_beam_axis_is_the_one_of_the_page() -> None:
