@@ -142,6 +142,20 @@ def test_bounds_of_a_small_problem_are_those_of_pencil_and_paper():
     assert found.pinned == ("k1_26",)
 
 
+def test_bounds_are_in_order_and_no_diagonal_term_is_negative_by_rounding():
+    names, rng = ["k1_22", "k1_66", "k1_26", "c1"], np.random.default_rng(0)
+    for share in (0.0, *rng.uniform(-0.8, 0.8, 12)):
+        k22, k66 = rng.uniform(1e-8, 9e-8, 2)
+        full = np.array([k22, k66, share * np.sqrt(k22 * k66), 0.0])
+        for P in (np.eye(4), np.array([[1.0, 1.0, 0.0, 0.0], [0.0, 0.0, 1.0, 0.0], [0.0, 0.0, 0.0, 1.0]])):
+            bounds = reconstruct(P, P @ full, names, {}).bounds
+            assert bounds is not None
+            assert np.all(bounds.lower <= bounds.upper)
+            assert np.all(bounds.lower[[0, 1, 3]] >= 0.0)
+            np.testing.assert_array_less(bounds.lower - 1e-7 * bounds.scale, full)
+            np.testing.assert_array_less(full, bounds.upper + 1e-7 * bounds.scale)
+
+
 def test_a_full_link_matrix_is_held_positive_definite():
     pairs = [(a, b) for a in range(1, 7) for b in range(a, 7)]
     full = [f"k1_{a}{b}" for a, b in pairs]

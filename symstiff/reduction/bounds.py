@@ -70,7 +70,17 @@ def parameter_bounds(affine: Affine, rules: AdmissibleSet) -> Bounds:
         for position, index in enumerate(members):
             lower[index] = _extreme(constraints, len(members), position, 1.0)
             upper[index] = -_extreme(constraints, len(members), position, -1.0)
-    return Bounds(rules.names, lower * affine.scale, upper * affine.scale, scale)
+    lower, upper = _without_rounding(rules, lower * affine.scale, upper * affine.scale)
+    return Bounds(rules.names, lower, upper, scale)
+
+
+def _without_rounding(rules: AdmissibleSet, lower: Array, upper: Array) -> tuple[Array, Array]:
+    """Bounds in order, and none of a diagonal term below zero: the solver keeps neither to the last digit."""
+    diagonal = [i for block in rules.blocks for row, column, i in block.entries if row == column]
+    for bounds in (lower, upper):
+        bounds[diagonal] = np.maximum(bounds[diagonal], 0.0)
+    crossed = lower > upper
+    return np.where(crossed, upper, lower), np.where(crossed, lower, upper)
 
 
 def independent_groups(affine: Affine, rules: AdmissibleSet) -> list[list[int]]:
