@@ -152,12 +152,16 @@ def reduce(
     full = stages[-1].parameters
     if not full:
         raise UserError(f"{robot.name}: every link is rigid and no joint is left: nothing to identify")
+    engine = _engine(robot, full, experiment)
+    chain = engine.chain
+    found = in_unit_axes(engine.partition(preference(chain, full, prefer, avoid)), axis_sizes(chain, full))
+    return Reduction(robot, experiment, stages, found, inexact_aggregations(chain, stages, engine.experiment))
+
+
+def _engine(robot: Robot, full: tuple[Parameter, ...], experiment: Experiment) -> ExactEngine:
     chain, from_zero = in_rationals(ElasticChain(robot), experiment)
     names = tuple(p.name for p in full)
-    program = observation_program(chain, terms_of(full), names)
-    engine = ExactEngine(chain, program, names, from_zero)
-    found = in_unit_axes(engine.partition(preference(chain, full, prefer, avoid)), axis_sizes(chain, full))
-    return Reduction(robot, experiment, stages, found, inexact_aggregations(chain, stages, from_zero))
+    return ExactEngine(chain, observation_program(chain, terms_of(full), names), names, from_zero)
 
 
 def standing(reduction: Reduction) -> dict[int, sp.Expr]:
@@ -165,18 +169,12 @@ def standing(reduction: Reduction) -> dict[int, sp.Expr]:
     e, fixed = reduction.experiment, dict(reduction.experiment.fixed)
     for joint in sorted(fixed):
         others = {j: v for j, v in fixed.items() if j != joint}
+        engine = _engine(reduction.robot, reduction.full, Experiment(e.loads, e.measure, others))
+        _, pivots = engine.reduced(engine.primes[0], range(len(engine.names)))
         # moving a joint only adds rows: with the same rank they have the same null space
-        if _rank(reduction.robot, Experiment(e.loads, e.measure, others)) == reduction.partition.rank:
+        if len(pivots) == reduction.partition.rank:
             fixed = others
     return fixed
-
-
-def _rank(robot: Robot, experiment: Experiment) -> int:
-    full = physical_stages(robot)[-1].parameters
-    chain, from_zero = from_dh_zero(ElasticChain(robot), experiment)
-    names = tuple(p.name for p in full)
-    engine = ExactEngine(chain, observation_program(chain, terms_of(full), names), names, from_zero)
-    return engine.partition(preference(chain, full)).rank
 
 
 def axis_sizes(chain: ElasticChain, parameters: Sequence[Parameter]) -> dict[str, sp.Expr]:
