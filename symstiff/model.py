@@ -273,12 +273,17 @@ class StiffnessModel:
 
     @cached_property
     def structure_hash(self) -> str:
-        """SHA-256 of everything but the values: a parameter file fits a model with the same hash."""
+        """SHA-256 of all but values, words and joint limits: a parameter file fits a model with the same hash."""
         table = self._table()
-        for key in ("values", "deviations"):
-            table.pop(key, None)
-        for key in ("title", "source", "marker"):
-            table["robot"].pop(key, None)
+        robot = table["robot"]
+        bodies = (robot.get("base", {}), *robot["joint"])
+        _drop(table, "values", "deviations")
+        _drop(robot, "title", "source", "marker")
+        for body in bodies:
+            _drop(body, "limits", "compliance")
+            _drop(body.get("link", {}), "compliance")
+            if not body.get("link", True):
+                del body["link"]
         return hashlib.sha256(json.dumps(table, sort_keys=True).encode()).hexdigest()
 
     def _table(self) -> dict[str, Any]:
@@ -334,6 +339,11 @@ class StiffnessModel:
 
     def _deviation(self, name: str) -> str:
         return f"{self.deviations[name]:.1g}" if name in self.deviations else "–"
+
+
+def _drop(table: dict[str, Any], *keys: str) -> None:
+    for key in keys:
+        table.pop(key, None)
 
 
 def _bilinear(term: Term) -> bool:

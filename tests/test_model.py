@@ -115,6 +115,12 @@ def test_the_structure_hash_depends_on_everything_but_values_and_words() -> None
     table = to_table(model.robot)
     table["title"], table["source"] = "another", "elsewhere"
     assert StiffnessModel.of(reduce(from_table(table), "wrench")).structure_hash == model.structure_hash
+    table["joint"][0] |= {"limits": [-1.0, 2.0], "compliance": 3e-7}
+    table["joint"][0].setdefault("link", {})["compliance"] = {"66": 2e-8}
+    assert StiffnessModel.of(reduce(from_table(table), "wrench")).structure_hash == model.structure_hash
+    heavier = to_table(model.robot)
+    heavier["joint"][0].setdefault("link", {})["mass"] = 3.0  # laws act under the weight
+    assert StiffnessModel.of(reduce(from_table(heavier), "wrench")).structure_hash != model.structure_hash
     table["joint"][0]["a"] = 0.9
     assert StiffnessModel.of(reduce(from_table(table), "wrench")).structure_hash != model.structure_hash
 
