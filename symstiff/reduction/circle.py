@@ -45,7 +45,7 @@ def prime_with_roots(order: int, squares: frozenset[int]) -> int:
     Each divisor halves the choice: where there are too many, the largest prime, which keeps no promise.
     """
     parts = {f for x in squares for f in sp.factorint(x, limit=2**15)}
-    fit = (p for p in primes(order, _TRIED) if all(sp.jacobi_symbol(f, p) == 1 for f in parts))
+    fit = (p for p in islice(_primes(order), _TRIED) if all(sp.jacobi_symbol(f, p) == 1 for f in parts))
     return next(fit, primes(order)[0]) if parts else primes(order)[0]
 
 

@@ -7,7 +7,7 @@ takes a ``Builder`` that binds temporaries, so that the same geometry serves pro
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import sympy as sp
@@ -38,7 +38,7 @@ class ElasticChain:
 
     robot: Robot
     symbolic: bool = False
-    unit_axes: bool = True
+    unit_axes: bool = field(default=True, repr=False)
 
     @cached_property
     def rows(self) -> tuple[Row, ...]:
