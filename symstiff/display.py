@@ -1,10 +1,16 @@
-"""How objects show themselves in a notebook: one kind of HTML table."""
+"""How values and objects show themselves: numbers in JSON, one kind of HTML table in a notebook."""
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable, Sequence
 from html import escape
 from typing import Any
+
+
+def finite(value: float | None) -> float | None:
+    """A float for JSON, None where it is not finite or not known."""
+    return None if value is None or not math.isfinite(value) else float(value)
 
 
 def html_table(

@@ -11,7 +11,8 @@ import numpy as np
 import scipy.stats
 
 from symstiff.calibration.compact import Array
-from symstiff.calibration.estimate import Estimate, plain
+from symstiff.calibration.estimate import Estimate
+from symstiff.display import finite
 from symstiff.errors import UserError
 from symstiff.reduction.admissible import AdmissibleSet, admissible_set, scales
 from symstiff.reduction.conic import Constraint, dual_matrix, semidefinite, solve
@@ -63,9 +64,9 @@ class ConstrainedEstimate:
         return {
             "parameters": dict(zip(self.names, map(float, self.values), strict=True)),
             "complete": dict(zip(self.complete_names, map(float, self.complete), strict=True)),
-            "chi2": plain(self.chi2),
-            "chi2_without_conditions": plain(self.free_chi2),
-            "implausible_p": plain(self.implausible_p),
+            "chi2": finite(self.chi2),
+            "chi2_without_conditions": finite(self.free_chi2),
+            "implausible_p": finite(self.implausible_p),
             "active": [{"bound": a.label, "slack": a.slack, "multiplier": a.multiplier} for a in self.active],
         }
 

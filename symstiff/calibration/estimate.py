@@ -14,6 +14,7 @@ import scipy.stats
 from symstiff.calibration.compact import Array, Compact, checked, compact
 from symstiff.calibration.rank import Combination, RankDecision, combinations, decide_rank
 from symstiff.calibration.shared import Blocks, SharedError, shared_error
+from symstiff.display import finite
 from symstiff.errors import UserError
 
 
@@ -71,31 +72,26 @@ class Estimate:
         """A JSON-ready record: parameters, rank decision, fit; null for what is not finite."""
         keys = ("value", "std", "lower", "upper")
         columns = zip(self.values, self.std, self.lower, self.upper, strict=True)
-        rows = [{key: plain(v) for key, v in zip(keys, row, strict=True)} for row in columns]
+        rows = [{key: finite(v) for key, v in zip(keys, row, strict=True)} for row in columns]
         named = zip(self.names, self.units, rows, strict=True)
         return {
             "parameters": {name: row | {"unit": unit} for name, unit, row in named},
             "confidence": self.confidence,
             "rank": self.rank.to_dict(),
             "combinations": [
-                {"kept": c.kept, "others": c.others, "value": c.value, "std": plain(c.std)}
+                {"kept": c.kept, "others": c.others, "value": c.value, "std": finite(c.std)}
                 for c in self.combinations
             ],
-            "condition": plain(self.condition),
+            "condition": finite(self.condition),
             "rows": len(self.residuals),
             "degrees_of_freedom": self.dof,
-            "s0_squared": plain(self.s0_squared),
-            "fit_p": None if self.fit_p is None else plain(self.fit_p),
+            "s0_squared": finite(self.s0_squared),
+            "fit_p": finite(self.fit_p),
             "shared_error": None
             if self.shared is None
             else {"ratio": self.shared.ratio, "p_value": self.shared.p_value},
             "correlated": [{"parameters": [a, b], "correlation": value} for a, b, value in self.correlated()],
         }
-
-
-def plain(value: float) -> float | None:
-    """A float for JSON, None where it is not finite."""
-    return float(value) if math.isfinite(value) else None
 
 
 def estimate(

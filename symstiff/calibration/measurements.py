@@ -86,11 +86,6 @@ class Measurements:
         """(M, 6): which components of which rows were measured."""
         return np.isfinite(self.values)
 
-    @property
-    def measures(self) -> Literal["pose", "position"]:
-        """ "pose" if any rotation was measured, else "position"."""
-        return "pose" if bool(self.measured[:, 3:].any()) else "position"
-
     def select(self, rows: Any) -> Measurements:
         """Return the rows that an index array or a mask selects; labels and points stay as they are."""
         return replace(self, **{name: getattr(self, name)[rows] for name in _ROWS})

@@ -10,10 +10,11 @@ import numpy as np
 import numpy.typing as npt
 
 from symstiff.calibration.compact import Array, Compact, checked, compact
-from symstiff.calibration.estimate import Estimate, estimate, interval_factor, plain
+from symstiff.calibration.estimate import Estimate, estimate, interval_factor
 from symstiff.calibration.outliers import HuberFit, Suspect, pose_suspects, row_suspects
 from symstiff.calibration.rank import combinations
 from symstiff.calibration.shared import Blocks, shared_error
+from symstiff.display import finite
 
 HUBER = 1.345  # of the scale: 95 % efficient on normal noise
 _MAD_TO_SIGMA = 1.482602218505602
@@ -46,7 +47,7 @@ class RobustEstimate:
 
         return self.estimate.to_dict() | {
             "robust": {
-                "scale": plain(self.scale),
+                "scale": finite(self.scale),
                 "iterations": self.iterations,
                 "converged": self.converged,
                 "rows": listed(self.rows),

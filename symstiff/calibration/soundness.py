@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import re
 from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -13,6 +12,7 @@ import numpy as np
 from symstiff.calibration.compact import Array
 from symstiff.calibration.rank import RankDecision
 from symstiff.errors import UserError
+from symstiff.reduction.admissible import JOINT, LINK
 from symstiff.symbolic.numeric import forward
 
 if TYPE_CHECKING:
@@ -25,8 +25,6 @@ _CLEAR = 0.5  # largest deviation, as a share of the value, of a compliance that
 
 _STILL = 1e-6  # rad, m by which a joint that stands still may be off
 
-_LINK = re.compile(r"k(\d+)_([1-6])([1-6])")
-_JOINT = re.compile(r"c(\d+)")
 _LOADS = {
     "1": "a force along its beam axis",
     "2": "a force across its beam axis (second axis)",
@@ -229,7 +227,7 @@ def _needed(names: Sequence[str]) -> str:
     """Loads that would excite parameters that no row contains."""
     wishes: dict[str, None] = {}
     for name in names:
-        link, joint = _LINK.fullmatch(name), _JOINT.fullmatch(name)
+        link, joint = LINK.fullmatch(name), JOINT.fullmatch(name)
         if joint:
             wishes[f"a load with a moment about the axis of joint {joint[1]}"] = None
         elif link:
@@ -244,7 +242,7 @@ def _separate(names: Sequence[str]) -> str:
     """Poses that would tell confounded parameters apart: joints between their bodies must differ."""
     bodies = set()
     for name in names:
-        link, joint = _LINK.fullmatch(name), _JOINT.fullmatch(name)
+        link, joint = LINK.fullmatch(name), JOINT.fullmatch(name)
         if link:
             bodies.add(int(link[1]))
         elif joint:

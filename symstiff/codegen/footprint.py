@@ -124,7 +124,7 @@ def selftest_on(machine: Machine, folder: Path, name: str, single: bool, scratch
 
 
 def markdown(measured: Mapping[str, Mapping[str, Any]]) -> str:
-    """The README's table: one row a variant and function."""
+    """All that was measured as a table in Markdown: one row a variant and function."""
     lines = [
         "| variant | machine | function | code [B] | stack [B] | instructions |",
         "|---|---|---|---:|---:|---:|",

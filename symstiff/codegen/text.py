@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import sympy as sp
 
-from symstiff.symbolic.program import Constant, Emit, Let, Program, Statement, evaluate
+from symstiff.symbolic.program import Constant, Let, Program, Statement, evaluate
 
 _SUM, _PRODUCT, _ATOM = 1, 2, 3
 _FUNCTIONS = {
@@ -138,8 +138,3 @@ def c_body(
 def context_names(program: Program) -> list[str]:
     """What a program knows of the moment besides joints and wrench: time, temperature, branch."""
     return [s.name for v in program.inputs if v.name == "context" for s in v.symbols]
-
-
-def stored_outputs(program: Program) -> tuple[int, ...]:
-    """Indices of a program's only output that are not identically zero, in order of emission."""
-    return tuple(s.index for s in program.statements if isinstance(s, Emit) and s.expression != 0)

@@ -14,8 +14,8 @@ from symstiff.errors import UserError
 Array = npt.NDArray[np.float64]
 
 BEAM_RATIO = 4.0 / 3.0  # k22·k66/k26² of a uniform cantilever: (L³/3EI)·(L/EI)/(L²/2EI)²
-_LINK = re.compile(r"k(\d+)_([1-6])([1-6])")
-_JOINT = re.compile(r"c(\d+)")
+LINK = re.compile(r"k(\d+)_([1-6])([1-6])")
+JOINT = re.compile(r"c(\d+)")
 # Where nothing is known: m/N, rad/N and rad/(N·m) of a heavy robot's links, rad/(N·m) of its joints.
 _TYPICAL_TRANSLATION, _TYPICAL_ROTATION, _TYPICAL_JOINT = 1e-8, 1e-7, 1e-6
 
@@ -91,10 +91,10 @@ def admissible_set(
     index = {name: i for i, name in enumerate(names)}
     signed = set(nonnegative)
     blocks = []
-    for link in sorted({int(m[1]) for m in map(_LINK.fullmatch, names) if m}):
+    for link in sorted({int(m[1]) for m in map(LINK.fullmatch, names) if m}):
         blocks += _link_blocks(link, index, beam_ratio)
     for name in names:
-        joint = _JOINT.fullmatch(name)
+        joint = JOINT.fullmatch(name)
         if joint or name in signed:
             label = f"joint {joint[1]} ({name})" if joint else name
             blocks.append(Block(label, 1, ((0, 0, index[name]),)))
@@ -114,12 +114,12 @@ def scales(names: Sequence[str], nominal: Mapping[str, float] | None = None) -> 
 
     result = np.empty(len(names))
     for i, name in enumerate(names):
-        link = _LINK.fullmatch(name)
+        link = LINK.fullmatch(name)
         if link:
             ends = [size(f"k{link[1]}_{a}{a}", _typical(int(a))) for a in (link[2], link[3])]
             result[i] = np.sqrt(ends[0] * ends[1])
         else:
-            result[i] = size(name, _TYPICAL_JOINT if _JOINT.fullmatch(name) else 1.0)
+            result[i] = size(name, _TYPICAL_JOINT if JOINT.fullmatch(name) else 1.0)
     return result
 
 
@@ -127,7 +127,7 @@ def link_matrices(names: Sequence[str], values: Array) -> dict[int, Array]:
     """Complete 6 × 6 compliance matrices by link, elastic frame, zeros where the template has none."""
     matrices: dict[int, Array] = {}
     for name, value in zip(names, values, strict=True):
-        link = _LINK.fullmatch(name)
+        link = LINK.fullmatch(name)
         if link:
             K = matrices.setdefault(int(link[1]), np.zeros((6, 6)))
             a, b = int(link[2]) - 1, int(link[3]) - 1
@@ -137,7 +137,7 @@ def link_matrices(names: Sequence[str], values: Array) -> dict[int, Array]:
 
 def joint_compliances(names: Sequence[str], values: Array) -> dict[int, float]:
     """Joint compliances by joint number, rad/(N·m) or m/N."""
-    pairs = zip(map(_JOINT.fullmatch, names), values, strict=True)
+    pairs = zip(map(JOINT.fullmatch, names), values, strict=True)
     return {int(joint[1]): float(value) for joint, value in pairs if joint}
 
 
@@ -150,7 +150,7 @@ def _link_blocks(link: int, index: Mapping[str, int], beam_ratio: float) -> list
     terms = {
         (int(m[2]), int(m[3])): i
         for name, i in index.items()
-        if (m := _LINK.fullmatch(name)) and int(m[1]) == link
+        if (m := LINK.fullmatch(name)) and int(m[1]) == link
     }
     for a, b in terms:
         for axis in (a, b):

@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from symstiff.display import finite
 from symstiff.reduction.admissible import AdmissibleSet, Array
 from symstiff.reduction.conic import Constraint, semidefinite, solve
 from symstiff.reduction.nearest import Affine
@@ -37,13 +38,9 @@ class Bounds:
 
     def to_dict(self) -> dict[str, Any]:
         """A JSON-ready record; null where there is no bound, with the unbounded ones listed."""
-
-        def number(value: float) -> float | None:
-            return float(value) if math.isfinite(value) else None
-
         rows = zip(self.names, self.lower, self.upper, strict=True)
         return {
-            "ranges": {name: [number(low), number(high)] for name, low, high in rows},
+            "ranges": {name: [finite(low), finite(high)] for name, low, high in rows},
             "pinned": list(self.pinned),
             "unbounded": list(self.unbounded),
         }

@@ -14,6 +14,7 @@ from typing import Any, Literal
 
 import numpy as np
 
+from symstiff.display import finite
 from symstiff.errors import UserError
 from symstiff.reduction.admissible import (
     AdmissibleSet,
@@ -79,17 +80,13 @@ class Reconstruction:
 
     def to_dict(self) -> dict[str, Any]:
         """A JSON-ready record."""
-
-        def number(value: float) -> float | None:
-            return float(value) if math.isfinite(value) else None
-
         named = zip(self.reduced_names, self.reduced, self.shifts, strict=True)
         return {
             "values": dict(zip(self.names, map(float, self.values), strict=True)),
-            "reduced": {name: {"value": float(v), "shift_std": number(s)} for name, v, s in named},
+            "reduced": {name: {"value": float(v), "shift_std": finite(s)} for name, v, s in named},
             "admissible": self.admissible,
             "depth": self.depth,
-            "distance_std": number(self.distance),
+            "distance_std": finite(self.distance),
             "metric": self.metric,
             "metric_value": self.metric_value,
             "smallest_relative_eigenvalue": self.smallest,

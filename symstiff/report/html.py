@@ -9,6 +9,7 @@ from typing import Any
 from markupsafe import Markup
 
 from symstiff import __version__
+from symstiff.calibration.measurements import COMPONENTS
 from symstiff.discrepancy import numbers
 from symstiff.discrepancy.finding import Finding, Found
 from symstiff.discrepancy.noise import off
@@ -390,9 +391,7 @@ def _noise(finding: Finding) -> list[str]:
         lines.append(f"load cases of a pose share an error of {words.size(n.approach, finding)}{how}")
     if n.homogeneity_p < _SEEN:
         units = ("mm", "mrad")
-        by = ", ".join(
-            f"{plots.COMPONENTS[a]} {numbers.milli(s)} {units[a > 2]}" for a, s in n.by_axis.items()
-        )
+        by = ", ".join(f"{COMPONENTS[a]} {numbers.milli(s)} {units[a > 2]}" for a, s in n.by_axis.items())
         lines.append(f"the noise differs between axes: {by}")
     for what, power in n.growth.items():
         if abs(power) > 0.25:

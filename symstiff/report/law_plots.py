@@ -9,12 +9,13 @@ from typing import Any
 import numpy as np
 import sympy as sp
 
+from symstiff.calibration.measurements import COMPONENTS
 from symstiff.discrepancy.finding import Finding, Found
 from symstiff.discrepancy.growth import contribution
 from symstiff.discrepancy.localise import back_project
 from symstiff.discrepancy.problem import Array
 from symstiff.discrepancy.speech import named
-from symstiff.report.plots import AFTER, COMPONENTS, LAW, Picture, drawing
+from symstiff.report.plots import AFTER, LAW, Picture, drawing
 from symstiff.report.tables import rotates, shift, weights
 from symstiff.report.unnamed import law_text
 from symstiff.symbolic.algebras import NumpyAlgebra

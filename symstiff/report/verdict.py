@@ -12,6 +12,7 @@ from symstiff.discrepancy.finding import Finding, Found
 from symstiff.discrepancy.result import CandidateResult, Estimate, Name
 from symstiff.discrepancy.sharing import JOINTS
 from symstiff.discrepancy.strata import Stratum
+from symstiff.display import finite
 from symstiff.report.tables import sizes_of
 from symstiff.report.words import sentence
 
@@ -37,9 +38,9 @@ def verdict_table(finding: Finding) -> dict[str, Any]:
             "held_out_after": _mm(finding.rms.held_out_after),
             "noise": _mm(finding.rms.noise),
         },
-        "closure": None if last.held_out is None else plain(last.held_out.closure),
-        "p_missing": plain(finding.first.p_missing),
-        "p_unnamed": plain(last.p_unnamed),
+        "closure": None if last.held_out is None else finite(last.held_out.closure),
+        "p_missing": finite(finding.first.p_missing),
+        "p_unnamed": finite(last.p_unnamed),
         "noise": _noise(finding),
         "strata": [_stratum(s) for s in finding.steps[0].strata],
         "strata_left": [_stratum(s) for s in finding.steps[-1].strata],
@@ -47,7 +48,7 @@ def verdict_table(finding: Finding) -> dict[str, Any]:
             {
                 "title": s.title,
                 "parameters": s.parameters,
-                "p_left": plain(s.p_left),
+                "p_left": finite(s.p_left),
                 "residuals": {k: {"max": v.max, "rms": v.rms} for k, v in sizes_of(finding, s.residual).items()},
             }
             for s in finding.steps
@@ -62,18 +63,13 @@ def verdict_table(finding: Finding) -> dict[str, Any]:
         "model": {
             "loads": finding.start.model.loads,
             "measure": finding.start.model.measure,
-            "values": {n: plain(v) for n, v in finding.start.model.values.items()},
+            "values": {n: finite(v) for n, v in finding.start.model.values.items()},
         },
     }  # fmt: skip
 
 
-def plain(value: float | None) -> float | None:
-    """A float, None where it is not finite."""
-    return None if value is None or not math.isfinite(value) else float(value)
-
-
 def _mm(value: float | None) -> float | None:
-    return None if value is None else plain(1e3 * value)
+    return None if value is None else finite(1e3 * value)
 
 
 def _json(value: Any) -> Any:
@@ -86,7 +82,9 @@ def _json(value: Any) -> Any:
 
 
 def _estimates(parameters: Mapping[str, Estimate]) -> dict[str, Any]:
-    return {n: {"value": plain(e.value), "std": plain(e.std), "unit": e.unit} for n, e in parameters.items()}
+    return {
+        n: {"value": finite(e.value), "std": finite(e.std), "unit": e.unit} for n, e in parameters.items()
+    }
 
 
 def _name(name: Name) -> dict[str, Any]:
@@ -99,8 +97,8 @@ def effect_table(effect: Found) -> dict[str, Any]:
         "effect": effect.effect,
         "where": _json(effect.where),
         "parameters": _estimates(effect.parameters),
-        "p_value": plain(effect.p_value),
-        "confidence": plain(effect.confidence),
+        "p_value": finite(effect.p_value),
+        "confidence": finite(effect.confidence),
         "confounded_with": [_name(n) for n in effect.confounded_with],
         "shape": _json(effect.shape),
         "set": effect.set_number,
@@ -112,21 +110,21 @@ def _candidate(c: CandidateResult) -> dict[str, Any]:
     smallest: dict[str, Any] = {"value": None, "unit": ""}
     if sizes:
         name = next(iter(sizes))
-        smallest = {"value": plain(sizes[name].value), "unit": sizes[name].unit, "parameter": name}
+        smallest = {"value": finite(sizes[name].value), "unit": sizes[name].unit, "parameter": name}
     return {
         "effect": c.effect,
         "where": _json(c.where),
-        "p_value": plain(c.p_value),
+        "p_value": finite(c.p_value),
         "testable": c.testable,
         "sufficient": bool(c.sufficient),
         "smallest_detectable": smallest,
         "smallest_detectable_by_parameter": {
-            n: {"value": plain(e.value), "unit": e.unit} for n, e in c.smallest_detectable.items()
+            n: {"value": finite(e.value), "unit": e.unit} for n, e in c.smallest_detectable.items()
         },
         "plausible": c.plausible,
         "reason": c.reason,
-        "score": plain(c.score),
-        "share_left": plain(c.share_left),
+        "score": finite(c.score),
+        "share_left": finite(c.share_left),
         "shape": _json(c.shape),
         "parameters": _estimates(c.parameters),
         "confused_with": [_name(n) for n in c.confused_with],
@@ -137,8 +135,8 @@ def _stratum(s: Stratum) -> dict[str, Any]:
     return {
         "name": s.name,
         "degrees_of_freedom": int(s.degrees_of_freedom),
-        "ratio": plain(s.ratio),
-        "p_value": plain(s.p_value),
+        "ratio": finite(s.ratio),
+        "p_value": finite(s.p_value),
     }
 
 
@@ -147,14 +145,14 @@ def _noise(finding: Finding) -> dict[str, Any]:
     return {
         "sigma_mm": _mm(n.sigma),
         "stated_mm": _mm(n.stated),
-        "ratio": plain(n.ratio),
+        "ratio": finite(n.ratio),
         "misstated": bool(n.misstated),
         "source": n.source,
-        "degrees_of_freedom": plain(n.degrees_of_freedom),
+        "degrees_of_freedom": finite(n.degrees_of_freedom),
         "approach_mm": _mm(n.approach),
-        "approach_p": plain(n.approach_p),
+        "approach_p": finite(n.approach_p),
         "approach_of": "joints" if n.shared == JOINTS else "axes",
-        "homogeneity_p": plain(n.homogeneity_p),
+        "homogeneity_p": finite(n.homogeneity_p),
     }
 
 
@@ -165,10 +163,10 @@ def _law(finding: Finding) -> dict[str, Any] | None:
     return {
         "virtual_joint": law.virtual_joint,
         "expression": law.expression,
-        "tau_scale": plain(law.tau_scale),
-        "other_scales": {name: plain(largest) for name, largest in law.other_scales.items()},
-        "explained": plain(law.explained),
-        "cross_validated": plain(law.cross_validated),
+        "tau_scale": finite(law.tau_scale),
+        "other_scales": {name: finite(largest) for name, largest in law.other_scales.items()},
+        "explained": finite(law.explained),
+        "cross_validated": finite(law.cross_validated),
     }
 
 
@@ -176,5 +174,5 @@ def _device_law(finding: Finding) -> dict[str, Any] | None:
     law = finding.last.device_law
     if law is None:
         return None
-    terms = [{"law": t, "value": plain(v), "std": plain(d), "unit": u} for t, v, d, u in law.terms]
-    return {"place": law.place, "terms": terms, "explained": plain(law.explained)}
+    terms = [{"law": t, "value": finite(v), "std": finite(d), "unit": u} for t, v, d, u in law.terms]
+    return {"place": law.place, "terms": terms, "explained": finite(law.explained)}

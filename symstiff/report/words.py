@@ -22,7 +22,7 @@ LOUDER = 1.08
 
 
 def name_text(name: Name) -> str:
-    """The same of a name."""
+    """An effect and its place, by name, in words."""
     return named(name.effect, name.where)
 
 

@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 
 from symstiff.calibration.measurements import Measurements
 from symstiff.effects.base import Body, at_lever
+from symstiff.effects.common import GRAVITY
 from symstiff.robot.schema import Robot
 from symstiff.symbolic.algebras import NumpyAlgebra
 from symstiff.symbolic.numeric import Kinematics, kinematics, virtual_joints
@@ -38,7 +39,6 @@ Floats = NDArray[np.float64]
 Ints = NDArray[np.intp]
 Weigh = Callable[[Floats], Floats]
 """Rows (M, k) in units of the noise, what they share taken into account."""
-GRAVITY = 9.80665
 _ALGEBRA = NumpyAlgebra()
 _STEP = 1e-4
 """Change of the largest load over which a slope is taken."""
@@ -89,7 +89,7 @@ class View:
     @cached_property
     def bodies(self) -> tuple[Body, ...]:
         """The links whose mass the robot file tells; each hangs behind its own springs."""
-        down = np.tile([0.0, 0.0, -GRAVITY, 0.0, 0.0, 0.0], (len(self.table), 1))
+        down = np.tile([0.0, 0.0, -float(GRAVITY), 0.0, 0.0, 0.0], (len(self.table), 1))
         return tuple(
             Body(7 * i + 6, self.found.R[:, i] @ np.array(link.com) - self.found.rho[:, i], link.mass * down)
             for i, link in enumerate(self.robot.links) if i and link.mass
