@@ -82,6 +82,14 @@ def test_what_cannot_be_followed_is_refused_before_anything_is_written(
     assert {p: p.read_bytes() for p in place.iterdir()} == before
 
 
+def test_what_a_region_and_a_fixed_joint_cannot_be_is_told_with_its_name(run: Run, tmp_path: Path) -> None:
+    plan = ("plan", "planar2r", "--poses", "4", "-o", str(tmp_path / "x.csv"))
+    assert_users_mistake(run(*plan, "--keep-out", "nan,0,0,1,1,1"), "give finite numbers")
+    assert_users_mistake(run(*plan, "--floor", "5", "--candidates", "128"), "none of", "keeps the region")
+    for value in ("x", "1e-400"):
+        assert_users_mistake(run("inspect", "ur10", "--fixed", f"q2={value}"), "--fixed: q2")
+
+
 SEPARATE = [
     ("--criterion", "A"), ("--test-poses", "t.csv"), ("--steps", "2"), ("--levels", "q1=2"), ("--fixed", "q1=0"),
     ("--no-refine",), ("--cluster", "tcp://host:1"), ("--plot", "x.png"), ("--candidates", "5"),

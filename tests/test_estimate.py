@@ -374,6 +374,7 @@ def test_a_joint_that_no_load_turns_asks_for_a_moment_about_its_axis():
     fit = estimate(A, A @ truth(joints), None, joints)
     assert fit.rank.silent == ("c1",)
     assert "a moment about the axis of joint 1" in str(missing_information(fit.rank, joints, 120))
+    assert "a force along the axis of joint 1" in str(missing_information(fit.rank, joints, 120, {1}))
 
 
 def test_sixteen_thousand_poses_need_no_matrix_of_rows_by_rows():

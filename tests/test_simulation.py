@@ -190,3 +190,29 @@ def test_a_load_without_equilibrium_is_refused():
     truth = Truth(load("planar2r"), {"c1": float("1e300")})
     with pytest.raises(UserError, match="equilibrium"):
         clean_response(truth, [[0.3, 0.4]], [[1e5, 1e5, 0, 0, 0, 0]])
+
+
+def test_a_nominal_link_has_the_terms_of_its_template_alone():
+    robot = load("ur10")
+    table = to_table(robot)
+    rows = ["*.....", ".*...*", "......", "......", "......", ".*...*"]
+    table["template"] = [{"name": "planar", "pattern": rows}]
+    table["joint"][1]["link"] |= {"template": "planar", "compliance": {"66": 4e-8, "55": 1e-7}}
+    values = nominal_truth(from_table(table, "ur10"))
+    assert sorted(n for n in values if n.startswith("k2_")) == ["k2_11", "k2_22", "k2_26", "k2_66"]
+    assert values["k2_66"] == 4e-8
+
+
+@pytest.mark.parametrize("known", [{"66": 1e-9}, {"22": 1e-3}, {"22": 1e-12, "55": 1e-3}])
+def test_a_nominal_link_beside_known_terms_gives_back_no_more_energy_than_it_takes(known):
+    table = to_table(load("ur10"))
+    table["joint"][0].setdefault("link", {})["compliance"] = known
+    values = nominal_truth(from_table(table, "ur10"))
+    K = np.zeros((6, 6))
+    for name, value in values.items():
+        if name.startswith("k1_"):
+            a, b = int(name[3]) - 1, int(name[4]) - 1
+            K[a, b] = K[b, a] = value
+    assert all(values[f"k1_{key}"] == value for key, value in known.items())
+    size = np.sqrt(np.diag(K))
+    assert np.linalg.eigvalsh(K / np.outer(size, size)).min() > 0.1

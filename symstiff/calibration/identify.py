@@ -172,7 +172,8 @@ def identify(
     fitted, e, strong = fit_model(model, train, robust=robust)
     exchanged = marker_hint(train.points, left_of_deflections(model, train))
     remarks += [exchanged] if exchanged else axis_remarks(model, train, e)
-    check_determined(fitted.rank, fitted.names, len(e.y), doubts)
+    slides = [i for i, joint in enumerate(robot.joint, start=1) if joint.prismatic]
+    check_determined(fitted.rank, fitted.names, len(e.y), doubts, slides)
     behind = _reduced_to(model, experiment) if physical and reduction is None else reduction
     values, constrained = _values(fitted, behind, physical)
     model = model.with_values(values, _finite(dict(zip(fitted.names, fitted.std.tolist(), strict=True))))

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Collection, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -171,8 +171,10 @@ def unlike_file(model: StiffnessModel, robot: Robot) -> list[str]:
     ]
 
 
-def missing_information(decision: RankDecision, names: Sequence[str], rows: int) -> str | None:
-    """What the data leave open and what would help; None where every parameter is determined."""
+def missing_information(
+    decision: RankDecision, names: Sequence[str], rows: int, slides: Collection[int] = ()
+) -> str | None:
+    """What the data leave open and what would help; None where every parameter is determined. slides: joints."""
     if decision.full:
         return None
     total = len(names)
@@ -185,7 +187,7 @@ def missing_information(decision: RankDecision, names: Sequence[str], rows: int)
     mixed = [name for name in names if name in set(decision.affected) - set(silent)]
     parts = [cause]
     if silent:
-        parts.append(f"not loaded at all: {_few(silent)}; needed: {_needed(silent)}")
+        parts.append(f"not loaded at all: {_few(silent)}; needed: {_needed(silent, slides)}")
     if mixed:
         parts.append(f"not told apart: {_few(mixed)}; needed: {_separate(mixed)}")
     return "; ".join(parts)
@@ -198,13 +200,17 @@ def _few(names: Sequence[str], most: int = 8) -> str:
 
 
 def check_determined(
-    decision: RankDecision, names: Sequence[str], rows: int, doubts: Sequence[str] = ()
+    decision: RankDecision,
+    names: Sequence[str],
+    rows: int,
+    doubts: Sequence[str] = (),
+    slides: Collection[int] = (),
 ) -> None:
     """Raise UserError with `missing_information` where some parameter is not determined.
 
     ``doubts`` about the model come first: a rounded angle makes parameters that no measurement tells apart.
     """
-    message = missing_information(decision, names, rows)
+    message = missing_information(decision, names, rows, slides)
     if message is not None:
         before = "".join(f"{doubt}; " for doubt in doubts)
         raise UserError(
@@ -223,13 +229,14 @@ def check_beside_geometry(open_ones: Sequence[str]) -> None:
         )
 
 
-def _needed(names: Sequence[str]) -> str:
+def _needed(names: Sequence[str], slides: Collection[int]) -> str:
     """Loads that would excite parameters that no row contains."""
     wishes: dict[str, None] = {}
     for name in names:
         link, joint = LINK.fullmatch(name), JOINT.fullmatch(name)
         if joint:
-            wishes[f"a load with a moment about the axis of joint {joint[1]}"] = None
+            load = "force along" if int(joint[1]) in slides else "moment about"
+            wishes[f"a load with a {load} the axis of joint {joint[1]}"] = None
         elif link:
             for axis in dict.fromkeys((link[2], link[3])):
                 wishes[f"on link {link[1]} {_LOADS[axis]}"] = None

@@ -56,7 +56,10 @@ def parse_fixed(text: str | None) -> dict[int, Exact]:
             raise UserError(f"--fixed {part.strip()!r}: write a joint and its value, e.g. q1=0 or q4=pi/2")
         if joint in fixed:
             raise UserError(f"--fixed: q{joint} stands there twice: give it one value")
-        fixed[joint] = parse_exact(value.strip())
+        try:
+            fixed[joint] = parse_exact(value.strip())
+        except UserError as error:
+            raise UserError(f"--fixed: q{joint}: {error}") from error
     return fixed
 
 

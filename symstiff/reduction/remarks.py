@@ -17,7 +17,11 @@ _NEAR = 2e-4  # rad; an angle rounded to four digits, or printed with three and 
 def reduction_remarks(reduction: Reduction) -> list[str]:
     """Remarks about angles that look like rounded ones, and about what has no place in the reduced model."""
     robot = reduction.robot
-    return [*_of_angles(robot), *_of_compliances(robot), *_of_aggregations(reduction.inexact_aggregations)]
+    return [
+        *_of_angles(robot),
+        *_of_compliances(robot),
+        *_of_aggregations(robot, reduction.inexact_aggregations),
+    ]
 
 
 def _of_angles(robot: Robot) -> list[str]:
@@ -35,7 +39,7 @@ def _of_angles(robot: Robot) -> list[str]:
 def _quarters(angle: Exact) -> Exact | None:
     """The multiple of a quarter turn that an angle is next to without being it."""
     meant = Exact(pi=Fraction(round(float(angle) / (math.pi / 2)), 2))
-    return meant if meant and 0.0 < abs(float(angle) - float(meant)) < _NEAR else None
+    return meant if 0.0 < abs(float(angle) - float(meant)) < _NEAR else None
 
 
 def _of_compliances(robot: Robot) -> list[str]:
@@ -52,14 +56,15 @@ def _of_compliances(robot: Robot) -> list[str]:
     return out
 
 
-def _of_aggregations(names: Sequence[str]) -> list[str]:
+def _of_aggregations(robot: Robot, names: Sequence[str]) -> list[str]:
     """Joint compliances that M3 gives to a link whose template cannot hold them."""
     out = []
     for name in names:
         link = int(name[1:]) - 1
+        motion = "translation along" if robot.joint[link].prismatic else "rotation about"
         place = "[base.link]" if link == 0 else f"the link of joint {link}"
         out.append(
-            f"M3 gives {name} to link {link}, whose template has no terms for a rotation about that joint's axis: "
+            f"M3 gives {name} to link {link}, whose template has no terms for a {motion} that joint's axis: "
             f'the model is not complete; write template = "full" in {place}'
         )
     return out

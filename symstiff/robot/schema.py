@@ -82,7 +82,7 @@ def _angle(value: Any) -> Exact:
 def _whole(angle: Exact) -> Exact:
     """The multiple of pi/12 that a decimal stands for: 1.5707963267948966 is a quarter turn."""
     meant = Exact(pi=Fraction(round(float(angle) / (math.pi / 12)), 12))
-    return meant if not angle.pi and meant and abs(float(angle) - float(meant)) < _DIGITS else angle
+    return meant if not angle.pi and abs(float(angle) - float(meant)) < _DIGITS else angle
 
 
 def _finite(value: Any) -> float:

@@ -125,12 +125,13 @@ def _shares(model: StiffnessModel, hidden: Sequence[Compliance], table: Measurem
 def _hidden(model: StiffnessModel) -> tuple[Compliance, ...]:
     """Compliances that loads at the tool leave out of a complete model, and that weights bring back.
 
-    Joints as well: a link's weight bends the link and does not turn the joint behind it, which M3 gave to it.
+    Joints as well: a link's weight bends the link and does not turn the joint behind it, which M3 gave to it, and it
+    moves the one of two parallel slides alone that stands before it.
     """
     elastic = {p.body for p in model.compliances if not p.is_joint}
     full = physical_stages(model.robot)[2].parameters
     left_out = (p for p in full if p.name not in model.parameters)
-    return tuple(p for p in left_out if (p.body - 1 if p.is_joint else p.body) in elastic)
+    return tuple(p for p in left_out if p.is_joint or p.body in elastic)
 
 
 def _current(

@@ -91,6 +91,11 @@ def draw(space: Space, count: int, seed: int) -> Candidates:
         keep = allowed(space.region, space.robot, q)
         found.append((q[keep], draw_loads(load, uniform[:, len(free) :])[keep], labels[keep]))
         total, drawn = total + int(keep.sum()), drawn + batch
+    if total == 0:
+        raise UserError(
+            f"none of {drawn} configurations drawn within the joint limits keeps the region: relax the keep-out "
+            "region, the floor or the reach"
+        )
     if total < count:
         raise UserError(
             f"only {total} of {drawn} configurations drawn within the joint limits keep the region; {count} "

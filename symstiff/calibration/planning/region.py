@@ -22,9 +22,9 @@ class Box:
     high: tuple[float, float, float]
 
     def __post_init__(self) -> None:
-        if not np.all(np.isfinite([self.low, self.high])) or not all(
-            a < b for a, b in zip(self.low, self.high, strict=True)
-        ):
+        if not np.all(np.isfinite([self.low, self.high])):
+            raise UserError(f"keep-out box {self.low} to {self.high}: give finite numbers, in metres")
+        if not all(a < b for a, b in zip(self.low, self.high, strict=True)):
             raise UserError(f"keep-out box {self.low} to {self.high}: give the lower corner first, in metres")
 
 

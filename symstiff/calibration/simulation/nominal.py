@@ -8,7 +8,8 @@ link's elastic frame. Joints without a known compliance get 1e-5 rad/(N·m)·(1.
 half of the arm, half as much again at joint 3 and eight times as much in the wrist, at most ten times the
 largest known one: a UR10 has 1e-5 at a reach of 1.3 m, a KR 270 0.3e-6 at 2.9 m. Last, all links are scaled
 by one factor so that they carry 35 % of the deflection (rms over poses within the limits under a vertical
-force), as on heavy robots. What the robot file knows stands.
+force), as on heavy robots. Terms that a link's template does not have are zero. What the robot file knows
+stands; with a diagonal term that it knows the rest of that row is scaled: no link gives back more energy than it takes.
 """
 
 from __future__ import annotations
@@ -18,6 +19,7 @@ import math
 import numpy as np
 
 from symstiff.calibration.simulation.chain import Chain, chain_of, joint_index, posture
+from symstiff.reduction.template import pattern
 from symstiff.robot import Robot
 
 _YOUNG, _SHEAR, _SHEAR_AREA = 70e9, 26e9, 0.5
@@ -35,14 +37,27 @@ def nominal_truth(robot: Robot) -> dict[str, float]:
     joints = _joints(robot, reach)
     links = {}
     for i, link in enumerate(robot.links):
-        if link.template != "rigid":
-            for key, value in _beam(chain, i, reach).items():
+        has = pattern(robot, link.template)
+        for key, value in _beam(chain, i, reach).items():
+            if has[int(key[0]) - 1][int(key[1]) - 1]:
                 links[f"k{i}_{key}"] = value
     factor = _balance(chain, joints, links)
     result = {name: value * factor for name, value in links.items()} | joints
     for i, link in enumerate(robot.links):
-        result |= {f"k{i}_{key}": float(value) for key, value in link.compliance.items()}
+        has = pattern(robot, link.template)
+        known = {key: float(v) for key, v in link.compliance.items() if has[int(key[0]) - 1][int(key[1]) - 1]}
+        result |= _beside(known, {k: v for k, v in result.items() if k.startswith(f"k{i}_")}, f"k{i}_")
     return result
+
+
+def _beside(known: dict[str, float], nominal: dict[str, float], link: str) -> dict[str, float]:
+    """A link's nominal terms with those that are known: the rows of a known diagonal term are scaled by its root."""
+    scale = dict.fromkeys("123456", 1.0)
+    for axis in scale:
+        if (key := 2 * axis) in known and nominal.get(link + key):
+            scale[axis] = math.sqrt(known[key] / nominal[link + key])
+    scaled = {name: scale[name[-2]] * scale[name[-1]] * value for name, value in nominal.items()}
+    return scaled | {link + key: value for key, value in known.items()}
 
 
 def linear_compliance(chain: Chain, values: dict[str, float]) -> np.ndarray:
