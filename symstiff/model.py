@@ -23,7 +23,7 @@ from symstiff.reduction.physical import Parameter, terms_of
 from symstiff.robot.frozen import FrozenDict
 from symstiff.robot.loading import from_table
 from symstiff.robot.schema import Robot
-from symstiff.robot.table import to_table
+from symstiff.robot.table import structure, to_table
 from symstiff.symbolic.algebras import evaluate_numpy
 from symstiff.symbolic.chain import ElasticChain
 from symstiff.symbolic.program import Program
@@ -274,16 +274,9 @@ class StiffnessModel:
     @cached_property
     def structure_hash(self) -> str:
         """SHA-256 of all but values, words and joint limits: a parameter file fits a model with the same hash."""
-        table = self._table()
-        robot = table["robot"]
-        bodies = (robot.get("base", {}), *robot["joint"])
-        _drop(table, "values", "deviations")
-        _drop(robot, "title", "source", "marker")
-        for body in bodies:
-            _drop(body, "limits", "compliance")
-            _drop(body.get("link", {}), "compliance")
-            if not body.get("link", True):
-                del body["link"]
+        table = self._table() | {"robot": structure(self.robot)}
+        for key in ("values", "deviations"):
+            table.pop(key)
         return hashlib.sha256(json.dumps(table, sort_keys=True).encode()).hexdigest()
 
     def _table(self) -> dict[str, Any]:
@@ -339,11 +332,6 @@ class StiffnessModel:
 
     def _deviation(self, name: str) -> str:
         return f"{self.deviations[name]:.1g}" if name in self.deviations else "–"
-
-
-def _drop(table: dict[str, Any], *keys: str) -> None:
-    for key in keys:
-        table.pop(key, None)
 
 
 def _bilinear(term: Term) -> bool:

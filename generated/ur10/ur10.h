@@ -11,6 +11,7 @@
  *
  * Units: m, rad, N, N*m. Wrench w = (fx, fy, fz, mx, my, mz) at the tool centre point in base axes; deflection
  * dt = (dx, dy, dz, drx, dry, drz) of the tool centre point in base axes (rotation vector). Matrices are row-major.
+ * It is what w adds: how the arm bends under its own weight is no part of it.
  * Joint variables q in rad; joint limits are not looked at.
  * Base axes are those of the world. The robot file places
  *   frame 0 in the world:              xyz (0, 0, 0) m, rpy (0, 0, 0) rad,

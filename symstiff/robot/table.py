@@ -15,6 +15,23 @@ def to_table(robot: Robot) -> dict[str, Any]:
     return {"format": 1, **_plain(robot)}
 
 
+def structure(robot: Robot) -> dict[str, Any]:
+    """The table without words, known compliances and joint limits, which no law of a model depends on."""
+    table = to_table(robot)
+    _drop(table, "title", "source", "marker")
+    for body in (table.get("base", {}), *table["joint"]):
+        _drop(body, "limits", "compliance")
+        _drop(body.get("link", {}), "compliance")
+        if not body.get("link", True):
+            del body["link"]
+    return table
+
+
+def _drop(table: dict[str, Any], *keys: str) -> None:
+    for key in keys:
+        table.pop(key, None)
+
+
 def _plain(value: Any) -> Any:
     if isinstance(value, BaseModel):
         fields = type(value).model_fields
