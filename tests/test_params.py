@@ -66,16 +66,6 @@ def test_what_python_writes_is_read_to_the_last_bit(reader, precision):
     np.testing.assert_array_equal(values, model(ROBOT).vector().astype(values.dtype))
 
 
-@pytest.mark.parametrize(("precision", "small"), [("float", 1e-50), ("float", 1e-40), ("double", 1e-320)])
-def test_a_value_below_the_numbers_of_the_type_is_written_as_zero_and_read(reader, precision, small):
-    """The compiled default of such a value is zero or nearly so; the reader refuses what underflows."""
-    m = model(ROBOT)
-    status, values, line = reader[precision](params_text(m, {m.parameters[0]: small}, precision))
-    assert (status, line) == (0, 0)
-    assert values[0] == 0
-    assert reader[precision](with_first(repr(small)))[0] != 0
-
-
 def test_the_text_is_toml_and_takes_other_values():
     m = model(ROBOT)
     values = {n: 1e-8 * (k + 1) for k, n in enumerate(m.parameters)}

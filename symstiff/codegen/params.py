@@ -6,8 +6,6 @@ import math
 from collections.abc import Mapping
 from typing import TYPE_CHECKING
 
-import numpy as np
-
 from symstiff.codegen.emit import base_context, environment
 from symstiff.errors import UserError
 
@@ -19,19 +17,12 @@ if TYPE_CHECKING:
 DIGITS = 40  # significant digits that the reader takes
 _RANGE = {"double": 330, "float": 60}  # powers of ten beyond which no number of the type lies
 
-_LEAST = {"double": float(np.finfo(np.float64).tiny), "float": float(np.finfo(np.float32).tiny)}
-"""Smallest normal number of the type."""
 
-
-def params_text(
-    model: StiffnessModel, values: Mapping[str, float] | None = None, precision: str = "double"
-) -> str:
+def params_text(model: StiffnessModel, values: Mapping[str, float] | None = None) -> str:
     """Text for the generated reader, also valid TOML: the structure's hash and every value. Raises UserError.
 
-    values: by parameter name [SI units], the model's own by default; a missing one is zero, as is one below the normal
-    numbers of the precision, which the reader refuses.
+    values: by parameter name [SI units], the model's own by default; a missing one is zero.
     """
-    least = _LEAST[precision]
     given = dict(model.values if values is None else values)
     unknown = sorted(set(given) - set(model.parameters))
     if unknown:
@@ -41,7 +32,6 @@ def params_text(
         value = float(given.get(name, 0.0))
         if not math.isfinite(value):
             raise UserError(f"values: {name} is {value}: give a finite number")
-        value = value if abs(value) >= least else 0.0
         lines.append(f"{name} = {value!r} # {model.units[name]}")
     return "\n".join(lines) + "\n"
 
@@ -63,7 +53,7 @@ def emit_params(functions: Functions, options: Options) -> dict[str, bytes]:
         f"{name}_params.{end}": jinja.get_template(f"c/params.{end}.j2").render(context).encode()
         for end in "hc"
     }
-    return files | {f"{name}.params": params_text(functions.model, None, options.precision).encode()}
+    return files | {f"{name}.params": params_text(functions.model).encode()}
 
 
 def _limbs(limit: int) -> int:
