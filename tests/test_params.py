@@ -83,7 +83,10 @@ def test_values_that_the_model_cannot_have_are_not_written(values, message):
 
 
 @settings(max_examples=400, deadline=None)
-@given(st.floats(min_value=2.3e-308, max_value=1.7e308), st.sampled_from(["repr", "%.16e", "%.25e", "%.3g"]))
+@given(
+    st.floats(min_value=0.0, max_value=1.7e308) | st.floats(0.0, 1e-307),
+    st.sampled_from(["repr", "%.16e", "%.25e", "%.3g"]),
+)
 def test_any_number_is_read_as_python_reads_it(reader, x, form):
     text = repr(x) if form == "repr" else form % x
     status, values, _ = reader["double"](with_first(text))
@@ -92,7 +95,7 @@ def test_any_number_is_read_as_python_reads_it(reader, x, form):
 
 
 @settings(max_examples=400, deadline=None)
-@given(st.integers(0x00800000, 0x7F7FFFFF), st.integers(-1, 1), st.booleans())
+@given(st.integers(1, 0x7F7FFFFF) | st.integers(1, 0x01000000), st.integers(-1, 1), st.booleans())
 def test_single_precision_is_rounded_once(reader, bits, side, negative):
     """Numbers just beside the middle between two neighbours: rounding through double would go astray."""
     low = struct.unpack("f", struct.pack("I", bits))[0]
@@ -114,11 +117,12 @@ def test_single_precision_is_rounded_once(reader, bits, side, negative):
 READABLE = [
     "0", "0.0", "-0.0e5", "0.000e-9999", "+1.5", "1e+3", "007.25", "12345678901234567890123.5e-30",
     "0." + "0" * 200 + "1", "2.2250738585072014e-308", "1.7976931348623157e308", "4503599627370496.5",
-    "4503599627370497.5", "9007199254740993",
+    "4503599627370497.5", "9007199254740993", "1e-308", "1e-400", "-1e-9999", "5e-324", "2.4703282292062328e-324",
+    "2.4703282292062327e-324", "7.4109846876186981e-324", "2.2250738585072011e-308", "2.2250738585072013e-308",
 ]  # fmt: skip
 UNREADABLE = [
-    "1.", ".5", "1e", "e5", "+", "-", "--1", "1 2", "0x10", "nan", "inf", "1,5", "1e400", "1e-400", "1e99999",
-    "1.8e308", "1e-308", "1.2.3", "1f", "1_000", "1" * 41, '"1"', "1e1.5", "١",
+    "1.", ".5", "1e", "e5", "+", "-", "--1", "1 2", "0x10", "nan", "inf", "1,5", "1e400", "1e99999",
+    "1.8e308", "1.2.3", "1f", "1_000", "1" * 41, '"1"', "1e1.5", "١",
 ]  # fmt: skip
 
 
@@ -127,6 +131,17 @@ def test_these_numbers_are_read(reader, text):
     status, values, _ = reader["double"](with_first(text))
     assert status == 0
     assert values[0] == float(text)
+
+
+@pytest.mark.parametrize("precision", ["double", "float"])
+def test_values_too_small_for_the_type_are_read_as_the_compiler_reads_them(reader, precision):
+    """The text of one run holds the model's values, and its single precision has the nearest: no value is refused."""
+    m = model(ROBOT)
+    small = [1e-50, -1e-60, 1e-44, 3e-46, 1.1e-38, 5e-324, 1e-310, 1e-200]
+    values = {n: small[k % len(small)] for k, n in enumerate(m.parameters)}
+    status, found, line = reader[precision](params_text(m, values))
+    assert (status, line) == (0, 0)
+    np.testing.assert_array_equal(found, np.array([*values.values()]).astype(found.dtype))
 
 
 @pytest.mark.parametrize("text", UNREADABLE)
