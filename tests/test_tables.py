@@ -69,7 +69,6 @@ def test_a_table_is_read_in_si_units(tmp_path):
     assert np.isnan(table.branch[2])
     assert list(table.repeat) == [1, 2, 1, 1]
     assert table.place(3).endswith("data.csv: line 5")
-    assert table.measures == "pose"
 
 
 def test_absolute_data_have_a_kind_of_their_own_and_need_no_load(tmp_path):
@@ -77,7 +76,6 @@ def test_absolute_data_have_a_kind_of_their_own_and_need_no_load(tmp_path):
     assert table.kind == "absolute"
     assert table.values[0, :3] == pytest.approx([1.0, 0.002, 0.003])
     assert table.points == ("tcp",)
-    assert table.measures == "position"
 
 
 def test_a_line_of_blanks_is_empty(tmp_path):
