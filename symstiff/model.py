@@ -23,7 +23,7 @@ from symstiff.reduction.physical import Parameter, terms_of
 from symstiff.robot.frozen import FrozenDict
 from symstiff.robot.loading import from_table
 from symstiff.robot.schema import Robot
-from symstiff.robot.table import structure, to_table
+from symstiff.robot.table import structure_table, to_table
 from symstiff.symbolic.algebras import evaluate_numpy
 from symstiff.symbolic.chain import ElasticChain
 from symstiff.symbolic.program import Program
@@ -273,8 +273,8 @@ class StiffnessModel:
 
     @cached_property
     def structure_hash(self) -> str:
-        """SHA-256 of all but values, words and joint limits: a parameter file fits a model with the same hash."""
-        table = self._table() | {"robot": structure(self.robot)}
+        """SHA-256 of everything but values, known ones included: a parameter file fits a model with the same hash."""
+        table = self._table() | {"robot": structure_table(self.robot)}
         for key in ("values", "deviations"):
             table.pop(key)
         return hashlib.sha256(json.dumps(table, sort_keys=True).encode()).hexdigest()

@@ -125,6 +125,17 @@ def test_the_structure_hash_depends_on_everything_but_values_and_words() -> None
     assert StiffnessModel.of(reduce(from_table(table), "wrench")).structure_hash != model.structure_hash
 
 
+def test_the_stroke_of_a_slide_is_a_length_of_the_arm_and_counts_in_the_structure_hash() -> None:
+    """An arm without masses may weigh what its law says, along its stroke too: other limits are another law."""
+    table = to_table(load("scara"))
+    hashes = set()
+    for joint, limits in ((3, [-0.1, 0.0]), (3, [-0.3, 0.0]), (1, [-1.0, 1.0]), (1, [-2.0, 2.0])):
+        changed = copy.deepcopy(table)
+        changed["joint"][joint - 1]["limits"] = limits
+        hashes.add(StiffnessModel.of(reduce(from_table(changed), "gravity")).structure_hash)
+    assert len(hashes) == 3
+
+
 @pytest.mark.parametrize("place", ["missing/model.toml", "file/model.toml", ""])
 def test_a_place_that_cannot_be_written_is_a_users_mistake(place: str, tmp_path: Path) -> None:
     (tmp_path / "file").write_text("")

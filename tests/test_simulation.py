@@ -203,7 +203,7 @@ def test_a_nominal_link_has_the_terms_of_its_template_alone():
     assert values["k2_66"] == 4e-8
 
 
-@pytest.mark.parametrize("known", [{"66": 1e-9}, {"22": 1e-3}, {"22": 1e-12, "55": 1e-3}])
+@pytest.mark.parametrize("known", [{"66": 1e-9}, {"22": 1e-3}, {"22": 1e-12, "55": 1e-3}, {"26": 1e-5}])
 def test_a_nominal_link_beside_known_terms_gives_back_no_more_energy_than_it_takes(known):
     table = to_table(load("ur10"))
     table["joint"][0].setdefault("link", {})["compliance"] = known

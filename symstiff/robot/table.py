@@ -7,7 +7,8 @@ from typing import Any
 from pydantic import BaseModel
 
 from symstiff.robot.exact import Exact
-from symstiff.robot.schema import Robot
+from symstiff.robot.frozen import FrozenDict
+from symstiff.robot.schema import Link, Robot
 
 
 def to_table(robot: Robot) -> dict[str, Any]:
@@ -15,21 +16,28 @@ def to_table(robot: Robot) -> dict[str, Any]:
     return {"format": 1, **_plain(robot)}
 
 
-def structure(robot: Robot) -> dict[str, Any]:
-    """The table without words, known compliances and joint limits, which no law of a model depends on."""
-    table = to_table(robot)
-    _drop(table, "title", "source", "marker")
-    for body in (table.get("base", {}), *table["joint"]):
-        _drop(body, "limits", "compliance")
-        _drop(body.get("link", {}), "compliance")
-        if not body.get("link", True):
-            del body["link"]
-    return table
+def structure_table(robot: Robot) -> dict[str, Any]:
+    """The table of what decides a robot's laws: no words, markers, known compliances, nor limits of joints that turn.
+
+    A slide's limits stay: its stroke is a length of the arm.
+    """
+    joints = [
+        j.model_copy(
+            update={
+                "compliance": 0.0,
+                "limits": j.limits if j.prismatic else None,
+                "link": _unknown(j.link),
+            }
+        )
+        for j in robot.joint
+    ]
+    base = robot.base.model_copy(update={"link": _unknown(robot.base.link)})
+    plain = {"title": "", "source": "", "marker": (), "base": base, "joint": tuple(joints)}
+    return to_table(robot.model_copy(update=plain))
 
 
-def _drop(table: dict[str, Any], *keys: str) -> None:
-    for key in keys:
-        table.pop(key, None)
+def _unknown(link: Link) -> Link:
+    return link.model_copy(update={"compliance": FrozenDict()})
 
 
 def _plain(value: Any) -> Any:

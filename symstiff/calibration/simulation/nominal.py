@@ -8,19 +8,21 @@ link's elastic frame. Joints without a known compliance get 1e-5 rad/(N·m)·(1.
 half of the arm, half as much again at joint 3 and eight times as much in the wrist, at most ten times the
 largest known one: a UR10 has 1e-5 at a reach of 1.3 m, a KR 270 0.3e-6 at 2.9 m. Last, all links are scaled
 by one factor so that they carry 35 % of the deflection (rms over poses within the limits under a vertical
-force), as on heavy robots. Terms that a link's template does not have are zero. What the robot file knows
-stands; with a diagonal term that it knows the rest of that row is scaled: no link gives back more energy than it takes.
+force), as on heavy robots. What the robot file knows stands, what it does not know goes with it, and entries
+that a link's template has as zero are left out.
 """
 
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 
 import numpy as np
 
 from symstiff.calibration.simulation.chain import Chain, chain_of, joint_index, posture
 from symstiff.reduction.template import pattern
 from symstiff.robot import Robot
+from symstiff.robot.schema import Link
 
 _YOUNG, _SHEAR, _SHEAR_AREA = 70e9, 26e9, 0.5
 _BASE_DIAMETER, _TOOL_DIAMETER, _WALL = 0.14, 0.05, 0.06
@@ -28,6 +30,7 @@ _LINK_SHARE = 0.35
 _SHOULDER, _REACH, _POWER = 1e-5, 1.3, 4.4
 _WRIST, _ELBOW = 8.0, 1.5
 _POSES = 64
+_COUPLING = 0.75  # greatest k_ab²/(k_aa·k_bb) of a beam: one that only bends
 
 
 def nominal_truth(robot: Robot) -> dict[str, float]:
@@ -35,29 +38,13 @@ def nominal_truth(robot: Robot) -> dict[str, float]:
     chain = chain_of(robot)
     reach = _reach(chain)
     joints = _joints(robot, reach)
-    links = {}
-    for i, link in enumerate(robot.links):
-        has = pattern(robot, link.template)
-        for key, value in _beam(chain, i, reach).items():
-            if has[int(key[0]) - 1][int(key[1]) - 1]:
-                links[f"k{i}_{key}"] = value
-    factor = _balance(chain, joints, links)
-    result = {name: value * factor for name, value in links.items()} | joints
-    for i, link in enumerate(robot.links):
-        has = pattern(robot, link.template)
-        known = {key: float(v) for key, v in link.compliance.items() if has[int(key[0]) - 1][int(key[1]) - 1]}
-        result |= _beside(known, {k: v for k, v in result.items() if k.startswith(f"k{i}_")}, f"k{i}_")
-    return result
-
-
-def _beside(known: dict[str, float], nominal: dict[str, float], link: str) -> dict[str, float]:
-    """A link's nominal terms with those that are known: the rows of a known diagonal term are scaled by its root."""
-    scale = dict.fromkeys("123456", 1.0)
-    for axis in scale:
-        if (key := 2 * axis) in known and nominal.get(link + key):
-            scale[axis] = math.sqrt(known[key] / nominal[link + key])
-    scaled = {name: scale[name[-2]] * scale[name[-1]] * value for name, value in nominal.items()}
-    return scaled | {link + key: value for key, value in known.items()}
+    beams = [_within(robot, link, _beam(chain, i, reach)) for i, link in enumerate(robot.links)]
+    factor = _balance(chain, joints, _named(beams))
+    links = []
+    for link, beam in zip(robot.links, beams, strict=True):
+        known = _within(robot, link, {key: float(value) for key, value in link.compliance.items()})
+        links.append(_beside({key: value * factor for key, value in beam.items()}, known))
+    return _named(links) | joints
 
 
 def linear_compliance(chain: Chain, values: dict[str, float]) -> np.ndarray:
@@ -116,6 +103,34 @@ def _beam(chain: Chain, link: int, reach: float) -> dict[str, float]:
         "55": bending,
         "66": bending,
     }
+
+
+def _within(robot: Robot, link: Link, entries: dict[str, float]) -> dict[str, float]:
+    """Those of a link's entries that its template has; a coupling needs both of its rows."""
+    has = pattern(robot, link.template)
+    places = {key: (int(key[0]) - 1, int(key[1]) - 1) for key in entries}
+    return {
+        key: value
+        for key, value in entries.items()
+        if all(has[a][b] for a in places[key] for b in places[key])
+    }
+
+
+def _beside(beam: dict[str, float], known: dict[str, float]) -> dict[str, float]:
+    """A link's entries with the known ones among them: rows are scaled so that the body stays elastic (k ≥ 0)."""
+    scale = {
+        key[0]: math.sqrt(known.get(key, value) / value) for key, value in beam.items() if key[0] == key[1]
+    }
+    for key, value in known.items():
+        free = [c for c in key if c * 2 not in known]
+        most = math.sqrt(_COUPLING * beam[key[0] * 2] * beam[key[1] * 2]) * scale[key[0]] * scale[key[1]]
+        if free and 0.0 < most < abs(value):
+            scale |= {c: scale[c] * (abs(value) / most) ** (1 / len(free)) for c in free}
+    return {key: value * scale[key[0]] * scale[key[1]] for key, value in beam.items()} | known
+
+
+def _named(links: Sequence[dict[str, float]]) -> dict[str, float]:
+    return {f"k{i}_{key}": value for i, link in enumerate(links) for key, value in link.items()}
 
 
 def _length(chain: Chain, link: int) -> float:
