@@ -100,30 +100,6 @@ def test_equal_explanations_have_no_deciding_pose() -> None:
     assert deciding_poses(same, pose, SIGMA, 3) == Decider((), ())
 
 
-def test_poses_for_a_robot_that_slides_are_in_its_units_and_have_labels_of_their_own(tmp_path: Path) -> None:
-    rivals = [
-        {
-            "effect": "hysteresis",
-            "where": {"joint": j},
-            "set": j,
-            "parameters": {f"hysteresis_{j}_width": {"value": 2e-4}},
-        }
-        for j in (1, 2)
-    ]
-    verdict = tmp_path / "verdict.json"
-    decide = {"poses": [{"pose": "decide1"}, {"pose": "decide2"}]}
-    verdict.write_text(json.dumps({"robot": "scara", "effects": rivals, "decide": decide}))
-    robot = load("scara")
-    table, found, *_ = separate(robot, verdict, Wish(3, "force", "position", 100.0))
-    assert len(found.poses) == 3
-    assert table.joint_units == ("rad", "rad", "m", "rad")
-    assert table.labels == ("decide3", "decide4", "decide5")
-    write_table(table, tmp_path / "p.csv", "deg")
-    assert "q3[m]" in (tmp_path / "p.csv").read_text().splitlines()[0]
-    low, high = robot.joint[2].range
-    assert np.all((table.q[:, 2] >= float(low)) & (table.q[:, 2] <= float(high)))
-
-
 def told(robot: str, **changed: object) -> dict[str, object]:
     """A verdict between two gears, on data with two markers, two loads and a small noise."""
     effects = [
@@ -144,6 +120,22 @@ def told(robot: str, **changed: object) -> dict[str, object]:
         "robot": robot, "effects": effects, "decide": decide, "noise": {"sigma_mm": 0.03, "approach_mm": 0.04},
         "model": {"loads": "force", "measure": "position", "values": {}},
     } | changed  # fmt: skip
+
+
+def test_poses_for_a_robot_that_slides_are_in_its_units_and_have_labels_of_their_own(tmp_path: Path) -> None:
+    verdict = tmp_path / "verdict.json"
+    decide = {"poses": [{"pose": "decide1"}, {"pose": "decide2"}]}
+    rivals = told("scara")["effects"]
+    verdict.write_text(json.dumps({"robot": "scara", "effects": rivals, "decide": decide}))
+    robot = load("scara")
+    table, found, *_ = separate(robot, verdict, Wish(3, "force", "position", 100.0))
+    assert len(found.poses) == 3
+    assert table.joint_units == ("rad", "rad", "m", "rad")
+    assert table.labels == ("decide3", "decide4", "decide5")
+    write_table(table, tmp_path / "p.csv", "deg")
+    assert "q3[m]" in (tmp_path / "p.csv").read_text().splitlines()[0]
+    low, high = robot.joint[2].range
+    assert np.all((table.q[:, 2] >= float(low)) & (table.q[:, 2] <= float(high)))
 
 
 def test_poses_for_a_verdict_are_measured_as_its_data_were_unless_something_else_is_wished(
