@@ -1,6 +1,8 @@
 """The virtual experiment against a physics engine, finite differences, and the laws of elasticity."""
 
+import re
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -18,6 +20,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
+from symstiff.calibration import simulation
 from symstiff.calibration.simulation import Effect, Truth, clean_response, nominal_truth, prepare
 from symstiff.calibration.simulation.chain import chain_of
 from symstiff.calibration.simulation.equilibrium import States, equilibrium, response
@@ -216,3 +219,13 @@ def test_a_nominal_link_beside_known_terms_gives_back_no_more_energy_than_it_tak
     assert all(values[f"k1_{key}"] == value for key, value in known.items())
     size = np.sqrt(np.diag(K))
     assert np.linalg.eigvalsh(K / np.outer(size, size)).min() > 0.1
+
+
+def test_the_simulator_shares_no_code_with_what_it_checks():
+    folder = Path(simulation.__file__).parent
+    rooms = {
+        found
+        for file in folder.glob("*.py")
+        for found in re.findall(r"^\s*from symstiff\.(\w+)", file.read_text(), re.MULTILINE)
+    }
+    assert rooms == {"calibration", "errors", "robot"}

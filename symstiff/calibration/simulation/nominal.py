@@ -20,7 +20,6 @@ from collections.abc import Sequence
 import numpy as np
 
 from symstiff.calibration.simulation.chain import Chain, chain_of, joint_index, posture
-from symstiff.reduction.template import pattern
 from symstiff.robot import Robot
 from symstiff.robot.schema import Link
 
@@ -30,6 +29,7 @@ _LINK_SHARE = 0.35
 _SHOULDER, _REACH, _POWER = 1e-5, 1.3, 4.4
 _WRIST, _ELBOW = 8.0, 1.5
 _POSES = 64
+_BEAM = ("*.....", ".*...*", "..*.*.", "...*..", "..*.*.", ".*...*")
 _COUPLING = 0.75  # greatest k_ab²/(k_aa·k_bb) of a beam: one that only bends
 
 
@@ -107,7 +107,9 @@ def _beam(chain: Chain, link: int, reach: float) -> dict[str, float]:
 
 def _within(robot: Robot, link: Link, entries: dict[str, float]) -> dict[str, float]:
     """Those of a link's entries that its template has; a coupling needs both of its rows."""
-    has = pattern(robot, link.template)
+    rows: dict[str, tuple[str, ...]] = {"full": ("*" * 6,) * 6, "beam": _BEAM, "rigid": ("." * 6,) * 6}
+    rows |= {own.name: tuple(own.pattern) for own in robot.template}
+    has = [[entry == "*" for entry in row] for row in rows[link.template]]
     places = {key: (int(key[0]) - 1, int(key[1]) - 1) for key in entries}
     return {
         key: value
