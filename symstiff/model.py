@@ -68,10 +68,8 @@ class StiffnessModel:
         """The model that a reduction leaves; values default to those the robot file knows."""
         if values is None:
             values = known_values(reduction)
-        from symstiff.reduction.reduce import standing
-
         experiment = reduction.experiment
-        fixed = {j: float(v) for j, v in standing(reduction).items()}
+        fixed = {j: float(v) for j, v in reduction.standing.items()}
         model = cls(reduction.robot, reduction.kept, experiment.loads, experiment.measure, fixed=fixed)
         return model.with_values(values)
 

@@ -17,7 +17,6 @@ from symstiff.codegen.emit import emit_c, operations
 from symstiff.codegen.functions import Functions
 from symstiff.codegen.options import Options
 from symstiff.effects.base import EffectInstance, Scales, catalogue
-from symstiff.errors import UserError
 from symstiff.files import write_tree
 from symstiff.model import StiffnessModel
 from symstiff.reduction import reduce
@@ -450,17 +449,3 @@ def test_a_clock_may_begin_anywhere_and_by_default_nothing_has_drifted(functions
         grown = np.linalg.norm(expected[:3] - still.deflection([q], [w], None, context)[0][:3])
         share = (1 - math.exp(-seconds / 100)) / (1 - math.exp(-4.8)) if constant else seconds / 480
         assert grown == pytest.approx(2e-4 * math.sqrt(3) * share, rel=1e-6, abs=1e-15)
-
-
-def test_single_precision_refuses_a_clock_that_it_cannot_resolve(functions):
-    shape = {"time": 480.0, "start": 1.7e9}
-    model = functions.model.with_effect(EffectInstance("thermal_drift", {"link": 3}, shape))
-    with pytest.raises(UserError, match=r"clock begins at 1700000000 s.*double precision"):
-        emit_c(Functions(model), Options(targets=("c",), precision="float"))
-
-
-def test_single_precision_refuses_a_value_that_it_does_not_hold(functions):
-    grown = functions.model.with_effect(EffectInstance("payload_error", {"load": "payload"}))
-    heavy = grown.with_values(dict(grown.values) | {"payload_error_payload_m": 1e60})
-    with pytest.raises(UserError, match=r"payload_error_payload_m = 1e\+60 does not fit single precision"):
-        emit_c(Functions(heavy), Options(targets=("c",), precision="float"))

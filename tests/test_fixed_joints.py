@@ -14,7 +14,7 @@ from symstiff.calibration.measurements import measurements
 from symstiff.errors import UserError
 from symstiff.model import StiffnessModel, joints_only, load_model
 from symstiff.reduction.physical import physical_stages
-from symstiff.reduction.reduce import reduce, standing
+from symstiff.reduction.reduce import reduce
 from symstiff.robot import load
 
 ROBOT = "ur10"
@@ -22,8 +22,8 @@ ROBOT = "ur10"
 
 def test_only_joints_that_matter_are_said_to_stand_still() -> None:
     """The last joint turns nothing that a vertical load bends, and without links the first does not either."""
-    assert list(standing(reduce(load(ROBOT), "gravity", "pose", {2: -1, 6: "0.3"}))) == [2]
-    assert standing(reduce(load(ROBOT), "gravity", "pose")) == {}
+    assert list(reduce(load(ROBOT), "gravity", "pose", {2: -1, 6: "0.3"}).standing) == [2]
+    assert reduce(load(ROBOT), "gravity", "pose").standing == {}
     assert joints_only(load(ROBOT), "gravity", "pose", {1: 0, 6: 0}).fixed == {}
 
 

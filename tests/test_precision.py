@@ -17,6 +17,8 @@ from symstiff.codegen.generate import generate
 from symstiff.codegen.options import Options
 from symstiff.codegen.reference import cases, plausible_values
 from symstiff.codegen.verify import CONFIGURATIONS
+from symstiff.effects.base import EffectInstance
+from symstiff.errors import UserError
 from symstiff.files import write_tree
 from symstiff.model import StiffnessModel
 from symstiff.reduction import reduce
@@ -133,3 +135,17 @@ def test_inverse_and_compensation_of_the_reference_satisfy_their_equations(funct
 
 def _rows(flat, columns: int) -> list:
     return [list(flat[k : k + columns]) for k in range(0, len(flat), columns)]
+
+
+def test_single_precision_refuses_a_clock_that_it_cannot_resolve(functions):
+    shape = {"time": 480.0, "start": 1.7e9}
+    model = functions.model.with_effect(EffectInstance("thermal_drift", {"link": 3}, shape))
+    with pytest.raises(UserError, match=r"clock begins at 1700000000 s.*double precision"):
+        emit_c(Functions(model), Options(targets=("c",), precision="float"))
+
+
+def test_single_precision_refuses_a_value_that_it_does_not_hold(functions):
+    grown = functions.model.with_effect(EffectInstance("payload_error", {"load": "payload"}))
+    heavy = grown.with_values(dict(grown.values) | {"payload_error_payload_m": 1e60})
+    with pytest.raises(UserError, match=r"payload_error_payload_m = 1e\+60 does not fit single precision"):
+        emit_c(Functions(heavy), Options(targets=("c",), precision="float"))

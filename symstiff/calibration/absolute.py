@@ -15,7 +15,6 @@ from symstiff.calibration.measurements import Measurements
 from symstiff.calibration.residuals import ResidualTable, residual_table
 from symstiff.calibration.rows import Equations, shared_blocks, weights
 from symstiff.model import StiffnessModel
-from symstiff.reduction.physical import physical_stages
 
 _OUTSIDE = 1e-4
 """Least part of a column outside others for it to count."""
@@ -51,9 +50,8 @@ def fit_absolute(model: StiffnessModel, table: Measurements) -> AbsoluteFit:
     units = ["rad" if view.joints[k].rotational else "m" for k in chosen]
     A = np.hstack([elastic, beside[:, shown], view.J[:, chosen]])
     e = Equations(A, current.y, known, view.state, view.component)
-    known_units = {p.name: p.unit for p in physical_stages(model.robot)[2].parameters}
-    compliances = [*(model.units[n] for n in current.names), *(known_units[n] for n in hidden)]
-    names = (*current.names, *hidden, *labels)
+    compliances = [*(model.units[n] for n in current.names), *(p.unit for p in hidden)]
+    names = (*current.names, *(p.name for p in hidden), *labels)
     fit = estimate(
         e.A,
         e.y,

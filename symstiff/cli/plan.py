@@ -19,8 +19,8 @@ if TYPE_CHECKING:
     from symstiff.robot import Robot
 
 
-CANDIDATES, LOADS, MEASURE, FORCE, SIGMA = 20_000, "wrench", "pose", 1000.0, 0.03
-"""What is taken where nobody says: candidates, classes, force [N], noise [mm]; of a verdict, what its data had."""
+CANDIDATES, LOADS, MEASURE = 20_000, "wrench", "pose"
+"""What is taken where nobody says; for a verdict it is what its data had."""
 
 
 @dataclass(frozen=True)
@@ -54,6 +54,7 @@ class PlanRequest:
 def run_plan(request: PlanRequest) -> None:
     """Choose poses, write them, say what they promise."""
     from symstiff.calibration.plan import Goal, Load, Search, plan_for, robot_of
+    from symstiff.calibration.planning.measurement import Measurement
     from symstiff.calibration.planning.poses import draw_plan, poses_table, save_figure, summary
     from symstiff.calibration.poses import gain_of_steps, in_steps, with_markers
     from symstiff.calibration.table import write_table
@@ -76,7 +77,7 @@ def run_plan(request: PlanRequest) -> None:
     robot = load(request.robot)
     fixed, levels = parse_fixed(request.fixed), _levels(request.levels)
     loads, measure = request.loads or LOADS, request.measure or MEASURE
-    force, sigma_mm = _given(request.force, FORCE), _given(request.sigma, SIGMA)
+    force, sigma_mm = _given(request.force, Load.force), _given(request.sigma, 1e3 * Measurement.sigma_t)
     out = console(request.json)
     with stages(out) as progress:
         progress("deriving and reducing")

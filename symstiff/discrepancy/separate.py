@@ -56,8 +56,13 @@ class Wish:
     def __post_init__(self) -> None:
         if self.poses < 1:
             raise UserError(f"--poses {self.poses}: 1 or more")
-        Load(self.loads or "wrench", Load.force if self.force is None else self.force)  # type: ignore[arg-type]
+        self.load()
         Measurement(sigma_t=Measurement.sigma_t if self.sigma is None else self.sigma)
+
+    def load(self, loads: str = "wrench") -> Load:
+        """The load that is wished, of a class where none is."""
+        force = Load.force if self.force is None else self.force
+        return Load(self.loads or loads, force)  # type: ignore[arg-type]
 
 
 @dataclass(frozen=True)
@@ -181,8 +186,7 @@ def _means(robot: Robot, rivals: list[Rival], table: Mapping[str, Any], wish: Wi
     told, model = table.get("decide") or {}, table.get("model") or {}
     loads = wish.loads or str(model.get("loads", "wrench"))
     measure = wish.measure or str(model.get("measure", "pose"))
-    load = Load(loads, Load.force if wish.force is None else wish.force)  # type: ignore[arg-type]
-    usual = _experiment(robot, rivals, load, measure, wish.markers)
+    usual = _experiment(robot, rivals, wish.load(loads), measure, wish.markers)
     try:
         experiment = usual if "components" not in told else _as_told(usual, told, wish)
         sigma = _noise(table) if wish.sigma is None else wish.sigma

@@ -64,6 +64,19 @@ class Reduction:
         return terms_of(self.kept)
 
     @cached_property
+    def standing(self) -> dict[int, sp.Expr]:
+        """The fixed joints that matter: were they free, more could be identified: what is kept holds there alone."""
+        e, fixed = self.experiment, dict(self.experiment.fixed)
+        for joint in sorted(fixed):
+            others = {j: v for j, v in fixed.items() if j != joint}
+            engine = _engine(self.robot, self.full, Experiment(e.loads, e.measure, others))
+            _, pivots = engine.reduced(engine.primes[0], range(len(engine.names)))
+            # moving a joint only adds rows: with the same rank they have the same null space
+            if len(pivots) == self.partition.rank:
+                fixed = others
+        return fixed
+
+    @cached_property
     def projection(self) -> np.ndarray:
         """P of π″ = P·π′ (rank × len(full)): what every kept parameter stands for."""
         names = [p.name for p in self.full]
@@ -162,19 +175,6 @@ def _engine(robot: Robot, full: tuple[Parameter, ...], experiment: Experiment) -
     chain, from_zero = in_rationals(ElasticChain(robot), experiment)
     names = tuple(p.name for p in full)
     return ExactEngine(chain, observation_program(chain, terms_of(full), names), names, from_zero)
-
-
-def standing(reduction: Reduction) -> dict[int, sp.Expr]:
-    """The fixed joints that matter: were they free, more could be identified: what is kept holds there alone."""
-    e, fixed = reduction.experiment, dict(reduction.experiment.fixed)
-    for joint in sorted(fixed):
-        others = {j: v for j, v in fixed.items() if j != joint}
-        engine = _engine(reduction.robot, reduction.full, Experiment(e.loads, e.measure, others))
-        _, pivots = engine.reduced(engine.primes[0], range(len(engine.names)))
-        # moving a joint only adds rows: with the same rank they have the same null space
-        if len(pivots) == reduction.partition.rank:
-            fixed = others
-    return fixed
 
 
 def axis_sizes(chain: ElasticChain, parameters: Sequence[Parameter]) -> dict[str, sp.Expr]:

@@ -52,7 +52,7 @@ class Current:
 
     situation: Situation
     names: tuple[str, ...]
-    hidden: tuple[str, ...]
+    hidden: tuple[Compliance, ...]
     A: Floats
     y: Floats
     fitted: dict[str, float]
@@ -73,30 +73,28 @@ def settled(model: StiffnessModel, table: Measurements, weigh: Weigh | None = No
     terms = (*model.terms, *terms_of(hidden))
     for _ in range(3):
         view, y = placed(view, Laws(view, terms, known))
-        current = _current(model, terms, tuple(p.name for p in hidden), view, y, known, weigh)
+        current = _current(model, terms, hidden, view, y, known, weigh)
         known = current.fitted
-    return _standing(model, hidden, current) if current.hidden else current
+    return _standing(model, current) if current.hidden else current
 
 
-def _standing(model: StiffnessModel, hidden: Sequence[Compliance], current: Current) -> Current:
+def _standing(model: StiffnessModel, current: Current) -> Current:
     """The same columns' space by the model's reduced parameters: each stands for itself and its share of the hidden.
 
     Otherwise the values of the model would be those of the parameters alone, which no load at the tool shows.
     """
-    place = {p.name: k for k, p in enumerate(hidden)}
-    shares = _shares(model, hidden, current.situation.view.table)[
-        :, [place[n] for n in current.hidden]
-    ]  # (compliances, hidden)
+    shares = _shares(model, current.hidden, current.situation.view.table)  # (compliances, hidden)
+    hidden = tuple(p.name for p in current.hidden)
     elastic = [p.name for p in model.compliances]
     there = [k for k, n in enumerate(elastic) if n in current.names]
     own = [current.names.index(elastic[k]) for k in there]
-    beside = slice(len(current.names), len(current.names) + len(current.hidden))
+    beside = slice(len(current.names), len(current.names) + len(hidden))
     A, fitted = current.A.copy(), dict(current.fitted)
     A[:, beside] -= A[:, own] @ shares[there]
-    free = (*current.names, *current.hidden)
+    free = (*current.names, *hidden)
     # of a column that the model holds rounding is left: a direction of its own, and another one at every call
     A[:, : len(free)] = without_rounding(A[:, : len(free)], _sizes(model, free))
-    values = np.array([fitted.get(n, 0.0) for n in current.hidden])
+    values = np.array([fitted.get(n, 0.0) for n in hidden])
     for name, more in zip(elastic, shares @ values, strict=True):
         fitted[name] = fitted.get(name, 0.0) + float(more)
     return replace(current, A=A, fitted=fitted)
@@ -137,7 +135,7 @@ def _hidden(model: StiffnessModel) -> tuple[Compliance, ...]:
 def _current(
     model: StiffnessModel,
     terms: tuple[Term, ...],
-    hidden: tuple[str, ...],
+    hidden: tuple[Compliance, ...],
     view: View,
     y: Floats,
     known: dict[str, float],
@@ -146,7 +144,7 @@ def _current(
     """Columns of the model at ``known`` values, and values that fit the data."""
     nominal = {n: v for r in model.realisations for n, v in r.nominal.items()}
     named = tuple(n for n in model.parameters if n not in nominal)
-    free = (*named, *hidden)
+    free = (*named, *(p.name for p in hidden))
     fit = dict(known)
     laws = Laws(view, terms, {**fit, **nominal})
     for _ in range(2):  # terms of loads and of the device lean on the fitted compliances
@@ -171,7 +169,7 @@ def _current(
     situation = Situation(_under(view, laws), laws)
     keep = np.any(A != 0, axis=0)
     kept = [n for n, k in zip(free, keep, strict=True) if k]
-    names, beside = (tuple(n for n in group if n in kept) for group in (named, hidden))
+    names, beside = tuple(n for n in named if n in kept), tuple(p for p in hidden if p.name in kept)
     return Current(situation, names, beside, np.hstack([A[:, keep], extra]), target, fit | nominal)
 
 
