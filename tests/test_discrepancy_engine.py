@@ -302,6 +302,19 @@ def test_held_out_poses_show_the_gap_shrink_and_select_the_effect_in_every_fold(
     assert all("bend@joint=2" in fold for fold in d.held_out.selected)
 
 
+def test_the_numbers_of_the_poses_do_not_move_what_is_held_out() -> None:
+    a = arm(10)
+    problem = measured(a.problem, scaled(a.problem, saturating(a.problem, 2), 80.0))
+    renumbered = replace(problem, pose=np.random.default_rng(1).permutation(problem.poses)[problem.pose])
+    one, two = (
+        diagnose(p, a.candidates, replace(QUICK, held_out=True, folds=4)).held_out
+        for p in (problem, renumbered)
+    )
+    assert one is not None
+    assert two is not None
+    assert (one.before, one.after) == pytest.approx((two.before, two.after), rel=1e-9)
+
+
 def test_the_same_data_give_the_same_diagnosis() -> None:
     a = arm(10)
     problem = measured(a.problem, scaled(a.problem, saturating(a.problem, 2), 80.0))

@@ -187,7 +187,7 @@ def best_law(
     for law in laws:
         W = scan.noise.apply(layer.whiten, J * law.values / scan.noise.spread[:, None])
         blocks.append(W - layer.basis @ (layer.basis.T @ W))
-    fold = np.unique(problem.pose, return_inverse=True)[1].reshape(-1) % folds
+    fold = problem.place % folds
     chosen: list[int] = []
     best = 0.0
     for _ in range(terms):

@@ -131,6 +131,17 @@ class Problem:
         """Number of poses."""
         return len(np.unique(self.pose))
 
+    @property
+    def place(self) -> Index:
+        """(M,) place of each row's pose by joint variables and data: the same in whatever order the rows stand."""
+        number = np.unique(self.pose, return_inverse=True)[1].reshape(-1)
+        keys = np.column_stack([self.y, *(() if self.q is None else (self.q,))])
+        least = np.full((int(number.max()) + 1, keys.shape[1]), np.inf)
+        np.minimum.at(least, number, keys)
+        place = np.empty(len(least), dtype=np.intp)
+        place[np.lexsort(least.T)] = np.arange(len(least))
+        return place[number]
+
 
 ANGLE, CLOCK, HISTORY = "angle", "clock", "history"
 """What laws may depend on beside loads: the joints' variables; time, temperature or order; where the load came from."""

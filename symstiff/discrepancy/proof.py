@@ -61,15 +61,13 @@ def held_out(
     from the whole catalogue: how many is decided on all data, which ones and with what coefficients without the poses
     that are predicted.
     """
-    poses = np.unique(problem.pose)
-    if len(poses) < FEWEST:
+    poses = problem.poses
+    if poses < FEWEST:
         return None
     few, entries = _profile(bank), sets[0] if sets else ()
     # few poses leave little to learn from: more folds; many poses make every fold dear
-    folds = min(options.folds, len(poses)) if len(poses) <= 20 else min(options.folds, 5)
-    number = np.searchsorted(poses, problem.pose)
-    order = np.random.default_rng(options.seed).permutation(len(poses))
-    fold = order[number] % folds
+    folds = min(options.folds, poses) if poses <= 20 else min(options.folds, 5)
+    fold = np.random.default_rng(options.seed).permutation(poses)[problem.place] % folds
     translation = problem.axis < 3 if np.any(problem.axis < 3) else np.ones(problem.rows, bool)
     error = {name: np.zeros(problem.rows) for name in ("before", "after")}
     admitted = sets or [()]
