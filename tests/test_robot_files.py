@@ -140,6 +140,7 @@ MISTAKES = [
     ),
     ("joint = 1\n", "joint = 1\nL = 0\n", "gravity_compensator.L: a spring's lever is longer than nothing"),
     ("11 = 1e-8", "22 = 1e-8\n66 = 1e-8\n26 = 2e-8", "entry 26: of an elastic body its square is at most"),
+    ("11 = 1e-8", "22 = 0\n26 = 2e-8", "0 times any: correct 2e-08, or one of these"),
     ("11 = 1e-8", "22 = 0\n66 = 1e-8\n26 = 2e-8", "0 times 1e-08: correct 2e-08, or one of these"),
     ("mass = 2.0", "mass = -2.0", "joint[1].link.mass: a mass is between 0 and"),
     ("com = [0.5, 0, 0]", "com = [500, 0, 0]", "joint[1].link.com[1]: 500 m is longer"),

@@ -209,10 +209,14 @@ class Link(_Frozen):
                 raise UserError(f"entry {key}: a compliance on the diagonal is not negative, found {entry:g}")
         for key, entry in value.items():
             first, second = (value.get(c * 2, math.inf) for c in key)
-            if key[0] != key[1] and first * second < math.inf and entry**2 > first * second * (1 + 1e-9):
+            most = (
+                first * second if first and second else 0.0
+            )  # where one is unknown, the other may still be zero
+            if key[0] != key[1] and most < math.inf and entry**2 > most * (1 + 1e-9):
+                a, b = ("any" if c == math.inf else f"{c:g}" for c in (first, second))
                 raise UserError(
                     f"entry {key}: of an elastic body its square is at most entry {key[0] * 2} times entry "
-                    f"{key[1] * 2}, {first:g} times {second:g}: correct {entry:g}, or one of these"
+                    f"{key[1] * 2}, {a} times {b}: correct {entry:g}, or one of these"
                 )
         return value
 
