@@ -94,6 +94,21 @@ def test_rows_that_have_come_back_to_no_load_are_left_out() -> None:
     assert f"{len(back)} rows have come back to no load (they read 0.200 mm rms)" in " ".join(found.remarks)
 
 
+def test_the_row_that_opens_a_pose_at_no_load_is_no_reading() -> None:
+    table = measured()
+    first = table.select(np.unique(np.stack([table.pose, table.point]), axis=1, return_index=True)[1])
+    opened = concatenate([table, replace(first, w=first.w * 0.0, values=first.values * 0.0)])
+    plain, found = diagnosed(table), diagnosed(opened)
+    assert found.verdict == plain.verdict == "nothing_missing"
+    assert found.rms == plain.rms
+    fits = [identify(load(ROBOT), t).fit for t in (table, opened)]
+    assert fits[0].values == pytest.approx(fits[1].values)
+    assert fits[0].std == pytest.approx(fits[1].std)
+    said = f"{len(first)} rows without load read 0 in every column"
+    assert any(said in r for r in found.remarks)
+    assert any(said in r for r in identify(load(ROBOT), opened).remarks)
+
+
 @pytest.mark.parametrize("kind", ["deflection", "absolute"])
 @pytest.mark.parametrize("names", [("p2", "p1", "p3"), ("p3", "p1", "p2")])
 def test_exchanged_markers_are_asked_about(

@@ -71,6 +71,21 @@ def _first_equal(keys: np.ndarray) -> np.ndarray:
     return np.asarray(first[inverse.ravel()])
 
 
+def without_zeros(table: Measurements) -> tuple[Measurements, list[str]]:
+    """The table without deflections that are 0 because nothing loads the arm, and a remark where there are any.
+
+    The row that opens a pose is where its deflections count from: nothing was read twice there. What was read again
+    without a load and differs stays.
+    """
+    zero = ~np.any(table.w, axis=1) & ~np.any(np.nan_to_num(table.values), axis=1)
+    if table.kind != "deflection" or not zero.any() or zero.all():
+        return table, []
+    return table.select(np.flatnonzero(~zero)), [
+        f"{int(zero.sum())} rows without load read 0 in every column: deflections count from there, these are no "
+        "readings and are left out"
+    ]
+
+
 def without_copies(table: Measurements) -> tuple[Measurements, list[str]]:
     """The table without repeats that are copies of a reading, and a remark, where most repeats are.
 

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from symstiff.calibration.absolute import fit_absolute
-from symstiff.calibration.checks import without_copies
+from symstiff.calibration.checks import without_copies, without_zeros
 from symstiff.calibration.constrained import ConstrainedEstimate, constrain
 from symstiff.calibration.estimate import Estimate, estimate
 from symstiff.calibration.experiment.rounding import without_rounding
@@ -147,8 +147,9 @@ def identify(
         raise UserError(f"--held-out {held_out:g}: give a share of the poses from 0 to below 1, e.g. 0.2")
     if table.kind == "absolute":
         _refuse_for_absolute({"--robust": robust, "--physical": physical, "--held-out": held_out > 0})
-    table, copies = without_copies(as_loading(table))
-    remarks += copies
+    table, zeros = without_zeros(as_loading(table))
+    table, copies = without_copies(table)
+    remarks += [*zeros, *copies]
     seen = experiment_of(table, robot)
     remarks += [*of_loads(table, seen.loads), *repeated(table)]
     experiment = ExperimentClass(loads or seen.loads, measure or seen.measure, seen.fixed)

@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from symstiff.calibration.checks import without_copies
+from symstiff.calibration.checks import without_copies, without_zeros
 from symstiff.calibration.measurements import Measurements
 from symstiff.discrepancy.numbers import milli
 from symstiff.errors import UserError
@@ -21,7 +21,7 @@ def used(table: Measurements, max_poses: int | None = None) -> tuple[Measurement
     remarks = []
     table, said = thinned(table, max_poses)
     remarks += said
-    for part in (known_throughout, without_copies, under_load):
+    for part in (known_throughout, without_zeros, without_copies, under_load):
         table, said = part(table)
         remarks += said
     return table, remarks
