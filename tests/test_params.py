@@ -21,6 +21,7 @@ from symstiff.errors import UserError
 from tests.generated_c import STRICT, compiler, model, run, shared_library, written
 
 ROBOT = "scara"
+PRELOADED = {"angle_1": -1.0, "angle_2": 0.0, "angle_3": 1.0}
 SYNTAX, UNKNOWN, DUPLICATE, NUMBER, HASH, MISSING = range(-10, -16, -1)
 
 
@@ -251,3 +252,15 @@ def test_the_parameters_of_effects_are_read_too(tmp_path):
     for e in m.effect_parameters:
         assert f'"{e.name}"' in text
         assert f"p->{e.name} = x;" in text
+
+
+def test_a_grown_model_is_written_without_the_compliance_that_an_effect_replaced():
+    """The model keeps the value of what was replaced; its text has a line for each parameter that is left."""
+    m = model("kuka_kr270")
+    grown = m.with_effect(EffectInstance("gravity_compensator", {"joint": 2}, PRELOADED))
+    (gone,) = set(m.parameters) - set(grown.parameters)
+    assert grown.values[gone] > 0
+    found = tomllib.loads(params_text(grown))
+    assert [*found] == ["parameter_hash", *grown.parameters]
+    assert found[m.parameters[0]] == m.values[m.parameters[0]]
+    assert found == tomllib.loads(params_text(grown, m.values))

@@ -21,15 +21,11 @@ _RANGE = {"double": 330, "float": 60}  # powers of ten beyond which no number of
 def params_text(model: StiffnessModel, values: Mapping[str, float] | None = None) -> str:
     """Text for the generated reader, also valid TOML: the structure's hash and every value. Raises UserError.
 
-    values: by parameter name [SI units], the model's own by default; a missing one is zero.
+    values: by parameter name [SI units], the model's own by default; a missing one is zero, and that of a compliance
+    which an effect replaced is left out.
     """
-    given = dict(model.values if values is None else values)
-    unknown = sorted(set(given) - set(model.parameters))
-    if unknown:
-        raise UserError(f"values: {model.robot.name} has no parameter {unknown[0]!r}: remove it")
     lines = [f"# Parameters of {model.robot.name}, SI units.", f'parameter_hash = "{model.structure_hash}"']
-    for name in model.parameters:
-        value = float(given.get(name, 0.0))
+    for name, value in zip(model.parameters, map(float, model.vector(values)), strict=True):
         if not math.isfinite(value):
             raise UserError(f"values: {name} is {value}: give a finite number")
         lines.append(f"{name} = {value!r} # {model.units[name]}")
