@@ -135,6 +135,8 @@ def test_every_key_of_robot_model_and_manifest_is_told() -> None:
     manifest = json.loads((ROOT / "generated" / "kuka_kr270" / "manifest.json").read_text())
     told = {*manifest, *manifest["options"], *manifest["operations"]["deflection"]}
     assert told | set(inspect.signature(Verification).parameters) - {"selftest"} <= WORDS
+    (options,) = re.findall(r"^\| `options` \| (.*) \|$", PAGE, re.MULTILINE)
+    assert set(manifest["options"]) <= set(re.findall(r"`(\w+)`", options))
 
 
 def test_every_shape_of_an_effect_is_told_with_its_options() -> None:
