@@ -57,7 +57,7 @@ def with_first(value: str) -> str:
     """The text of the model with another first value (line 3)."""
     text = lines()
     text[2] = f"{model(ROBOT).parameters[0]} = {value}"
-    return "\n".join(text)
+    return "\n".join([*text, ""])
 
 
 @pytest.mark.parametrize("precision", ["double", "float"])
@@ -170,16 +170,31 @@ def test_what_is_no_number_of_the_type_is_refused_with_its_line(reader, text):
 ])  # fmt: skip
 def test_every_mistake_has_its_name_and_its_line(reader, change, status, line):
     text = change(lines())
-    found, values, at = reader["double"]("\n".join(text))
+    found, values, at = reader["double"]("\n".join([*text, ""]))
     assert (found, at) == (status, len(text) if line < 0 else line)
     assert not values.any()
+
+
+@pytest.mark.parametrize("precision", ["double", "float"])
+def test_a_text_that_was_cut_short_is_refused_wherever_the_cut_is(reader, precision):
+    """A part of the last number is a number, and one of another size: every line must be ended."""
+    m = model(ROBOT)
+    text = params_text(m, dict.fromkeys(m.parameters, 2.5e-07))
+    assert reader[precision](text)[0] == 0
+    for at in range(len(text)):
+        status, values, line = reader[precision](text[:at])
+        whole = text[at - 1 : at] in ("", "\n")
+        assert (status, line) == (MISSING, 0) if whole else status in (SYNTAX, HASH)
+        assert not values.any()
+    cut = text.rindex("e-07") + 1
+    assert reader[precision](text[:cut])[::2] == (SYNTAX, text.count("\n"))
 
 
 def test_order_blanks_comments_and_line_ends_do_not_matter(reader):
     text = lines()
     shuffled = [text[1], "", "   # nothing", *(f"\t{line}  " for line in reversed(text[2:]))]
     for end in ("\n", "\r\n"):
-        status, values, _ = reader["double"](end.join(shuffled))
+        status, values, _ = reader["double"](end.join([*shuffled, ""]))
         assert status == 0
         np.testing.assert_array_equal(values, model(ROBOT).vector())
 
