@@ -12,7 +12,7 @@ import sympy as sp
 from symstiff.codegen.names import SUMMARIES
 from symstiff.codegen.sincos import DOUBLE, FLOAT, Sincos
 from symstiff.codegen.text import CAlgebra, Text, c_body, context_names
-from symstiff.symbolic.program import Constant, Program, Statement, evaluate
+from symstiff.symbolic.program import Constant, Let, Program, Statement, evaluate
 
 if TYPE_CHECKING:
     from symstiff.codegen.functions import Functions
@@ -24,6 +24,7 @@ _LOADS = {
     "double": 1e75,
     "float": 1e9,
 }  # largest wrench of the vectorised code [N, N·m]: no product overflows
+_FRAMES = 1536  # bytes: return addresses, loop counters, tables of the compact layout, sine and cosine of the library
 _LARGEST = {"double": 1e307, "float": 1e38}
 
 
@@ -187,6 +188,7 @@ def batch_function(
         "arrays": [{"name": v.name, "size": len(v.symbols)} for v in program.inputs if v.name not in fixed],
         "output": output,
         "outputs": program.size(output),
+        "temporaries": sum(isinstance(s, Let) for s in program.statements),
     }
 
 
@@ -194,10 +196,18 @@ def _component(name: str, size: str) -> Callable[[int], str]:
     return lambda k: f"{name}[({k} * {size}) + i]"
 
 
-def stack_bytes(functions: Sequence[Mapping[str, Any]], joints: int, single: bool) -> int:
-    """Stack of the largest function's blocks."""
-    numbers: int = max((joints + 7 + f["outputs"]) * f["block"] for f in functions)
-    return numbers * (4 if single else 8)
+def stack_bytes(functions: Sequence[Mapping[str, Any]], joints: int, single: bool, register: int) -> int:
+    """Stack that the hungriest function hardly exceeds: its blocks, what it keeps of temporaries, its callees.
+
+    register: bytes of a vector register, which each temporary of a block may take. A pose that goes to the scalar
+    function stands in arrays of its own.
+    """
+    real = 4 if single else 8
+    found: list[int] = []
+    for f in functions:
+        pose: int = joints + 6 + f["outputs"]
+        found.append(real * (pose + (pose + 1) * f["block"]) + register * f["temporaries"])
+    return max(found) + _FRAMES
 
 
 def batch_context(functions: Functions, options: Options) -> dict[str, Any]:
@@ -215,5 +225,8 @@ def batch_context(functions: Functions, options: Options) -> dict[str, Any]:
     return {
         "batches": batches,
         "v": vector_context(single),
-        "stack": stack_bytes(batches, model.robot.dof, single),
+        **{
+            name: stack_bytes(batches, model.robot.dof, single, register)
+            for name, register in (("stack", 16), ("wide_stack", 64))
+        },
     }
