@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import ctypes
+import re
 import subprocess
 from pathlib import Path
 
@@ -301,3 +302,40 @@ def test_arguments_that_may_leave_the_domain_keep_the_librarys_sine():
     found = small_arguments(program, single=False)
     assert sorted(found) == [False, False, True, True, True]
     assert all(small_arguments(Functions(model("scara")).deflection, single=True))
+
+
+@pytest.mark.parametrize("robot", ["kuka_kr270", "scara"])
+@pytest.mark.parametrize("layout", ["C", "F"])
+@pytest.mark.parametrize("function", ["deflection", "observation"])
+def test_outputs_may_lie_in_the_inputs_where_the_strides_are_the_same(built, robot, function, layout):
+    """40 poses, five blocks: the arrays of the call in place against those of one with room for each."""
+    library, real = built[robot, "double"]
+    p, (q, w) = parameters(robot, real), poses(robot, 40)
+    size = 6 if function == "deflection" else 6 * len(model(robot).parameters)
+    stride = (ctypes.c_size_t * 2)(*((40, 1) if layout == "C" else (1, size)))
+
+    def called(same: str) -> np.ndarray:
+        arrays = {n: np.zeros((size, 40), real, order=layout) for n in ("q", "w", "out")}
+        for name, given in (("q", q), ("w", w)):
+            arrays[name][: given.shape[1]] = given.T
+        arrays["out"] = arrays[same]
+        given = [x for n in ("q", "w", "out") for x in (pointer(arrays[n]), stride)]
+        first = [pointer(p)] if function == "deflection" else []
+        assert getattr(library, f"{robot}_{function}_strided")(*first, ctypes.c_size_t(40), *given) == 0
+        return arrays["out"]
+
+    for same in ("q", "w"):
+        np.testing.assert_array_equal(called(same), called("out"))
+
+
+def test_the_header_promises_no_other_place_for_outputs():
+    """What a block writes may be read by the next one: not promised for tiles, other strides and the parameters."""
+    header = (Path(__file__).parent.parent / "generated" / "ur10" / "ur10.h").read_text()
+    text = " ".join(header.replace("\n *", " ").split())
+    assert "An output array may be q or w of the same call" in text
+    assert "it is no part of *p and overlaps no input otherwise" in text
+    assert (
+        "dt or A may be q or w where both have the same strides, no other. */ int ur10_deflection_strided("
+        in text
+    )
+    assert re.search(r"A is neither q nor w\.[^*]*\*/ #define UR10_TILE", text)

@@ -91,8 +91,9 @@ extern const ur10_params_t ur10_default_params;
 /* UR10_MODEL_HASH of the library that is linked: compare before you trust parameters of your own. */
 extern const char ur10_model_hash[65];
 
-/* Every function returns 0 or a negative error; on error its outputs are zeros, never NaN. Output arrays may be the
- * input arrays. No function allocates or keeps state: all may be called from several threads. */
+/* Every function returns 0 or a negative error; on error its outputs are zeros, never NaN. An output array may be q or w of
+ * the same call, as the functions for many poses say below; it is no part of *p and overlaps no input otherwise. No
+ * function allocates or keeps state: all may be called from several threads. */
 
 /* Deflection dt [m, rad] of the tool centre point under the wrench w [N, N*m] at joints q. */
 int ur10_deflection(const ur10_params_t *p, const double q[6], const double w[6], double dt[6]);
@@ -116,19 +117,20 @@ int ur10_stiffness(const ur10_params_t *p, const double q[6], double K[6 * 6]);
 int ur10_forward(const double q[6], double T[4 * 4]);
 
 /* Many poses at once (ur10_batch.c): component c of pose i stands at [c * n + i] in q (6 x n), w (6 x n), dt (6 x n)
- * and A (6 rows of 31 components, x n). Returns the last error; poses in error have zeros. */
+ * and A (6 rows of 31 components, x n). Returns the last error; poses in error have zeros. dt or A may be q or w. */
 int ur10_deflection_batch(const ur10_params_t *p, size_t n, const double *q, const double *w, double *dt);
 int ur10_observation_batch(size_t n, const double *q, const double *w, double *A);
 
 /* The same for any layout: component c of pose i stands at [c * stride[0] + i * stride[1]] ({n, 1} as above, {1, 6} for
- * poses one after the other, {1, 0} for one wrench everywhere). Threads may share the poses between them. */
+ * poses one after the other, {1, 0} for one wrench everywhere). Threads may share the poses between them. Poses are
+ * written in blocks while others are still to be read: dt or A may be q or w where both have the same strides, no other. */
 int ur10_deflection_strided(const ur10_params_t *p, size_t n, const double *q, const size_t q_stride[2], const double *w, const size_t w_stride[2], double *dt, const size_t dt_stride[2]);
 int ur10_observation_strided(size_t n, const double *q, const size_t q_stride[2], const double *w, const size_t w_stride[2], double *A, const size_t A_stride[2]);
 
 /* The quickest: tiles of UR10_TILE poses, written one after the other. Component c of pose i stands at
  * A[((186 * (i / TILE)) + c) * TILE + (i % TILE)]; inputs as for the strided functions. A has room for whole tiles and begins
- * at a multiple of 64 bytes where time matters. Components that are zero at every pose are never written: clear A before
- * its first use. */
+ * at a multiple of 64 bytes where time matters. A is neither q nor w. Components that are zero at every pose are never
+ * written: clear A before its first use. */
 #define UR10_TILE 8
 int ur10_observation_tiles(size_t n, const double *q, const size_t q_stride[2], const double *w, const size_t w_stride[2], double *A);
 
