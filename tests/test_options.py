@@ -21,6 +21,7 @@ from symstiff.errors import UserError
 from symstiff.model import StiffnessModel, load_model
 from symstiff.reduction import reduce
 from symstiff.robot import from_table, load
+from symstiff.robot.table import to_table
 from tests.generated_c import STRICT, compiler, described, emitted, model, run, written
 
 ROBOT = "scara"
@@ -57,6 +58,19 @@ def own(target: str, precision: str = "double") -> dict[str, bytes]:
 def test_every_target_writes_files_of_its_own(target):
     assert own(target)
     assert not set(own(target)) & set(own("c"))
+
+
+def test_no_robot_is_called_like_a_part_of_anothers_library():
+    """Sources and headers of ``scara`` that would be those of a robot ``scara_…`` too, and include guards with them."""
+    files = {f for target in TARGETS for f in own(target)}
+    ends = {f.removeprefix(ROBOT) for f in files if f.startswith(f"{ROBOT}.")}
+    names = {f.removesuffix(e) for f in files for e in ends if f.startswith(f"{ROBOT}_") and f.endswith(e)}
+    assert len(names) >= 4
+    table = to_table(load(ROBOT))
+    for name in names:
+        with pytest.raises(UserError, match=f"name: '{name}' is what files of a robot 'scara' are called"):
+            from_table(table | {"name": name}, "robot.toml")
+    assert from_table(table | {"name": "scara_rls_robot"}, "robot.toml").name == "scara_rls_robot"
 
 
 @pytest.mark.parametrize("target", [t for t in TARGETS if t != "casadi"])

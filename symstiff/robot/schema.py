@@ -20,6 +20,7 @@ from pydantic import (
 from symstiff.errors import UserError
 from symstiff.robot.exact import Exact, parse_exact, shown
 from symstiff.robot.frozen import FrozenDict
+from symstiff.robot.names import free_name
 
 MAX_JOINTS = 64
 _MAX_ROWS = 100  # markers, templates
@@ -32,29 +33,6 @@ _SOFTEST = 1000.0  # rad/(N·m) or m/N; anything beyond is a stiffness
 Triple = tuple[Exact, Exact, Exact]
 ZERO = Exact()
 BUILT_IN_TEMPLATES = frozenset({"beam", "full", "rigid"})
-# A robot's name begins the names of generated functions, files, a library, a CMake target and a C++ namespace.
-_TAKEN = {
-    "a word of C or C++": """
-        alignas alignof and and_eq asm auto bitand bitor bool break case catch char char16_t char32_t char8_t class
-        co_await co_return co_yield compl concept const const_cast consteval constexpr constinit continue decltype
-        default delete do double dynamic_cast else enum explicit export extern false float for friend goto if inline
-        int linux long mutable namespace new noexcept not not_eq nullptr operator or or_eq private protected public
-        register reinterpret_cast requires restrict return short signed sizeof static static_assert static_cast std
-        struct switch template this thread_local throw true try typedef typeid typename typeof typeof_unqual union
-        unix unsigned using virtual void volatile wchar_t while xor xor_eq""",
-    "a header of the C library": """
-        alloca assert complex ctype endian errno features fenv float inttypes iso646 limits locale malloc math memory
-        newlib reent sched setjmp signal stdalign stdarg stdatomic stdbit stdbool stdckdint stddef stdint stdio stdlib
-        stdnoreturn string strings tgmath threads time uchar unistd wchar wctype""",
-    "a function of the C library": """
-        abort abs acos acosh asin asinh atan atan2 atanh atexit atof atoi atol bsearch calloc cbrt ceil clock cos cosh
-        div erf exit exp exp2 expm1 fabs floor fma fmax fmin fmod free frexp gamma getenv hypot index labs ldexp ldiv
-        lgamma link log log10 log1p log2 logb longjmp memcpy memset modf nan pow printf puts qsort raise rand read
-        realloc remainder remove rename rint round scanf select signal sin sinh sleep sqrt srand strcmp strlen strtod
-        system tan tanh tgamma trunc write y0 y1 yn j0 j1 jn""",
-    "a system's library": "c crypt dl gcc gomp m pthread rt util",
-    "a file or a target of the generated build": "all clean depend edit_cache help install main package test",
-}
 
 
 def _format(value: Any) -> Any:
@@ -145,13 +123,6 @@ def _beam_axis(value: Any) -> Any:
     return direction
 
 
-def _free(value: str) -> str:
-    for what, words in _TAKEN.items():
-        if value in words.split():
-            raise UserError(f"{value!r} is {what}, which the generated code needs: use e.g. {value}_robot")
-    return value
-
-
 def _readable(value: str) -> str:
     if not value.isprintable() or len(value) > 1000:
         raise UserError("use one line of at most 1000 printable characters")
@@ -170,7 +141,7 @@ Compliance = Annotated[float, BeforeValidator(_compliance)]
 Entry = Annotated[float, BeforeValidator(_entry)]
 Text = Annotated[str, AfterValidator(_readable)]
 Identifier = Annotated[str, Field(pattern=r"^[a-z][a-z0-9_]{0,62}$")]
-Name = Annotated[Identifier, AfterValidator(_free)]
+Name = Annotated[Identifier, AfterValidator(free_name)]
 BeamAxis = Annotated[Literal["x", "y", "z"] | Triple | None, PlainValidator(_beam_axis)]
 
 
