@@ -91,8 +91,8 @@ extern const ur10_params_t ur10_default_params;
 /* UR10_MODEL_HASH of the library that is linked: compare before you trust parameters of your own. */
 extern const char ur10_model_hash[65];
 
-/* Every function returns 0 or a negative error; on error its outputs are zeros, never NaN. An output array may be q or w of
- * the same call, as the functions for many poses say below; it is no part of *p and overlaps no input otherwise. No
+/* Every function returns 0 or a negative error; on error its outputs are zeros, never NaN. An output array may be q or w
+ * of the same call, as the functions for many poses say below; it is no part of *p and overlaps no input otherwise. No
  * function allocates or keeps state: all may be called from several threads. */
 
 /* Deflection dt [m, rad] of the tool centre point under the wrench w [N, N*m] at joints q. */
@@ -122,8 +122,8 @@ int ur10_deflection_batch(const ur10_params_t *p, size_t n, const double *q, con
 int ur10_observation_batch(size_t n, const double *q, const double *w, double *A);
 
 /* The same for any layout: component c of pose i stands at [c * stride[0] + i * stride[1]] ({n, 1} as above, {1, 6} for
- * poses one after the other, {1, 0} for one wrench everywhere). Threads may share the poses between them. Poses are
- * written in blocks while others are still to be read: dt or A may be q or w where both have the same strides, no other. */
+ * poses one after the other, {1, 0} for one wrench everywhere). Threads may share the poses between them. Blocks are
+ * written while others are still to be read: dt or A may be q or w where both have the same strides, no other. */
 int ur10_deflection_strided(const ur10_params_t *p, size_t n, const double *q, const size_t q_stride[2], const double *w, const size_t w_stride[2], double *dt, const size_t dt_stride[2]);
 int ur10_observation_strided(size_t n, const double *q, const size_t q_stride[2], const double *w, const size_t w_stride[2], double *A, const size_t A_stride[2]);
 

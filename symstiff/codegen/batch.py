@@ -220,7 +220,8 @@ def batch_context(functions: Functions, options: Options) -> dict[str, Any]:
     parameter = f"const {model.robot.name}_params_t *p"
     batches = [
         batch_function(p, fixed, parameter, single, SUMMARIES[p.name])
-        for p in (functions.deflection, functions.observation)
+        for p in functions.all
+        if p.name in ("deflection", "observation")
     ]
     return {
         "batches": batches,

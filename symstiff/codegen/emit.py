@@ -10,7 +10,7 @@ from typing import Any
 
 from symstiff import __version__
 from symstiff.codegen.batch import batch_context, block_size
-from symstiff.codegen.compact import compact
+from symstiff.codegen.compact import Compact, compact
 from symstiff.codegen.functions import Functions
 from symstiff.codegen.names import LOADS_MEANING, SUMMARIES, check_single, meaning, moments
 from symstiff.codegen.options import Options
@@ -99,7 +99,7 @@ def base_context(functions: Functions, options: Options) -> dict[str, Any]:
         {"name": p.name, "summary": SUMMARIES[p.name], "operations": operations_text(counts[p.name])}
         for p in functions.all
     ]
-    context["compact"] = layout = compact(model) if options.layout == "compact" else None
+    context["compact"] = layout = _compact(functions, options)
     context["compact_compliance"] = layout is not None and not model.effects
     context["cores"] = [_function(p, functions, context, counts) for p in _cores(functions, context)]
     return context
@@ -244,11 +244,17 @@ def operations_text(counts: dict[str, int]) -> str:
 def operations(functions: Functions, options: Options) -> dict[str, dict[str, int]]:
     """Operation counts of every function as these options emit it."""
     counts = dict(functions.operations)
-    if options.layout == "compact":
-        layout = compact(functions.model)
+    layout = _compact(functions, options)
+    if layout is not None:
         looped = ("observation",) if functions.model.effects else ("observation", "compliance")
         counts |= {name: layout.operations(name) for name in looped}
     return counts
+
+
+def _compact(functions: Functions, options: Options) -> Compact | None:
+    """The tables of the compact layout; None where it is not asked for or no compliance is left to loop over."""
+    wanted = options.layout == "compact" and functions.model.stiffness_parameters
+    return compact(functions.model) if wanted else None
 
 
 def _cores(functions: Functions, context: dict[str, Any]) -> list[Program]:
@@ -311,7 +317,8 @@ def _selftest(functions: Functions, options: Options) -> dict[str, Any]:
 
     def members(c: Case) -> list[str]:
         condition = algebra.literal(round(c.condition) + 1.0 if c.K is not None else c.condition)
-        arrays = [literals(x) for x in (c.q, c.w, c.dt, c.A, c.J, c.T, c.K or [0.0] * 36)]
+        given = (c.q, c.w, c.dt, *([c.A] if stiffness else []), c.J, c.T, c.K or [0.0] * 36)
+        arrays = [literals(x) for x in given]
         expected = 1 if c.compensation is None else c.compensation
         return [*arrays, condition, literals(c.q_cmd), str(expected)]
 

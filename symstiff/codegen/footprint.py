@@ -48,7 +48,7 @@ def _measured(
     graph = call_graph((scratch / "model.ci").read_text())
     binutils = machine.compiler.removesuffix("gcc")
     sizes = symbol_sizes(_printed([f"{binutils}nm", "-S", "--defined-only", "model.o"], scratch))
-    table = totals(graph, sizes, {f: f"{name}_{f}" for f in FUNCTIONS})
+    table = totals(graph, sizes, {f: f"{name}_{f}" for f in _emitted(functions)})
     (scratch / "bench.c").write_text(bench(functions, single))
     for function, count in _instructions(machine, [f"-I{folder}", "bench.c", source], scratch).items():
         table[function]["instructions"] = count
@@ -59,6 +59,11 @@ def _measured(
         "object_bytes": int(size[0]) + int(size[1]),
         "functions": table,
     }
+
+
+def _emitted(functions: Functions) -> list[str]:
+    """The functions that a model has: no observation where no compliance is left."""
+    return [f for f in FUNCTIONS if f != "observation" or functions.model.stiffness_parameters]
 
 
 def _instructions(machine: Machine, arguments: list[str], scratch: Path) -> dict[str, int]:
@@ -98,7 +103,7 @@ def bench(functions: Functions, single: bool) -> str:
         "largest": max(36, 6 * stiffness, 6 * model.robot.dof),
         "functions": [
             {"name": f, "p": f in ("deflection", "compensate", "stiffness"), "w": f in FUNCTIONS[:3]}
-            for f in FUNCTIONS
+            for f in _emitted(functions)
         ],
     }
     return str(environment().get_template("footprint/bench.c.j2").render(context))

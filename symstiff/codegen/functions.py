@@ -44,8 +44,9 @@ class Functions:
 
     @property
     def all(self) -> tuple[Program, ...]:
-        """All programs, in the order of the header."""
-        return (self.deflection, self.observation, self.jacobian, self.compliance, self.forward)
+        """All programs, in the order of the header; without the observation where effects replaced every compliance."""
+        observed = (self.observation,) if self.model.stiffness_parameters else ()
+        return (self.deflection, *observed, self.jacobian, self.compliance, self.forward)
 
     @cached_property
     def operations(self) -> dict[str, dict[str, int]]:
