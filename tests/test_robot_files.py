@@ -82,11 +82,7 @@ MISTAKES = [
     ('name = "two_link"', 'name = "sin"', "name: 'sin' is a function of the C library"),
     ('name = "two_link"', 'name = "m"', "name: 'm' is a system's library"),
     ('name = "two_link"', 'name = "main"', "name: 'main' is a file or a target of the generated build"),
-    (
-        'name = "two_link"',
-        'name = "ur10_rls"',
-        "name: 'ur10_rls' is what files of a robot 'ur10' are called: use",
-    ),
+    ('name = "two_link"', 'name = "x_rls"', "name: 'x_rls' is what files of a robot 'x' are called"),
     ('name = "two_link"', 'name = "2link"', "name: '2link' is no identifier: use [a-z][a-z0-9_]"),
     ('name = "two_link"', 'name = "two-link"', "name: 'two-link' is no identifier"),
     ('name = "two_link"', 'name = "a\\n"', "is no identifier"),
