@@ -12,7 +12,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from symstiff.calibration.axes import assignment, axis_hint_refit, signed_permutations
-from symstiff.calibration.compact import component_sigma
+from symstiff.calibration.components import component_sigma
 from symstiff.calibration.constrained import constrain
 from symstiff.calibration.estimate import estimate, unit_of
 from symstiff.calibration.residuals import residual_table, split
@@ -135,6 +135,40 @@ def test_metres_and_radians_are_weighed_by_what_their_residuals_show():
     assert found[3] == pytest.approx(10e-6, rel=0.2)
     weighed, plain = estimate(A, y, found, kept), estimate(A, y, None, kept)
     assert np.median(weighed.std / plain.std) < 1.0
+
+
+@pytest.mark.parametrize("poses", [4, 5, 8])
+def test_intervals_hold_with_few_rows_though_their_deviations_come_from_the_same_rows(poses):
+    """19 parameters of 24 to 48 rows: a fit may pass through all translations and make their deviation zero."""
+    rng = np.random.default_rng(poses)
+    kinds, sigma = ["m", "m", "m", "rad", "rad", "rad"] * poses, np.tile([1e-5] * 3 + [3e-5] * 3, poses)
+    inside, least = [], []
+    for _ in range(150):
+        A = (
+            rng.normal(size=(6 * poses, 19))
+            * np.linspace(0.1, 1.0, 19) ** np.tile([1.0] * 3 + [-1.0] * 3, poses)[:, None]
+        )
+        x = 1e-3 * rng.normal(size=19)
+        y = A @ x + sigma * rng.normal(size=len(sigma))
+        found = component_sigma(A, y, kinds)
+        fit = estimate(A, y, found, estimated=True)
+        inside.append((fit.lower <= x) & (x <= fit.upper))
+        least.append(found[0])
+    assert 0.93 <= np.mean(inside) <= 0.98
+    assert np.min(np.mean(inside, axis=0)) > 0.86
+    assert np.quantile(least, 0.05) > 1e-7
+
+
+def test_intervals_count_the_degrees_of_freedom_of_the_rows_that_tell_a_parameter():
+    """Two parameters that share no row: each has its own rows' deviation, with one degree of freedom less than rows."""
+    rng, rows = np.random.default_rng(1), (40, 400)
+    A = np.zeros((sum(rows), 2))
+    A[: rows[0], 0], A[rows[0] :, 1] = rng.normal(size=rows[0]), rng.normal(size=rows[1])
+    y = A @ [2.0, 3.0] + np.repeat([1.0, 0.5], rows) * rng.normal(size=sum(rows))
+    fit = estimate(A, y, component_sigma(A, y, np.repeat(["m", "rad"], rows).tolist()), estimated=True)
+    np.testing.assert_allclose(fit.freedom, [39, 399], rtol=0.1)
+    alone = [estimate(A[a:b, [k]], y[a:b]).std[0] for k, (a, b) in enumerate([(0, 40), (40, 440)])]
+    np.testing.assert_allclose(fit.std, alone, rtol=0.03)
 
 
 def test_the_report_is_valid_json_with_units_and_no_infinities():

@@ -281,6 +281,7 @@ def fit_model(
         ],
         units=[model.units[n] for n in model.parameters],
         blocks=shared_blocks(e, table),
+        estimated=e.sigma is None,
     )
     return strong.estimate, e, strong
 

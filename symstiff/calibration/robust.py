@@ -10,6 +10,7 @@ import numpy as np
 import numpy.typing as npt
 
 from symstiff.calibration.compact import Array, Compact, checked, compact
+from symstiff.calibration.components import doubt_of
 from symstiff.calibration.estimate import Estimate, estimate, interval_factor
 from symstiff.calibration.outliers import HuberFit, Suspect, pose_suspects, row_suspects
 from symstiff.calibration.rank import combinations
@@ -67,23 +68,26 @@ def robust_estimate(
     row_labels: Sequence[str] | None = None,
     units: Sequence[str] | None = None,
     blocks: npt.ArrayLike | Blocks | None = None,
+    estimated: bool = False,
     confidence: float = 0.95,
     tuning: float = HUBER,
     significance: float = 0.01,
 ) -> RobustEstimate:
     """Identify with Huber's loss on whitened residuals and report which rows and poses do not fit.
 
-    A: (M, P), y, sigma, blocks as in `estimate`; groups: (M,) pose index of every row, with labels by index;
+    A: (M, P), y, sigma, blocks, estimated as in `estimate`; groups: (M,) pose index of every row, with labels by index;
     row_labels: (M,); tuning: residuals beyond tuning·scale count linearly; significance: chance that a clean data set
     shows any suspect row (and any suspect pose). Raises UserError as `estimate`. Source: Huber, Robust Statistics.
     """
-    start = estimate(A, y, sigma, names, units=units, blocks=blocks, confidence=confidence)
+    start = estimate(
+        A, y, sigma, names, units=units, blocks=blocks, estimated=estimated, confidence=confidence
+    )
     A, y, sigma, _ = checked(A, y, sigma, start.names)
     root = resolved_root(start.compact, start.rank.rank)
     Q = (A if sigma is None else A / sigma[:, None]) @ root
     fit = _huber(Q, y if sigma is None else y / sigma, tuning)
     if fit.iterations:
-        start = _with_fit(start, A, y, sigma, root, Q, fit, tuning, blocks)
+        start = _with_fit(start, A, y, sigma, root, Q, fit, tuning, blocks, estimated)
     rows = row_suspects(Q, fit, row_labels, significance, start.shared)
     poses = (
         ()
@@ -131,6 +135,7 @@ def _with_fit(
     fit: HuberFit,
     tuning: float,
     blocks: npt.ArrayLike | Blocks | None,
+    estimated: bool,
 ) -> Estimate:
     """The least-squares record with the robust values and Huber's covariance in place of its own."""
     values = root @ fit.solution
@@ -151,8 +156,13 @@ def _with_fit(
         if shared is not None:
             own = correction**2 * shared.variance
             covariance = own * (root @ Q.T @ shared.covariance_times(Q) @ root.T)
+    freedom = np.full(len(values), float(start.dof))
+    if estimated and sigma is not None:
+        clipped = np.clip(fit.residual, -tuning * fit.scale, tuning * fit.scale) / share
+        doubt = doubt_of(A, clipped * sigma, sigma, root)
+        covariance, freedom = covariance + doubt.covariance, doubt.freedom
     std = np.where(np.isinf(start.std), np.inf, np.sqrt(np.diag(covariance)))
-    half = std * interval_factor(start.confidence, start.dof)
+    half = std * interval_factor(start.confidence, freedom)
     return replace(
         start,
         values=values,
@@ -164,6 +174,7 @@ def _with_fit(
         whitened=fit.residual,
         s0_squared=float(fit.residual @ fit.residual) / start.dof,
         unit_variance=variance,
+        freedom=freedom,
         compact=compact(A, y, sigma, fit.weights),
         fit_p=None,
         shared=shared,
