@@ -14,6 +14,7 @@ from symstiff.calibration.constrained import ConstrainedEstimate, constrain
 from symstiff.calibration.estimate import Estimate, estimate
 from symstiff.calibration.experiment.rounding import without_rounding
 from symstiff.calibration.kept import completed, seen_in
+from symstiff.calibration.levels import by_level
 from symstiff.calibration.loading import as_loading
 from symstiff.calibration.markers import left_of_deflections, marker_hint
 from symstiff.calibration.measurements import COMPONENTS, Measurements
@@ -31,7 +32,7 @@ from symstiff.calibration.soundness import (
     usable_model,
 )
 from symstiff.calibration.table import check_robot
-from symstiff.effects.base import EffectInstance, find
+from symstiff.effects.base import find
 from symstiff.errors import UserError
 from symstiff.model import StiffnessModel, joints_only
 from symstiff.reduction import Reduction, reduce
@@ -284,17 +285,6 @@ def fit_model(
         estimated=e.sigma is None,
     )
     return strong.estimate, e, strong
-
-
-def by_level(model: StiffnessModel, table: Measurements, joint: int) -> StiffnessModel:
-    """One compliance of a joint for each of its distinct values in the table (the seed's C2 and J2)."""
-    if not 1 <= joint <= model.robot.dof:
-        raise UserError(f"q{joint}: {model.robot.name} has joints 1 to {model.robot.dof}")
-    angles = np.unique(np.round(table.q[:, joint - 1], 6))
-    if not 2 <= len(angles) <= 20:
-        raise UserError(f"q{joint} has {len(angles)} distinct values: a compliance for each needs 2 to 20")
-    shape = {f"angle_{k}": float(f"{a:.9g}") for k, a in enumerate(angles, start=1)}
-    return model.with_effect(EffectInstance("gravity_compensator", {"joint": joint}, shape))
 
 
 def data_rank(model: StiffnessModel, table: Measurements) -> int:
