@@ -12,7 +12,7 @@ import numpy.typing as npt
 from symstiff.calibration.compact import Array, Compact, checked, compact
 from symstiff.calibration.components import doubt_of
 from symstiff.calibration.estimate import Estimate, estimate, interval_factor
-from symstiff.calibration.outliers import HuberFit, Suspect, pose_suspects, row_suspects
+from symstiff.calibration.outliers import UNTESTABLE, HuberFit, Suspect, pose_suspects, row_suspects
 from symstiff.calibration.rank import combinations
 from symstiff.calibration.shared import Blocks, shared_error
 from symstiff.display import finite
@@ -107,18 +107,20 @@ def _huber(Q: Array, target: Array, tuning: float) -> HuberFit:
     """Iterate weights and scale in an orthonormal basis, where the weighted system is well conditioned."""
     rows, rank = Q.shape
     weights, scale, iterations, converged = np.ones(rows), 0.0, 0, rows <= rank
+    free = np.sqrt(np.maximum(1.0 - np.sum(Q**2, axis=1), 0.0))  # what a residual keeps of its row's noise
+    told = free > np.sqrt(UNTESTABLE)
     floor = 1e-12 * float(np.sqrt(np.mean(target**2)))
     system = np.eye(rank)
     solution = Q.T @ target
     residual = target - Q @ solution
     while not converged and iterations < _ROUNDS:
-        scale = _MAD_TO_SIGMA * float(np.median(np.abs(residual))) * np.sqrt(rows / (rows - rank))
+        scale = _MAD_TO_SIGMA * float(np.median(np.abs(residual[told]) / free[told]))
         if scale <= floor:
             break
         iterations += 1
         weights = 1.0 / np.maximum(np.abs(residual) / (tuning * scale), 1.0)
         system = Q.T @ (weights[:, None] * Q)
-        previous, solution = solution, np.linalg.solve(system, Q.T @ (weights * target))
+        previous, solution = solution, np.asarray(np.linalg.solve(system, Q.T @ (weights * target)), float)
         residual = target - Q @ solution
         # In this basis every coordinate has the noise's standard deviation.
         converged = bool(np.max(np.abs(solution - previous)) < 1e-5 * scale)
