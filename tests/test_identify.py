@@ -248,3 +248,21 @@ def test_a_joint_without_a_compensator_is_refused_by_name() -> None:
         identify(load("kuka_kr270"), virtual(n=8), per_level=3)
     with pytest.raises(UserError, match="it has no joint for one"):
         by_level(StiffnessModel.of(reduce(load("scara"))), virtual(n=8), 2)
+
+
+def test_positions_of_one_marker_beside_the_tool_centre_point_determine_what_they_show() -> None:
+    robot, rng = load("kuka_kr270"), np.random.default_rng(1)
+    q = np.array([rng.uniform(*j.range, size=40) for j in robot.joint]).T
+    w = np.tile([0.0, 0, -2500, 0, 0, 0], (40, 1))
+    pose = StiffnessModel.of(reduce(robot, "gravity", "pose"))
+    pose = pose.with_values(dict.fromkeys(pose.parameters, 1e-8))
+    table = measurements(q, w, points=("p1",), kind="deflection", values=np.zeros((40, 6)))
+    seen = predict(pose, table)
+    seen[:, :3] += 1e-6 * rng.normal(size=(40, 3))
+    seen[:, 3:] = np.nan
+    result = identify(robot, replace(table, values=seen))
+    assert (len(result.fit.names), result.model.measure) == (25, "position")
+    assert 0.5 < np.sqrt(result.fit.s0_squared) / 1e-6 < 1.5
+    elsewhere = measurements(rng.permuted(q, axis=0), w, points=("p1",), kind="none")
+    missed = predict(result.model, elsewhere)[:, :3] - predict(pose, elsewhere)[:, :3]
+    assert np.abs(missed).max() < 1e-5
