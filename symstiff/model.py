@@ -373,12 +373,13 @@ def joints_only(
     loads: str = "wrench",
     measure: str = "pose",
     fixed: Mapping[int, Any] | None = None,
+    points: Sequence[str] = (),
 ) -> StiffnessModel:
     """The conventional model of rigid links: one compliance a joint (the seed's J models), reduced for the class."""
     rigid = _without_links(robot)
     from symstiff.reduction.reduce import reduce
 
-    reduction = reduce(rigid, loads, measure, fixed)
+    reduction = reduce(rigid, loads, measure, fixed, points=points)
     return replace(StiffnessModel.of(reduction), robot=robot)
 
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
-from definition import observation, samples
+from definition import observation, poses, samples
 
 from symstiff.reduction import Reduction
 
@@ -13,12 +13,22 @@ def columns(r: Reduction) -> np.ndarray:
     return np.asarray(np.linalg.qr(scaled(raw_columns(r)), mode="r"))
 
 
-def raw_columns(r: Reduction, poses: int = 24, seed: int = 1) -> np.ndarray:
-    q, w = samples(r.robot, poses, seed, r.experiment.loads)
+def raw_columns(r: Reduction, count: int = 24, seed: int = 1) -> np.ndarray:
+    q, w = samples(r.robot, count, seed, r.experiment.loads)
     for joint, value in r.experiment.fixed.items():
         q[:, joint - 1] = float(value)
-    A = observation(r.robot, q, w, [p.name for p in r.full]).reshape(poses, 6, -1)
+    A = observation(r.robot, q, w, [p.name for p in r.full]).reshape(count, 6, -1)
+    if r.experiment.points:
+        return np.vstack([_seen_at(r, q, A, point) for point in r.experiment.points])
     return A[:, : 3 if r.experiment.measure == "position" else 6].reshape(-1, len(r.full))
+
+
+def _seen_at(r: Reduction, q: np.ndarray, A: np.ndarray, point: str) -> np.ndarray:
+    """Translations of a marker beside a tool that is not turned: d + φ × R·(marker − tip)."""
+    marker = next(m.xyz for m in r.robot.marker if m.name == point)
+    beside = [float(x) - float(t) for x, t in zip(marker, r.robot.tool.xyz, strict=True)]
+    lever = (poses(r.robot, q)[:, :3, :3] @ np.array(beside))[:, :, None]
+    return (A[:, :3] + np.cross(A[:, 3:], lever, axis=1)).reshape(-1, len(r.full))
 
 
 def scaled(A: np.ndarray) -> np.ndarray:
@@ -34,7 +44,7 @@ def rank(A: np.ndarray) -> int:
 
 
 def assert_couplings_hold(r: Reduction) -> None:
-    names, A = [p.name for p in r.full], raw_columns(r, poses=8, seed=6)
+    names, A = [p.name for p in r.full], raw_columns(r, count=8, seed=6)
     eliminated = set(names) - set(r.parameters) - set(r.partition.g2)
     assert set(r.partition.couplings) == eliminated
     for e, row in r.partition.couplings.items():

@@ -72,6 +72,14 @@ def test_a_planned_load_comes_in_steps_and_a_sliding_joint_stays_in_metres(folde
     assert (done.returncode, "--steps 0" in done.stderr) == (2, True)
 
 
+def test_one_marker_beside_the_tool_centre_point_is_planned_for_what_it_shows(tmp_path: Path) -> None:
+    succeeded(
+        tmp_path, "plan", "kuka_kr270", "--poses", "12", "--loads", "gravity", "--candidates", "500", "--markers", "p1",
+        "--no-refine", "-o", "one.csv", "--json", "one.json",
+    )  # fmt: skip
+    assert len(json.loads((tmp_path / "one.json").read_text())["std"]) == 25
+
+
 def test_the_data_carry_no_trace_of_the_truth(folder: Path) -> None:
     header = next(csv.reader((folder / "data.csv").read_text().splitlines()))
     assert all("[" in h or h in ("pose", "point", "repeat", "load_step", "branch") for h in header)

@@ -80,8 +80,9 @@ def test_a_bad_option_is_one_line_and_nothing_is_written(
 
 
 def test_a_plan_for_too_few_points_says_how_to_go_on(run: Run, tmp_path: Path) -> None:
-    result = run("plan", "scara", "--poses", "10", "--markers", "p1", "-o", str(tmp_path / "poses.csv"))
-    assert_users_mistake(result, "no plan tells k0_22", "--measure position")
+    one = ("plan", "scara", "--poses", "10", "--markers", "p1", "--measure", "pose")
+    result = run(*one, "-o", str(tmp_path / "poses.csv"))
+    assert_users_mistake(result, "no plan tells k0_22", "leave --measure out")
     assert list(tmp_path.iterdir()) == []
 
 

@@ -8,6 +8,8 @@ import pytest
 from symstiff.compensation import compensate, compensate_online
 from symstiff.effects.base import EffectInstance
 from symstiff.errors import UserError
+from symstiff.model import joints_only
+from symstiff.robot.loading import from_table
 from tests.generated_c import model, poses
 
 NEAR = np.array([0.1, -1.0, 1.2, 0.3, 1e-6, -0.2])  # axes 4 and 6 almost on one line
@@ -72,3 +74,36 @@ def test_what_the_measuring_device_does_moves_no_joint() -> None:
     assert drifting.of_robot().parameters == m.parameters
     np.testing.assert_array_equal(compensate_online(drifting, q, 0.0 * w, late), q)
     np.testing.assert_array_equal(compensate(drifting, q, w, late).q_cmd, compensate(m, q, w).q_cmd)
+
+
+LENGTHS = np.array([0.5, 0.4, 0.3, 0.2])
+
+
+def planar(q: np.ndarray, compliance: float, force: np.ndarray) -> tuple[np.ndarray, float]:
+    """Tip (x, y) and angle of an arm of four parallel axes in the plane, its joints bent by a force at the tip."""
+
+    along = LENGTHS[:, None] * np.column_stack([np.cos(np.cumsum(q)), np.sin(np.cumsum(q))])
+    levers = np.array([along[k:].sum(axis=0) for k in range(4)])
+    bent = compliance * (levers[:, 0] * force[1] - levers[:, 1] * force[0])
+    turned = levers[:, ::-1] * [-1.0, 1.0]
+    return levers[0] + turned.T @ bent, float(q.sum() + bent.sum())
+
+
+def test_joints_that_are_redundant_in_a_plane_are_compensated_and_stretched_out_they_are_singular() -> None:
+    rigid = {"template": "rigid"}
+    joints = [{"a": a, "alpha": 0, "d": 0, "compliance": 1e-5, "link": rigid} for a in LENGTHS.tolist()]
+    robot = from_table({"format": 1, "name": "p4r", "base": {"link": rigid}, "joint": joints}, "p4r")
+    m = joints_only(robot, "force", "pose", {}).with_values({f"c{i}": 1e-5 for i in range(1, 5)})
+    q, force = (
+        np.radians([[10.0, 40, 30, -50], [20.0, 0, 0, 0], [20.0, 180, 0, 180]]),
+        np.array([100.0, 200.0]),
+    )
+    found = compensate(m, q, np.array([*force, 0, 0, 0, 0]))
+    assert found.solved.tolist() == [True, False, False]
+    meant, angle = planar(q[0], 0.0, force)
+    there, turned = planar(found.q_cmd[0], 1e-5, force)
+    np.testing.assert_allclose(there, meant, atol=1e-12)
+    assert turned == pytest.approx(angle, abs=1e-12)
+    np.testing.assert_array_equal(found.q_cmd[1:], q[1:])
+    online = compensate_online(m, q, np.array([*force, 0, 0, 0, 0]))
+    np.testing.assert_array_equal(online, q)  # as the generated code, which asks for one direction a joint

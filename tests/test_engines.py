@@ -104,8 +104,8 @@ def test_the_numeric_rank_shows_its_gap() -> None:
 def test_few_configurations_identify_less_than_the_class_does() -> None:
     r = reduce(KR270, "gravity", "pose")
     names, order = [p.name for p in r.full], preference(ElasticChain(KR270), r.full)
-    found, decision = numeric_partition(raw_columns(r, poses=3), names, order)
-    assert decision.rank == len(found.kept) == rank(scaled(raw_columns(r, poses=3))) < r.partition.rank
+    found, decision = numeric_partition(raw_columns(r, count=3), names, order)
+    assert decision.rank == len(found.kept) == rank(scaled(raw_columns(r, count=3))) < r.partition.rank
 
 
 def test_the_numeric_engine_does_not_care_about_the_columns_sizes() -> None:

@@ -8,6 +8,7 @@ import pytest
 
 from symstiff.calibration.complete import reconstruct_model
 from symstiff.calibration.identify import identify
+from symstiff.calibration.levels import by_level
 from symstiff.calibration.measurements import Measurements, measurements
 from symstiff.calibration.poses import with_markers
 from symstiff.calibration.rows import equations, predict
@@ -20,7 +21,8 @@ from symstiff.model import StiffnessModel, load_model
 from symstiff.reduction import reduce
 from symstiff.reduction.complete import complete_map
 from symstiff.robot import load
-from symstiff.symbolic.numeric import forward
+from symstiff.robot.loading import parse
+from symstiff.symbolic.numeric import forward, joint_jacobian
 from tests.diagnosis_data import measured
 
 UR10_DATA = Path(__file__).resolve().parents[2] / "shared" / "data" / "ur10" / "series_a.csv"
@@ -209,3 +211,58 @@ def test_a_turned_device_sees_every_point_turned_and_the_equations_are_the_deriv
         ]
         slope = ((ends[0] - ends[1]) / (2 * step))[e.row, e.component]
         np.testing.assert_allclose(e.A[:, k], slope, rtol=5e-3, atol=1e-3 * np.abs(slope).max())
+
+
+LEVELS = np.array([-2.2, -1.7, -1.2, -0.7, -0.2])
+LIBRARY = Path(__file__).parents[1] / "symstiff" / "robot" / "library"
+
+
+@pytest.mark.parametrize(
+    "link", ['beam_axis = "x"', "beam_axis = [1, 0.3, 0.2]", 'beam_axis = [1, 0.3, 0.2]\ntemplate = "full"']
+)
+def test_a_compliance_for_each_level_stands_for_the_joints_own_about_whatever_axes_its_link_has(link) -> None:
+    """Joint 2's deflection is its Jacobian's column; a common share of its levels may be the link's as well."""
+    file = (LIBRARY / "kuka_kr270.toml").read_text().replace('beam_axis = "x"', link, 1)
+    robot, rng = parse(file.encode()), np.random.default_rng(0)
+    q = np.array([rng.uniform(*j.range, size=80) for j in robot.joint]).T
+    level, w = np.arange(80) % 5, np.tile([0.0, 0, -2500, 0, 0, 0], (80, 1))
+    q[:, 1] = LEVELS[level]
+    model = StiffnessModel.of(reduce(robot, "gravity", "pose"))
+    model = model.with_values({n: (0.0 if model.units[n] == "rad/N" else 1e-8) for n in model.parameters})
+    column = joint_jacobian(robot, q)[:, :, 1]
+    clean = (
+        model.deflection(q, w)
+        + column * (np.linspace(1e-7, 5e-7, 5)[level] * np.sum(column * w, axis=1))[:, None]
+    )
+    table = measurements(q, w, kind="deflection", values=clean + 1e-9 * rng.normal(size=(80, 6)))
+    fit = identify(robot, table, per_level=2).fit
+    levels = [v for n, v in zip(fit.names, fit.values, strict=True) if "compensator" in n]
+    np.testing.assert_allclose(np.diff(levels), 1e-7, rtol=1e-4)
+    assert (
+        len(fit.names) == len(model.parameters) + 4
+    )  # five levels, one of which the link's compliances made up
+
+
+def test_a_joint_without_a_compensator_is_refused_by_name() -> None:
+    with pytest.raises(UserError, match="q3 of kuka_kr270 has none: name q2"):
+        identify(load("kuka_kr270"), virtual(n=8), per_level=3)
+    with pytest.raises(UserError, match="it has no joint for one"):
+        by_level(StiffnessModel.of(reduce(load("scara"))), virtual(n=8), 2)
+
+
+def test_positions_of_one_marker_beside_the_tool_centre_point_determine_what_they_show() -> None:
+    robot, rng = load("kuka_kr270"), np.random.default_rng(1)
+    q = np.array([rng.uniform(*j.range, size=40) for j in robot.joint]).T
+    w = np.tile([0.0, 0, -2500, 0, 0, 0], (40, 1))
+    pose = StiffnessModel.of(reduce(robot, "gravity", "pose"))
+    pose = pose.with_values(dict.fromkeys(pose.parameters, 1e-8))
+    table = measurements(q, w, points=("p1",), kind="deflection", values=np.zeros((40, 6)))
+    seen = predict(pose, table)
+    seen[:, :3] += 1e-6 * rng.normal(size=(40, 3))
+    seen[:, 3:] = np.nan
+    result = identify(robot, replace(table, values=seen))
+    assert (len(result.fit.names), result.model.measure) == (25, "position")
+    assert 0.5 < np.sqrt(result.fit.s0_squared) / 1e-6 < 1.5
+    elsewhere = measurements(rng.permuted(q, axis=0), w, points=("p1",), kind="none")
+    missed = predict(result.model, elsewhere)[:, :3] - predict(pose, elsewhere)[:, :3]
+    assert np.abs(missed).max() < 1e-5

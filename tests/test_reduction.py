@@ -58,6 +58,18 @@ def test_other_classes_of_loads_and_measurements_have_the_known_ranks(
     assert groups is None or (len(p.g1), len(p.g2), len(p.g3)) == groups
 
 
+@pytest.mark.parametrize(
+    ("loads", "one", "two"), [("gravity", 25, 26), ("force", 31, 32), ("wrench", 31, 32)]
+)
+def test_a_marker_beside_the_tool_centre_point_tells_more_than_this_and_less_than_the_pose(
+    loads: str, one: int, two: int
+) -> None:
+    for points, known in ((("p1",), one), (("p1", "p2"), two)):
+        r = reduce(KR270, loads, "position", points=points)
+        assert r.partition.rank == rank(columns(r)) == known
+        assert_couplings_hold(r)
+
+
 # --- M1 to M3 --------------------------------------------------------------------------------------------
 
 

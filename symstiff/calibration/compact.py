@@ -81,40 +81,6 @@ def checked(
     return A, y, sigma, tuple(names)
 
 
-def component_sigma(A: Array, y: Array, labels: Sequence[str], rounds: int = 8) -> Array:
-    """Standard deviation of every row, estimated from the residuals of its class when none is known.
-
-    labels: (M,) class of each row, such as "m" and "rad", or the axis; rows of one class share one deviation.
-    Returns (M,). Each class is given ‖residual‖²/(rows − its share of the fitted parameters), iterated
-    (Helmert's variance components), so that metres and radians are weighed without being asked for.
-    """
-    A, y = np.asarray(A, dtype=float), np.asarray(y, dtype=float)
-    classes = {label: np.flatnonzero(np.asarray(labels) == label) for label in dict.fromkeys(labels)}
-    floors = {label: 1e-12 * np.sqrt(np.mean(y[rows] ** 2)) for label, rows in classes.items()}
-    sigma = np.empty(len(y))
-    for rows in classes.values():
-        sigma[rows] = np.sqrt(np.mean(y[rows] ** 2)) or 1.0
-    columns = A.shape[1]
-    triangles = {label: triangular(np.column_stack([A[rows], y[rows]])) for label, rows in classes.items()}
-    variance = {label: float(sigma[rows[0]]) ** 2 for label, rows in classes.items()}
-    for _ in range(rounds):
-        stacked = np.vstack([t / np.sqrt(variance[label]) for label, t in triangles.items()])
-        form = compact(stacked[:, :columns], stacked[:, columns])
-        U, s, Vt = np.linalg.svd(form.R)
-        kept = s > s[0] * max(A.shape) * np.finfo(float).eps if s.size else s > 0
-        root = (Vt[: len(s)].T / np.where(kept, s, np.inf)) / form.scale[:, None]
-        values = root @ (U.T @ form.z)
-        for label, t in triangles.items():
-            residual = t[:, columns] - t[:, :columns] @ values
-            share = t[:, :columns] @ root
-            free = len(classes[label]) - float(np.sum(share**2)) / variance[label]
-            if free > 1e-6 * len(classes[label]):
-                variance[label] = max(float(residual @ residual) / free, floors[label] ** 2) or 1.0
-    for label, rows in classes.items():
-        sigma[rows] = np.sqrt(variance[label])
-    return sigma
-
-
 def triangular(stacked: Array, block: int = 4096) -> Array:
     """R of a QR decomposition, by blocks of rows: the triangles of blocks are stacked and reduced again."""
     if len(stacked) > block + stacked.shape[1]:

@@ -12,6 +12,7 @@ import numpy.typing as npt
 import scipy.stats
 
 from symstiff.calibration.compact import Array, Compact, checked, compact
+from symstiff.calibration.components import doubt_of
 from symstiff.calibration.rank import Combination, RankDecision, combinations, decide_rank
 from symstiff.calibration.shared import Blocks, SharedError, shared_error
 from symstiff.display import finite
@@ -27,7 +28,8 @@ class Estimate:
     (M,) residuals over sigma; s0_squared: whitened residual sum over `dof` (nan without degrees of freedom);
     unit_variance: the variance factor of independent rows, 1 where sigma was given; condition: of the resolved
     part of the column-scaled matrix; fit_p: probability of a residual sum this large when sigma holds (None
-    without sigma); shared: the error that rows share, which std holds (None where they look independent).
+    without sigma); shared: the error that rows share, which std holds (None where they look independent); freedom:
+    (P,) degrees of freedom of each interval, infinite where sigma was given.
     """
 
     names: tuple[str, ...]
@@ -48,6 +50,7 @@ class Estimate:
     rank: RankDecision
     combinations: tuple[Combination, ...]
     compact: Compact
+    freedom: Array
     shared: SharedError | None = None
 
     @property
@@ -111,8 +114,9 @@ def estimate(
     A: (M, P) observation matrix, y: (M,) measured deflections in m and rad; sigma: (M,) their standard
     deviations, or None for equal ones estimated from the residuals; names, units: (P,), units by the names
     where absent; blocks: (M,) or (M, K) numbers of rows that may share errors, or `Blocks`, which the deviations
-    then hold (`shared_error`); estimated: whether sigma comes from residuals of the same rows, so that no test of the
-    fit can be made of it; truncate: whether directions drowned in noise are dropped like those lost in rounding.
+    then hold (`shared_error`); estimated: whether sigma comes from residuals of the same rows (`component_sigma`), so
+    that no test of the fit can be made of it and the deviations hold what it leaves in doubt; truncate: whether
+    directions drowned in noise are dropped like those lost in rounding.
     Raises UserError for shapes, NaN and deviations that cannot be used. Source: seed eq. (7)–(8), (15)–(20).
     """
     names = [f"p{i + 1}" for i in range(np.shape(A)[1])] if names is None else names
@@ -132,9 +136,13 @@ def estimate(
     if blocks is not None and dof > 0:
         fixed = 1.0 if sigma is not None and not estimated else None
         covariance, shared = _with_shared(covariance, A, y, sigma, root, blocks, fixed)
+    freedom = np.full(len(named), float(max(dof, 0)) if sigma is None or estimated else math.inf)
+    if sigma is not None and estimated and dof > 0:
+        doubt = doubt_of(A, residuals, sigma, root)
+        covariance, freedom = covariance + doubt.covariance, doubt.freedom
     std = np.sqrt(np.diag(covariance))
     std[[name in decision.affected for name in named]] = np.inf
-    half = std * interval_factor(confidence, dof if sigma is None or estimated else None)
+    half = std * interval_factor(confidence, freedom)
     return Estimate(
         names=named,
         units=tuple(units) if units is not None else tuple(unit_of(name) for name in named),
@@ -156,6 +164,7 @@ def estimate(
         rank=decision,
         combinations=combinations(decision, named, form.scale, values, covariance),
         compact=form,
+        freedom=freedom,
         shared=shared,
     )
 
@@ -197,11 +206,10 @@ def _with_shared(
     return own * (root @ root.T) + shared.variance * (root @ among @ root.T), shared
 
 
-def interval_factor(confidence: float, dof: int | None) -> float:
-    """Half width of a two-sided interval in standard deviations: Student's t, normal for known sigma."""
-    if dof is None:
-        return float(scipy.stats.norm.ppf(0.5 + confidence / 2))
-    return float(scipy.stats.t.ppf(0.5 + confidence / 2, dof)) if dof > 0 else math.inf
+def interval_factor(confidence: float, freedom: Array) -> Array:
+    """Half widths of two-sided intervals in standard deviations: Student's t, normal for infinite freedom."""
+    factor = scipy.stats.t.ppf(0.5 + confidence / 2, np.where(freedom > 0, freedom, 1.0))
+    return np.asarray(np.where(freedom > 0, factor, math.inf))
 
 
 def unit_of(name: str) -> str:

@@ -12,8 +12,10 @@ from symstiff.calibration.absolute import fit_absolute
 from symstiff.calibration.checks import without_copies, without_zeros
 from symstiff.calibration.constrained import ConstrainedEstimate, constrain
 from symstiff.calibration.estimate import Estimate, estimate
+from symstiff.calibration.experiment.readings import ExperimentClass, experiment_of
 from symstiff.calibration.experiment.rounding import without_rounding
 from symstiff.calibration.kept import completed, seen_in
+from symstiff.calibration.levels import by_level
 from symstiff.calibration.loading import as_loading
 from symstiff.calibration.markers import left_of_deflections, marker_hint
 from symstiff.calibration.measurements import COMPONENTS, Measurements
@@ -31,7 +33,7 @@ from symstiff.calibration.soundness import (
     usable_model,
 )
 from symstiff.calibration.table import check_robot
-from symstiff.effects.base import EffectInstance, find
+from symstiff.effects.base import find
 from symstiff.errors import UserError
 from symstiff.model import StiffnessModel, joints_only
 from symstiff.reduction import Reduction, reduce
@@ -41,36 +43,6 @@ from symstiff.reduction.svd import numeric_partition
 from symstiff.robot.schema import Robot
 
 _ROUNDS = 8
-
-
-@dataclass(frozen=True)
-class ExperimentClass:
-    """What a table lets one identify: class of loads and measurement, joints that never move."""
-
-    loads: str
-    measure: str
-    fixed: Mapping[int, float]
-
-
-def experiment_of(table: Measurements, robot: Robot) -> ExperimentClass:
-    """Read the class of the experiment from the columns that vary."""
-    used = np.abs(table.w).max(axis=0) > 0
-    loads = "wrench" if used[3:].any() else ("force" if used[:2].any() else "gravity")
-    still = {
-        i: float(table.q[0, i - 1])
-        for i in range(1, robot.dof + 1)
-        if np.ptp(table.q[:, i - 1]) < 1e-9 and len(table.labels) > 1
-    }
-    return ExperimentClass(loads, "pose" if _sees_rotation(table, robot) else "position", still)
-
-
-def _sees_rotation(table: Measurements, robot: Robot) -> bool:
-    """Rotations are measured, or points beside the tool centre point are: their lever shows the tool's rotation."""
-    if table.measured[:, 3:].any():
-        return True
-    tip = np.array([float(x) for x in robot.marker_position("tcp")])
-    places = np.array([[float(x) for x in robot.marker_position(p)] for p in table.points])
-    return bool(np.abs(places - tip).max() > 1e-6)
 
 
 @dataclass(frozen=True, eq=False)
@@ -115,10 +87,18 @@ def start_model(
         check_same_robot(start, robot, "the start model")
         return start, None
     if start == "complete":
-        reduction = reduce(robot, experiment.loads, experiment.measure, experiment.fixed)
+        reduction = reduce(
+            robot, experiment.loads, experiment.measure, experiment.fixed, points=experiment.points
+        )
         return StiffnessModel.of(reduction), reduction
     if start == "joints":
-        return joints_only(robot, experiment.loads, experiment.measure, experiment.fixed), None
+        loads, measure, fixed, points = (
+            experiment.loads,
+            experiment.measure,
+            experiment.fixed,
+            experiment.points,
+        )
+        return joints_only(robot, loads, measure, fixed, points), None
     model = usable_model(start)
     check_same_robot(model, robot, start)
     return model, None
@@ -152,7 +132,7 @@ def identify(
     remarks += [*zeros, *copies]
     seen = experiment_of(table, robot)
     remarks += [*of_loads(table, seen.loads), *repeated(table)]
-    experiment = ExperimentClass(loads or seen.loads, measure or seen.measure, seen.fixed)
+    experiment = seen.wished(loads, measure)
     model, reduction = start_model(robot, start, experiment)
     if experiment.fixed and start in ("complete", "joints"):
         names = ", ".join(f"q{i}" for i in experiment.fixed)
@@ -281,19 +261,9 @@ def fit_model(
         ],
         units=[model.units[n] for n in model.parameters],
         blocks=shared_blocks(e, table),
+        estimated=e.sigma is None,
     )
     return strong.estimate, e, strong
-
-
-def by_level(model: StiffnessModel, table: Measurements, joint: int) -> StiffnessModel:
-    """One compliance of a joint for each of its distinct values in the table (the seed's C2 and J2)."""
-    if not 1 <= joint <= model.robot.dof:
-        raise UserError(f"q{joint}: {model.robot.name} has joints 1 to {model.robot.dof}")
-    angles = np.unique(np.round(table.q[:, joint - 1], 6))
-    if not 2 <= len(angles) <= 20:
-        raise UserError(f"q{joint} has {len(angles)} distinct values: a compliance for each needs 2 to 20")
-    shape = {f"angle_{k}": float(f"{a:.9g}") for k, a in enumerate(angles, start=1)}
-    return model.with_effect(EffectInstance("gravity_compensator", {"joint": joint}, shape))
 
 
 def data_rank(model: StiffnessModel, table: Measurements) -> int:
@@ -305,7 +275,7 @@ def data_rank(model: StiffnessModel, table: Measurements) -> int:
 
 def _reduced_to(model: StiffnessModel, experiment: ExperimentClass) -> Reduction | None:
     """The reduction that a start model came from, where it has the parameters of the experiment's and nothing else."""
-    found = reduce(model.robot, model.loads, model.measure, experiment.fixed)
+    found = reduce(model.robot, model.loads, model.measure, experiment.fixed, points=experiment.points)
     return found if found.parameters == model.parameters else None
 
 

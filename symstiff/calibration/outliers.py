@@ -12,7 +12,11 @@ import scipy.stats
 from symstiff.calibration.compact import Array
 from symstiff.calibration.shared import SharedError
 
-_UNTESTABLE = 1e-6  # of the noise variance: a residual that the fit itself forces to zero says nothing
+UNTESTABLE = 1e-6  # of the noise variance: a residual that the fit itself forces to zero says nothing
+_EFFICIENCY = 0.3676
+"""Of the median absolute value beside the root mean square, as estimates of a normal scale (many rows)."""
+_OF_ROWS, _OF_POSES = 3.0, 5.0
+"""Degrees of freedom beside that share, by simulation: of few rows, large residuals raise the median too."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -55,7 +59,7 @@ def row_suspects(
     full for a row that was used fully, more than the noise for one that was weighed down. labels: (M,); shared: as of
     ``pose_suspects``.
     """
-    dof = _freedom(Q, shared)
+    dof = _freedom(Q, shared, _OF_ROWS)
     if fit.scale <= 0.0 or dof <= 0:
         return ()
     inverse, spread, reach = _spread(Q, fit, shared)
@@ -63,7 +67,7 @@ def row_suspects(
     own = 1.0 if shared is None else shared.each
     variance = own - 2.0 * used + np.einsum("mr,rs,ms->m", Q, spread, Q, optimize=True)
     standard = np.where(
-        variance > _UNTESTABLE, fit.residual / (fit.scale * np.sqrt(np.maximum(variance, _UNTESTABLE))), 0.0
+        variance > UNTESTABLE, fit.residual / (fit.scale * np.sqrt(np.maximum(variance, UNTESTABLE))), 0.0
     )
     p = 2.0 * scipy.stats.t.sf(np.abs(standard), dof)
     found = np.flatnonzero(p < significance / len(Q))
@@ -93,7 +97,7 @@ def pose_suspects(
     groups: (M,) pose index of every row; labels: names by index; shared: the errors that rows of a pose share, whose
     sizes are known by as many poses as there are beyond what the fit takes.
     """
-    dof = _freedom(Q, shared)
+    dof = _freedom(Q, shared, _OF_POSES)
     if fit.scale <= 0.0 or dof <= 0:
         return ()
     inverse, spread, _ = _spread(Q, fit, shared)
@@ -119,11 +123,16 @@ def pose_suspects(
     return tuple(sorted(found, key=lambda suspect: -suspect.size))
 
 
-def _freedom(Q: Array, shared: SharedError | None) -> int:
-    """Degrees of freedom of the noise: of what rows share, there are as many readings as blocks."""
-    if shared is None:
-        return int(len(Q) - Q.shape[1])
-    return max(shared.count - int(Q.shape[1]), 1)
+def _freedom(Q: Array, shared: SharedError | None, beside: float) -> float:
+    """Degrees of freedom of the scale: of what rows share, there are as many readings as blocks; the median tells less.
+
+    Student's t with them gives clean tables of 24 to 3000 rows suspects as often as told (simulated).
+    """
+    count = len(Q) if shared is None else shared.count
+    free = float(count - Q.shape[1])
+    if shared is not None:
+        free = max(free, 1.0)
+    return min(free, _EFFICIENCY * free + beside)
 
 
 def _spread(Q: Array, fit: HuberFit, shared: SharedError | None) -> tuple[Array, Array, Array]:
@@ -145,7 +154,7 @@ def _pose_statistics(
     half = ((Qg @ inverse @ Qg.transpose(0, 2, 1)) * weights[:, None, :]) @ among
     covariance = among - half - half.transpose(0, 2, 1) + Qg @ spread @ Qg.transpose(0, 2, 1)
     eigenvalues, vectors = np.linalg.eigh(covariance)
-    free = eigenvalues > _UNTESTABLE
+    free = eigenvalues > UNTESTABLE
     along = np.einsum("gmk,gm->gk", vectors, residual)
     statistic = np.sum(np.where(free, along**2 / np.where(free, eigenvalues, 1.0), 0.0), axis=1)
     return statistic, np.sum(free, axis=1)

@@ -10,8 +10,9 @@ import numpy as np
 import numpy.typing as npt
 
 from symstiff.calibration.compact import Array, Compact, checked, compact
+from symstiff.calibration.components import doubt_of
 from symstiff.calibration.estimate import Estimate, estimate, interval_factor
-from symstiff.calibration.outliers import HuberFit, Suspect, pose_suspects, row_suspects
+from symstiff.calibration.outliers import UNTESTABLE, HuberFit, Suspect, pose_suspects, row_suspects
 from symstiff.calibration.rank import combinations
 from symstiff.calibration.shared import Blocks, shared_error
 from symstiff.display import finite
@@ -67,23 +68,26 @@ def robust_estimate(
     row_labels: Sequence[str] | None = None,
     units: Sequence[str] | None = None,
     blocks: npt.ArrayLike | Blocks | None = None,
+    estimated: bool = False,
     confidence: float = 0.95,
     tuning: float = HUBER,
     significance: float = 0.01,
 ) -> RobustEstimate:
     """Identify with Huber's loss on whitened residuals and report which rows and poses do not fit.
 
-    A: (M, P), y, sigma, blocks as in `estimate`; groups: (M,) pose index of every row, with labels by index;
+    A: (M, P), y, sigma, blocks, estimated as in `estimate`; groups: (M,) pose index of every row, with labels by index;
     row_labels: (M,); tuning: residuals beyond tuning·scale count linearly; significance: chance that a clean data set
     shows any suspect row (and any suspect pose). Raises UserError as `estimate`. Source: Huber, Robust Statistics.
     """
-    start = estimate(A, y, sigma, names, units=units, blocks=blocks, confidence=confidence)
+    start = estimate(
+        A, y, sigma, names, units=units, blocks=blocks, estimated=estimated, confidence=confidence
+    )
     A, y, sigma, _ = checked(A, y, sigma, start.names)
     root = resolved_root(start.compact, start.rank.rank)
     Q = (A if sigma is None else A / sigma[:, None]) @ root
     fit = _huber(Q, y if sigma is None else y / sigma, tuning)
     if fit.iterations:
-        start = _with_fit(start, A, y, sigma, root, Q, fit, tuning, blocks)
+        start = _with_fit(start, A, y, sigma, root, Q, fit, tuning, blocks, estimated)
     rows = row_suspects(Q, fit, row_labels, significance, start.shared)
     poses = (
         ()
@@ -103,18 +107,20 @@ def _huber(Q: Array, target: Array, tuning: float) -> HuberFit:
     """Iterate weights and scale in an orthonormal basis, where the weighted system is well conditioned."""
     rows, rank = Q.shape
     weights, scale, iterations, converged = np.ones(rows), 0.0, 0, rows <= rank
+    free = np.sqrt(np.maximum(1.0 - np.sum(Q**2, axis=1), 0.0))  # what a residual keeps of its row's noise
+    told = free > np.sqrt(UNTESTABLE)
     floor = 1e-12 * float(np.sqrt(np.mean(target**2)))
     system = np.eye(rank)
     solution = Q.T @ target
     residual = target - Q @ solution
     while not converged and iterations < _ROUNDS:
-        scale = _MAD_TO_SIGMA * float(np.median(np.abs(residual))) * np.sqrt(rows / (rows - rank))
+        scale = _MAD_TO_SIGMA * float(np.median(np.abs(residual[told]) / free[told]))
         if scale <= floor:
             break
         iterations += 1
         weights = 1.0 / np.maximum(np.abs(residual) / (tuning * scale), 1.0)
         system = Q.T @ (weights[:, None] * Q)
-        previous, solution = solution, np.linalg.solve(system, Q.T @ (weights * target))
+        previous, solution = solution, np.asarray(np.linalg.solve(system, Q.T @ (weights * target)), float)
         residual = target - Q @ solution
         # In this basis every coordinate has the noise's standard deviation.
         converged = bool(np.max(np.abs(solution - previous)) < 1e-5 * scale)
@@ -131,6 +137,7 @@ def _with_fit(
     fit: HuberFit,
     tuning: float,
     blocks: npt.ArrayLike | Blocks | None,
+    estimated: bool,
 ) -> Estimate:
     """The least-squares record with the robust values and Huber's covariance in place of its own."""
     values = root @ fit.solution
@@ -151,8 +158,13 @@ def _with_fit(
         if shared is not None:
             own = correction**2 * shared.variance
             covariance = own * (root @ Q.T @ shared.covariance_times(Q) @ root.T)
+    freedom = np.full(len(values), float(start.dof))
+    if estimated and sigma is not None:
+        clipped = np.clip(fit.residual, -tuning * fit.scale, tuning * fit.scale) / share
+        doubt = doubt_of(A, clipped * sigma, sigma, root)
+        covariance, freedom = covariance + doubt.covariance, doubt.freedom
     std = np.where(np.isinf(start.std), np.inf, np.sqrt(np.diag(covariance)))
-    half = std * interval_factor(start.confidence, start.dof)
+    half = std * interval_factor(start.confidence, freedom)
     return replace(
         start,
         values=values,
@@ -164,6 +176,7 @@ def _with_fit(
         whitened=fit.residual,
         s0_squared=float(fit.residual @ fit.residual) / start.dof,
         unit_variance=variance,
+        freedom=freedom,
         compact=compact(A, y, sigma, fit.weights),
         fit_p=None,
         shared=shared,

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from symstiff.calibration.compact import component_sigma
+from symstiff.calibration.components import component_sigma
 from symstiff.calibration.measurements import COMPONENTS, Measurements
 from symstiff.calibration.shared import Blocks
 from symstiff.codegen.runtime import for_poses

@@ -12,7 +12,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from symstiff.calibration.identify import by_level, data_rank, fit_model
+from symstiff.calibration.identify import data_rank, fit_model
+from symstiff.calibration.levels import by_level
 from symstiff.calibration.measurements import Measurements
 from symstiff.calibration.plan import Goal, Load, Search, plan_for
 from symstiff.calibration.planning.region import Region, above_floor

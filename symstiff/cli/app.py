@@ -215,7 +215,8 @@ def identify(
     ] = False,
     held_out: Annotated[float, typer.Option(help="Share of the poses kept for validation.")] = 0.0,
     per_level: Annotated[
-        str | None, typer.Option(help="Joint whose compliance differs for each of its values, e.g. q2.")
+        str | None,
+        typer.Option(help="Joint of a gravity compensator, e.g. q2: one compliance for each of its values."),
     ] = None,
     reconstruct: Annotated[
         Path | None, typer.Option(help="Write complete link matrices (JSON) with bounds.")

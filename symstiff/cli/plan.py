@@ -76,12 +76,13 @@ def run_plan(request: PlanRequest) -> None:
         raise UserError("--test-poses has no effect without --criterion test: add it, or leave the file out")
     robot = load(request.robot)
     fixed, levels = parse_fixed(request.fixed), _levels(request.levels)
-    loads, measure = request.loads or LOADS, request.measure or MEASURE
+    loads = request.loads or LOADS
+    measure, points = _read(request, robot)
     force, sigma_mm = _given(request.force, Load.force), _given(request.sigma, 1e3 * Measurement.sigma_t)
     out = console(request.json)
     with stages(out) as progress:
         progress("deriving and reducing")
-        reduction = reduce(robot, loads, measure, fixed)
+        reduction = reduce(robot, loads, measure, fixed, points=points)
         model = StiffnessModel.of(reduction)
         test_q, test_w = _test_poses(request, robot)
         goal = Goal(request.poses, request.criterion, None, test_q, test_w)  # type: ignore[arg-type]
@@ -114,6 +115,16 @@ def run_plan(request: PlanRequest) -> None:
         "steps": request.steps,
     }  # fmt: skip
     write_json(request.json, {**summary(plan), "measured": measured})
+
+
+def _read(request: PlanRequest, robot: Robot) -> tuple[str, tuple[str, ...]]:
+    """What is measured, and at which markers where these stand neither for the pose nor for the position."""
+    from symstiff.calibration.experiment.readings import read_at
+
+    if not request.markers:
+        return request.measure or MEASURE, ()
+    seen, points = read_at(robot, request.markers)
+    return (seen, points) if request.measure in (None, seen) else (request.measure, ())
 
 
 def _given(value: float | None, otherwise: float) -> float:

@@ -20,6 +20,7 @@ _CONVERGED = (
     1e-9  # rad, m: where the last step is smaller, rounding or curvature alone keeps it from vanishing
 )
 _SINGULAR = 1e-10
+_SAMPLE = 16  # poses that tell an arm's rank; the largest of their ranks is missed by chance alone
 _ABSURD = 1e6  # rad
 
 
@@ -41,11 +42,13 @@ def compensate_online(
 ) -> np.ndarray:
     """q_cmd = q − J(q)⁺·Δt(q, W): one step, as the generated C function ``compensate`` (N, n).
 
-    Rows in a singular pose, or that would move a joint by more than 0.25 rad or m, keep their q.
+    Rows in a singular pose, or that would move a joint by more than 0.25 rad or m, keep their q. The generated code has
+    no rank but the number of joints or 6: an arm that nowhere has it is singular everywhere.
     """
     model = model.of_robot()
     q = np.atleast_2d(np.asarray(q, dtype=float))
-    step, regular = _step(model, q, for_poses(model, len(q)).deflection(q, w, context=context))
+    dt = for_poses(model, len(q)).deflection(q, w, context=context)
+    step, regular = _step(model, q, dt, min(model.robot.dof, 6))
     return np.where((regular & _small(step))[:, None], q - step, q)
 
 
@@ -54,8 +57,9 @@ def compensate(
 ) -> Compensated:
     """Solve T(q_cmd)·Δt(q_cmd, W) = T(q) by Newton steps with the nominal Jacobian (off-line compensation).
 
-    Where the robot cannot reach all six coordinates the weighted error that is left is the smallest. Not solved are
-    rows in a singular pose, rows that did not converge or whose error would grow, and rows that would move a joint by
+    Where the robot cannot reach all six coordinates the weighted error that is left is the smallest, where joints are
+    redundant the motion is. Not solved are rows in a singular pose (fewer directions of motion than the arm has
+    elsewhere), rows that did not converge or whose error would grow, and rows that would move a joint by
     more than 0.25 rad or m, where a correction of compliance errors has no meaning. Effects of the measurement alone
     are no laws of the robot and move nothing. Raises UserError where a deflection overflows.
     """
@@ -71,11 +75,11 @@ def compensate(
         there = {k: x[rows] for k, x in moment.items()}
         return _error(evaluator, target[rows], command[rows], w[rows], there)
 
-    before = error(moving)
+    before, rank = error(moving), _rank(model)
     if not np.isfinite(before).all():
         raise UserError("the model predicts deflections beyond all numbers: correct its values, or the loads")
     for _ in range(_ROUNDS):
-        step, regular = _step(model, command[moving], error(moving))
+        step, regular = _step(model, command[moving], error(moving), rank)
         command[moving] -= step
         good, size = regular & _small(command[moving] - q[moving]), np.abs(step).max(axis=1, initial=0.0)
         solved[moving] = good & (size < _CONVERGED)
@@ -124,12 +128,25 @@ def _error(
     return np.hstack([moved, np.where(absurd, turn, away)])
 
 
-def _step(model: StiffnessModel, q: np.ndarray, twist: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Joint motions that cause a twist: exact, of least norm, or in least squares; and which rows are regular."""
-    scale = _scale(model)
-    J = joint_jacobian(model.robot, q) * scale[None, :, None]
-    u, s, vt = np.linalg.svd(J, full_matrices=False)
+def _rank(model: StiffnessModel) -> int:
+    """In how many directions the arm moves its tool where it is not singular."""
+    q = np.random.default_rng(0).uniform(-1.0, 1.0, (_SAMPLE, model.robot.dof))
+    s = np.linalg.svd(_weighed_jacobian(model, q), compute_uv=False)
+    return int((s > _SINGULAR * s[:, :1]).sum(axis=1).max())
+
+
+def _weighed_jacobian(model: StiffnessModel, q: np.ndarray) -> np.ndarray:
+    """Jacobians (N, 6, n) with rotations as lengths."""
+    return np.asarray(joint_jacobian(model.robot, q) * _scale(model)[None, :, None])
+
+
+def _step(
+    model: StiffnessModel, q: np.ndarray, twist: np.ndarray, rank: int
+) -> tuple[np.ndarray, np.ndarray]:
+    """Joint motions that cause a twist: exact, of least norm, or in least squares; and which rows have that rank."""
+    u, s, vt = np.linalg.svd(_weighed_jacobian(model, q), full_matrices=False)
+    u, s, vt = u[:, :, :rank], s[:, :rank], vt[:, :rank]
     regular = s[:, -1] > _SINGULAR * s[:, 0]
     inverse = np.divide(1.0, s, out=np.zeros_like(s), where=s > _SINGULAR * s[:, :1])
-    step = np.einsum("nki,nk,njk,nj->ni", vt, inverse, u, twist * scale)
+    step = np.einsum("nki,nk,njk,nj->ni", vt, inverse, u, twist * _scale(model))
     return step, regular

@@ -7,7 +7,8 @@ from typing import Any
 
 import numpy as np
 
-from symstiff.calibration.identify import ExperimentClass, start_model
+from symstiff.calibration.experiment.readings import ExperimentClass
+from symstiff.calibration.identify import start_model
 from symstiff.discrepancy.finding import Found, Task
 from symstiff.discrepancy.result import Diagnosis, Estimate, Rms
 from symstiff.discrepancy.verdict import INSUFFICIENT, UNEXPLAINED

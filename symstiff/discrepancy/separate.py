@@ -10,7 +10,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from symstiff.calibration.identify import ExperimentClass, start_model
+from symstiff.calibration.experiment.readings import ExperimentClass, read_at
+from symstiff.calibration.identify import start_model
 from symstiff.calibration.measurements import Measurements
 from symstiff.calibration.planning.loads import Load
 from symstiff.calibration.planning.measurement import Measurement
@@ -175,7 +176,9 @@ def _model(robot: Robot, table: Mapping[str, Any], means: Means) -> StiffnessMod
     values = {n: float(v or 0.0) for n, v in table.get("model", {}).get("values", {}).items() if n in known}
     start = table.get("start", "complete")
     if start in ("complete", "joints") or not values:
-        experiment = ExperimentClass(means.loads, means.measure, {})
+        seen, points = read_at(robot, means.experiment.points)
+        points = points if seen == means.measure and max(means.experiment.components) < 3 else ()
+        experiment = ExperimentClass(means.loads, means.measure, {}, points)
         model = start_model(robot, "joints" if start == "joints" else "complete", experiment)[0]
         return model.with_values({n: values.get(n, 0.0) for n in model.parameters})
     return StiffnessModel(robot, tuple(known[n] for n in values), means.loads, means.measure, (), values)

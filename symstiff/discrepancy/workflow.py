@@ -14,7 +14,8 @@ from dataclasses import replace
 import numpy as np
 
 from symstiff.calibration.checks import check_robot
-from symstiff.calibration.identify import ExperimentClass, experiment_of, start_model
+from symstiff.calibration.experiment.readings import experiment_of
+from symstiff.calibration.identify import start_model
 from symstiff.calibration.kept import seen_in
 from symstiff.calibration.loading import as_loading
 from symstiff.calibration.measurements import Measurements
@@ -57,10 +58,7 @@ def run(task: Task, tell: Tell = lambda stage: None) -> Finding:
     table, left_out = used(task.table, task.max_poses)
     remarks = [*warnings, *left_out]
     tell("model")
-    experiment = experiment_of(table, task.robot)
-    experiment = ExperimentClass(
-        task.loads or experiment.loads, task.measure or experiment.measure, experiment.fixed
-    )
+    experiment = experiment_of(table, task.robot).wished(task.loads, task.measure)
     model, reduction = start_model(task.robot, task.start, experiment)
     remarks += reduction_remarks(reduction) if reduction is not None else []
     remarks += outside_fixed(table.q, model)

@@ -27,7 +27,7 @@ def inexact_aggregations(
         return ()
     full = stages[3].parameters
     names = tuple(p.name for p in (*full, *suspects))
-    program = observation_program(chain, terms_of((*full, *suspects)), names)
+    program = observation_program(chain, terms_of((*full, *suspects)), names, experiment.points)
     engine = ExactEngine(chain, program, names, experiment)
     form, pivots = engine.reduced(engine.primes[0], range(len(names)))
     beyond = [r for r, column in enumerate(pivots) if column >= len(full)]

@@ -30,7 +30,7 @@ def closed_form(reduction: Reduction) -> dict[str, dict[str, sp.Expr]]:
     chain, experiment = in_rationals(ElasticChain(reduction.robot, symbolic=True), reduction.experiment)
     lengths = chain.lengths()
     names = tuple(p.name for p in reduction.full)
-    program = observation_program(chain, terms_of(reduction.full), names)
+    program = observation_program(chain, terms_of(reduction.full), names, reduction.experiment.points)
     program = Program(
         program.name,
         (*program.inputs, Vector("lengths", lengths)),

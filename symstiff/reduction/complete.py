@@ -69,6 +69,6 @@ def _combinations(reduction: Reduction, chain: ElasticChain, joints: Sequence[Pa
     """Coefficients (rank × joints) of the identifiable columns in the joints' own, for the class of experiments."""
     parameters = (*reduction.kept, *joints)
     names = tuple(p.name for p in parameters)
-    program = observation_program(chain, terms_of(parameters), names)
+    program = observation_program(chain, terms_of(parameters), names, reduction.experiment.points)
     engine = ExactEngine(chain, program, names, reduction.experiment)
     return engine.measured(reduction.parameters, names[len(reduction.kept) :])

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any
 
@@ -69,7 +69,7 @@ class Reduction:
         e, fixed = self.experiment, dict(self.experiment.fixed)
         for joint in sorted(fixed):
             others = {j: v for j, v in fixed.items() if j != joint}
-            engine = _engine(self.robot, self.full, Experiment(e.loads, e.measure, others))
+            engine = _engine(self.robot, self.full, replace(e, fixed=others))
             _, pivots = engine.reduced(engine.primes[0], range(len(engine.names)))
             # moving a joint only adds rows: with the same rank they have the same null space
             if len(pivots) == self.partition.rank:
@@ -154,13 +154,15 @@ def reduce(
     fixed: Mapping[int, Any] | None = None,
     prefer: Sequence[str] = (),
     avoid: Sequence[str] = (),
+    points: Sequence[str] = (),
 ) -> Reduction:
     """Reduce a robot's complete model to what a class of loads and measurements identifies.
 
-    ``fixed`` holds joints at values [rad, m]; ``prefer`` names parameters to keep first, ``avoid`` to keep last (M5b).
+    ``fixed`` holds joints at values [rad, m]; ``prefer`` names parameters to keep first, ``avoid`` to keep last (M5b);
+    ``points`` are markers whose positions are all that is measured.
     Raises UserError for an unknown class, joint or parameter.
     """
-    experiment = Experiment(loads, measure, _fixed(robot, fixed or {}))
+    experiment = Experiment(loads, measure, _fixed(robot, fixed or {}), tuple(points))
     stages = physical_stages(robot)
     full = stages[-1].parameters
     if not full:
@@ -174,7 +176,8 @@ def reduce(
 def _engine(robot: Robot, full: tuple[Parameter, ...], experiment: Experiment) -> ExactEngine:
     chain, from_zero = in_rationals(ElasticChain(robot), experiment)
     names = tuple(p.name for p in full)
-    return ExactEngine(chain, observation_program(chain, terms_of(full), names), names, from_zero)
+    program = observation_program(chain, terms_of(full), names, experiment.points)
+    return ExactEngine(chain, program, names, from_zero)
 
 
 def axis_sizes(chain: ElasticChain, parameters: Sequence[Parameter]) -> dict[str, sp.Expr]:

@@ -31,17 +31,27 @@ MEASURES = {"pose": (0, 1, 2, 3, 4, 5), "position": (0, 1, 2)}
 
 @dataclass(frozen=True)
 class Experiment:
-    """A class of loads and measurements: which wrench components vary, what is measured, which joints stand still."""
+    """A class of loads and measurements: which wrench components vary, what is measured, which joints stand still.
+
+    points: markers whose positions are measured, where these are too few to stand for the pose; none are the tool's own
+    pose or position.
+    """
 
     loads: str = "wrench"
     measure: str = "pose"
     fixed: Mapping[int, sp.Expr] = field(default_factory=dict)
+    points: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
         if self.loads not in LOADS:
             raise UserError(f"unknown loads {self.loads!r}: use {', '.join(LOADS)}")
         if self.measure not in MEASURES:
             raise UserError(f"unknown measure {self.measure!r}: use {', '.join(MEASURES)}")
+
+    @property
+    def rows(self) -> tuple[int, ...]:
+        """Rows of the observation matrix that are measured."""
+        return tuple(range(3 * len(self.points))) if self.points else MEASURES[self.measure]
 
 
 Couplings = dict[str, dict[str, Any]]
@@ -167,7 +177,7 @@ class ExactEngine:
         """The aggregated observation matrix modulo a prime, at enough random configurations."""
         algebra = self.algebra(prime)
         rng = np.random.default_rng([self.seed, prime])
-        rows = MEASURES[self.experiment.measure]
+        rows = self.experiment.rows
         n = (5 * len(self.names)) // (4 * len(rows)) + 12
         inputs = self.points(algebra, rng, n)
         for vector in self.program.inputs:
@@ -226,7 +236,7 @@ class ExactEngine:
 
     def solved(self, supports: Mapping[str, Sequence[str]]) -> dict[str, dict[str, float]]:
         """Coefficients of the kept columns that make up an eliminated one, for each: at random points, fifty digits."""
-        rows, width = MEASURES[self.experiment.measure], len(self.names)
+        rows, width = self.experiment.rows, len(self.names)
         count = 5 * max(map(len, supports.values())) // (4 * len(rows)) + 12
         exact = {i - 1: str(sp.N(value, 60)) for i, value in self.experiment.fixed.items()}
         inputs, flat = self.random_inputs(count), []
@@ -245,7 +255,7 @@ class ExactEngine:
 
     def measured(self, kept: Sequence[str], names: Sequence[str]) -> np.ndarray:
         """Coefficients (kept × names) of kept columns in others, in doubles: by least squares at random points."""
-        rows, n = list(MEASURES[self.experiment.measure]), len(self.names) + 12
+        rows, n = list(self.experiment.rows), len(self.names) + 12
         matrix = evaluate_numpy(self.program, **self.random_inputs(n))["A"][:, rows, :].reshape(
             n * len(rows), -1
         )

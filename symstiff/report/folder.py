@@ -10,7 +10,8 @@ from typing import Any
 
 import numpy as np
 
-from symstiff.calibration.identify import ExperimentClass, experiment_of, start_model
+from symstiff.calibration.experiment.readings import experiment_of
+from symstiff.calibration.identify import start_model
 from symstiff.calibration.measurements import COMPONENTS, Measurements
 from symstiff.calibration.writing import LOADS
 from symstiff.discrepancy.deciding import Choice, Rival, decide_poses, experiment_like
@@ -158,9 +159,11 @@ def _without_readings(table: Measurements) -> Measurements:
 def _free_model(finding: Finding) -> StiffnessModel:
     """The start model as it is where no joint stands still: the deciding poses turn them all."""
     task, start = finding.task, finding.start.model
-    if task.start not in ("complete", "joints") or not experiment_of(finding.table, task.robot).fixed:
+    experiment = experiment_of(finding.table, task.robot)
+    if task.start not in ("complete", "joints") or not experiment.fixed:
         return start
-    free = start_model(task.robot, task.start, ExperimentClass(start.loads, start.measure, {}))[0]
+    moving = replace(experiment.wished(start.loads, start.measure), fixed={})
+    free = start_model(task.robot, task.start, moving)[0]
     return free.with_values({n: start.values.get(n, 0.0) for n in free.parameters})
 
 

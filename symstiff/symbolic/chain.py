@@ -278,6 +278,13 @@ def _combined(b: Builder, axes: Axes, components: Vec) -> Vec:
     return b.vector(total)
 
 
+def point_offset(chain: ElasticChain, b: Builder, f: Frames, point: str) -> Vec:
+    """From the tool centre point to a marker, in world axes."""
+    x, y, z = (value.sympy() for value in chain.robot.marker_position(point))
+    tx, ty, tz = chain.tool_offset()
+    return _combined(b, f.axes[-1], (x - tx, y - ty, z - tz))
+
+
 def jacobian_columns(chain: ElasticChain, b: Builder, f: Frames) -> dict[VirtualJoint, tuple[sp.Expr, ...]]:
     """Columns J_v of the virtual-joint Jacobian J_θ in base axes at the tool centre point (seed eq. 2, 3)."""
     columns: dict[VirtualJoint, tuple[sp.Expr, ...]] = {}

@@ -17,12 +17,14 @@ from symstiff.symbolic.chain import (
     IDENTITY,
     ZERO,
     ElasticChain,
+    Frames,
     Vec,
     cross,
     dot,
     frames,
     jacobian_columns,
     plus,
+    point_offset,
     scaled,
     turn_x,
     turn_z,
@@ -220,10 +222,15 @@ def _with_weights(
     return {v: b.let(x) for v, x in total.items()}
 
 
-def observation_program(chain: ElasticChain, terms: Sequence[Term], parameters: Sequence[str]) -> Program:
-    """A(q, W), 6 × len(parameters), row-major ``A``: column of π is Σ J_v·g over its terms (seed eq. 5, 12)."""
+def observation_program(
+    chain: ElasticChain, terms: Sequence[Term], parameters: Sequence[str], points: Sequence[str] = ()
+) -> Program:
+    """A(q, W), 6 × len(parameters), row-major ``A``: column of π is Σ J_v·g over its terms (seed eq. 5, 12).
+
+    With ``points`` its rows are translations of these markers, three each.
+    """
     b = Builder("observation", (q_vector(chain), w_vector(), *context_vector(terms)))
-    columns, values = _geometry(chain, b)
+    f, columns, values = _geometry(chain, b)
     for c in AXES:
         columns[VirtualJoint("measure", 0, c)] = tuple(sp.Integer(int(r == c)) for r in AXES)
     by_parameter: dict[str, list[Term]] = {}
@@ -236,24 +243,33 @@ def observation_program(chain: ElasticChain, terms: Sequence[Term], parameters: 
             factor = bound(b, term.factor, values)
             column = [x + j * factor for x, j in zip(column, columns[term.at], strict=True)]
         matrix.append(column)
-    _emit_columns(b, "A", matrix)
+    if points:
+        offsets = [point_offset(chain, b, f, point) for point in points]
+        matrix = [_seen_at(b, column, offsets) for column in matrix]
+    _emit_columns(b, "A", matrix, 3 * len(points) or 6)
     return b.build()
+
+
+def _seen_at(b: Builder, column: Sequence[sp.Expr], offsets: Sequence[Vec]) -> list[sp.Expr]:
+    """Translations of points that move with the tool: d + φ × r for each offset r."""
+    d, turn = _split([b.let(x) for x in column])
+    return [x for r in offsets for x in b.vector(plus(d, cross(turn, r)))]
 
 
 def _geometry(
     chain: ElasticChain, b: Builder
-) -> tuple[dict[VirtualJoint, tuple[sp.Expr, ...]], dict[sp.Symbol, sp.Expr]]:
-    """Columns J_v and loads τ_v, both bound; weights and load errors are no part of the columns."""
+) -> tuple[Frames, dict[VirtualJoint, tuple[sp.Expr, ...]], dict[sp.Symbol, sp.Expr]]:
+    """Frames, columns J_v and loads τ_v, all bound; weights and load errors are no part of the columns."""
     single = turns(chain, b)  # before the frames: sums of these angles then need no functions of their own
     f = frames(chain, b)
     columns = jacobian_columns(chain, b, f)
     r0: Vec = b.vector(in_base(f.axes[0], f.levers[0]))
     loads = passed_loads(chain, b, single, r0, [w(c) for c in AXES])
-    return columns, {tau(v): load for v, load in loads.items()}
+    return f, columns, {tau(v): load for v, load in loads.items()}
 
 
-def _emit_columns(b: Builder, name: str, matrix: Sequence[Sequence[sp.Expr]]) -> None:
-    b.output(name, (6, len(matrix)), [column[r] for r in range(6) for column in matrix])
+def _emit_columns(b: Builder, name: str, matrix: Sequence[Sequence[sp.Expr]], rows: int = 6) -> None:
+    b.output(name, (rows, len(matrix)), [column[r] for r in range(rows) for column in matrix])
 
 
 def jacobian_program(chain: ElasticChain) -> Program:

@@ -9,6 +9,7 @@ import numpy as np
 
 from symstiff.calibration.decomposition import svd
 from symstiff.calibration.experiment.placement import placed, placement_columns, turns_of
+from symstiff.calibration.experiment.readings import experiment_of
 from symstiff.calibration.experiment.rounding import without_rounding
 from symstiff.calibration.experiment.situation import (
     Floats,
@@ -103,16 +104,16 @@ def _standing(model: StiffnessModel, current: Current) -> Current:
 def _shares(model: StiffnessModel, hidden: Sequence[Compliance], table: Measurements) -> Floats:
     """(compliances, hidden) coefficients of hidden columns in the model's, under loads of its class at the tool."""
     parameters = (*model.compliances, *hidden)
-    program = observation_program(
-        ElasticChain(model.robot), terms_of(parameters), [p.name for p in parameters]
-    )
+    points = experiment_of(table, model.robot).points
+    names = [p.name for p in parameters]
+    program = observation_program(ElasticChain(model.robot), terms_of(parameters), names, points)
     rng = np.random.default_rng(0)
     q = np.array([rng.uniform(*j.range, size=_POSES) for j in model.robot.joint]).T
     still = np.ptp(table.q, axis=0) < _STILL
     q[:, still] = table.q[0, still]
     w = rng.normal(size=(_POSES, 6)) * [k in LOADS[model.loads] for k in range(1, 7)]
     A = evaluate_numpy(program, q=q, w=w)["A"]
-    A = (A[:, :3] if model.measure == "position" else A).reshape(-1, len(parameters))
+    A = (A[:, :3] if model.measure == "position" and not points else A).reshape(-1, len(parameters))
     size = np.linalg.norm(A, axis=0)
     size[size < 1e-9 * size.max()] = np.inf
     count = len(model.compliances)

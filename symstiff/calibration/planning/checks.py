@@ -54,7 +54,7 @@ def check_rank(rows: np.ndarray, parameters: Sequence[str]) -> np.ndarray:
         raise UserError(
             f"no plan tells {_names(mixed)} apart with these loads, points and joints ({int(missing.sum())} "
             "combinations stay unknown): reduce the model for this load and measurement first (fewer than "
-            "three points tell no pose: --measure position), or measure more points"
+            "three points tell no pose: leave --measure out), or measure more points"
         )
     return np.asarray(1.0 / size)
 

@@ -1,0 +1,88 @@
+"""One compliance of a joint for each of its values: the seed's C2 and J2."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import scipy.linalg
+
+from symstiff.calibration.measurements import Measurements, measurements
+from symstiff.calibration.rows import equations
+from symstiff.effects.base import EffectInstance, find
+from symstiff.errors import UserError
+from symstiff.model import StiffnessModel
+from symstiff.reduction.structural import LOADS
+from symstiff.reduction.svd import decide_rank
+
+_NAME = "gravity_compensator"
+_STILL = 1e-9  # rad, m
+_SHARE = 1e-6  # of a compliance in a combination, below which it is rounding
+
+
+def by_level(model: StiffnessModel, table: Measurements, joint: int) -> StiffnessModel:
+    """One compliance of a joint for each of its distinct values in the table.
+
+    Compliances that these stand for leave the model. Raises UserError for a joint that cannot have them.
+    """
+    robot = model.robot
+    if not 1 <= joint <= robot.dof:
+        raise UserError(f"q{joint}: {robot.name} has joints 1 to {robot.dof}")
+    places = [int(where["joint"]) for where in find(_NAME).places(robot)]
+    if joint not in places:
+        able = f"name q{places[0]}" if places else "it has no joint for one, leave --per-level out"
+        raise UserError(
+            f"--per-level q{joint}: a compliance that follows the joint's angle is the law of a gravity compensator, "
+            f"and q{joint} of {robot.name} has none: {able}"
+        )
+    angles = np.unique(np.round(table.q[:, joint - 1], 6))
+    if not 2 <= len(angles) <= 20:
+        raise UserError(f"q{joint} has {len(angles)} distinct values: a compliance for each needs 2 to 20")
+    shape = {f"angle_{k}": float(f"{a:.9g}") for k, a in enumerate(angles, start=1)}
+    return _without_spare(model, EffectInstance(_NAME, {"joint": joint}, shape), table, joint, angles)
+
+
+def _without_spare(
+    model: StiffnessModel, levels: EffectInstance, table: Measurements, joint: int, angles: np.ndarray
+) -> StiffnessModel:
+    """The model grown by levels, less the compliances that these and the others make up at any pose.
+
+    Where the link before the joint has an axis along the joint's, the effect replaces the rotation about it; about
+    oblique axes the joint turns by a combination, of which the compliance with the largest share leaves.
+    """
+    plain = replace(model, effects=(levels,), values={}, deviations={})
+    names = plain.stiffness_parameters
+    A = equations(plain, _anywhere(plain, table, joint, angles)).A
+    spare, null = set(), _null(A)[:, : len(names)]
+    # where compliances alone vanish the model asks for more than is measured, whatever the levels
+    if len(null) and not len(_null(A[:, : len(names)])):
+        triangle, order = scipy.linalg.qr(null, mode="r", pivoting=True)
+        spare = {names[k] for k, pivot in zip(order, np.diag(triangle), strict=False) if abs(pivot) > _SHARE}
+    known = {n: v for n, v in model.values.items() if n not in spare}
+    spread = {n: v for n, v in model.deviations.items() if n not in spare}
+    kept = tuple(p for p in model.compliances if p.name not in spare)
+    return replace(model, compliances=kept, values=known, deviations=spread).with_effect(levels)
+
+
+def _null(A: np.ndarray) -> np.ndarray:
+    """(d, P) orthonormal combinations of columns, scaled to length one, that vanish."""
+    size = np.linalg.norm(A, axis=0)
+    _, s, vt = np.linalg.svd(A / np.where(size > 0.0, size, 1.0), full_matrices=False)
+    return np.asarray(vt[decide_rank(s, len(A)).rank :])
+
+
+def _anywhere(model: StiffnessModel, table: Measurements, joint: int, angles: np.ndarray) -> Measurements:
+    """Random poses at a joint's levels under loads of the model's class, with what the table measures at its points."""
+    rng, points = np.random.default_rng(0), len(table.points)
+    seen = np.array([table.measured[table.point == k].any(axis=0) for k in range(points)])
+    count = 3 * len(model.parameters) + 10 * len(angles)
+    q = rng.uniform(-1.0, 1.0, (count, model.robot.dof))
+    still = np.ptp(table.q, axis=0) < _STILL
+    q[:, still] = table.q[0, still]
+    q[:, joint - 1] = angles[np.arange(count) % len(angles)]
+    w = rng.normal(size=(count, 6)) * [k in LOADS[model.loads] for k in range(1, 7)]
+    return measurements(
+        np.repeat(q, points, axis=0), np.repeat(w, points, axis=0), points=table.points,
+        point=np.tile(np.arange(points), count), kind="deflection",
+        values=np.tile(np.where(seen, 0.0, np.nan), (count, 1)),
+    )  # fmt: skip
