@@ -87,3 +87,22 @@ def test_code_and_compensation_say_it(run: Run, tmp_path: Path) -> None:
         done = run("compensate", str(tmp_path / "m.toml"), str(way), "-o", str(tmp_path / "out.csv"))
         assert done.code == 0, done.err
         assert ("was reduced for q3 = 1.2 rad" in " ".join(done.out.split())) == told
+
+
+@pytest.mark.parametrize("degrees", [{5: 90.0}, {2: 17.3, 3: 72.7}])
+def test_angles_of_a_table_in_degrees_stand_for_themselves(degrees: dict[int, float]) -> None:
+    """Decimals of radians would part what a right angle keeps together: the rank of many poses tells."""
+    robot, fixed = load("kuka_kr270"), {j: float(np.radians(a)) for j, a in degrees.items()}
+    reduction = reduce(robot, "gravity", "pose", fixed)
+    full = StiffnessModel(robot, physical_stages(robot)[-1].parameters, "gravity")
+    rng = np.random.default_rng(2)
+    q, w = rng.uniform(-2, 2, (40, 6)), np.zeros((40, 6))
+    w[:, 2] = -1000.0
+    for joint, value in fixed.items():
+        q[:, joint - 1] = value
+    A = full.observation(q, w)
+    A = A.reshape(-1, A.shape[-1])
+    size = np.linalg.norm(A, axis=0)
+    A = A[:, size > 1e-12 * size.max()] / size[size > 1e-12 * size.max()]
+    assert reduction.partition.rank == np.linalg.matrix_rank(A, tol=1e-9)
+    assert len(reduction.parameters) == reduction.partition.rank

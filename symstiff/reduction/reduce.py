@@ -15,11 +15,14 @@ from symstiff.reduction.aggregation import inexact_aggregations
 from symstiff.reduction.physical import Parameter, Stage, physical_stages, terms_of
 from symstiff.reduction.structural import ExactEngine, Experiment, Partition, in_rationals, in_unit_axes
 from symstiff.robot.exact import parse_exact
-from symstiff.robot.schema import LONGEST, WIDEST, Robot
+from symstiff.robot.schema import LONGEST, WIDEST, Robot, whole
 from symstiff.symbolic.chain import ElasticChain
 from symstiff.symbolic.program import Builder
 from symstiff.symbolic.programs import observation_program
 from symstiff.symbolic.terms import Term
+
+_TENTHS = 1800
+"""Tenths of a degree in half a turn."""
 
 
 @dataclass(frozen=True)
@@ -199,7 +202,8 @@ def _fixed(robot: Robot, fixed: Mapping[int, Any]) -> dict[int, sp.Expr]:
         if abs(float(value)) > (LONGEST if prismatic else WIDEST):
             unit, right = ("millimetres", "metres") if prismatic else ("degrees", "radians")
             raise UserError(f"cannot fix q{joint} at {float(value):g}: looks like {unit}, give {right}")
-        values[joint] = value.sympy()
+        # tables have decimals: joints may stand square to each other by sums of tenths of a degree
+        values[joint] = (value if prismatic else whole(value, _TENTHS)).sympy()
     return values
 
 

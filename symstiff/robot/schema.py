@@ -27,7 +27,7 @@ _MAX_ROWS = 100  # markers, templates
 LONGEST = 20.0  # m; anything beyond is a length in millimetres
 WIDEST = 8 * math.pi  # rad; joint limits beyond four turns are degrees
 _HEAVIEST = 100_000.0  # kg
-_DIGITS = 1e-9  # rad; an angle closer to a multiple of pi/12 is this multiple, written with all its digits
+_DIGITS = 1e-9  # rad; a decimal closer to such a multiple is this multiple, written with all its digits
 _SOFTEST = 1000.0  # rad/(N·m) or m/N; anything beyond is a stiffness
 
 Triple = tuple[Exact, Exact, Exact]
@@ -54,12 +54,12 @@ def _angle(value: Any) -> Exact:
     number = parse_exact(value)
     if abs(float(number)) > 2 * math.pi + 1e-9:
         raise UserError(f'{float(number):g} looks like degrees: angles are in radians, e.g. "-pi/2"')
-    return _whole(number)
+    return whole(number)
 
 
-def _whole(angle: Exact) -> Exact:
-    """The multiple of pi/12 that a decimal stands for: 1.5707963267948966 is a quarter turn."""
-    meant = Exact(pi=Fraction(round(float(angle) / (math.pi / 12)), 12))
+def whole(angle: Exact, parts: int = 12) -> Exact:
+    """The multiple of pi/parts that a decimal stands for: 1.5707963267948966 is a quarter turn."""
+    meant = Exact(pi=Fraction(round(float(angle) / (math.pi / parts)), parts))
     return meant if not angle.pi and abs(float(angle) - float(meant)) < _DIGITS else angle
 
 
