@@ -64,6 +64,11 @@ def test_deflections_of_nanometres_have_another_unit(run: Run) -> None:
     assert "nm a newton, which no serial robot is stiff enough for" in notes(run, *IDENTIFY)
 
 
+def test_deflections_of_centimetres_a_newton_have_another_unit(run: Run) -> None:
+    measured(Path("data.csv"), scale=1e-3)
+    assert "mm a newton, which no serial robot is soft enough for" in notes(run, *IDENTIFY)
+
+
 def test_a_fit_beyond_the_stated_sigma_points_to_diagnose(run: Run) -> None:
     measured(Path("data.csv"), added=1e-3)
     said = notes(run, *IDENTIFY)

@@ -12,6 +12,7 @@ _SAME_POSE = 1e-3  # rad or m; commanded configurations of one label agree far b
 _FAR_OUTSIDE = 0.1  # of the joint's range
 _SHOWN = 3
 _STIFFEST = 1e-8  # m/N; machine tools have 1e-8, robots of any size a hundred times as much
+_SOFTEST = 1e-3  # m/N; the arms that bend most have 1e-4
 _TINY = float(np.radians(6.4))
 _FEW = 3  # configurations that may all be near zero
 
@@ -107,7 +108,7 @@ def check_robot(table: Measurements, robot: Robot) -> list[str]:
     """Check a table against a robot: joints, their kinds, markers; return warnings, one line each.
 
     Raises UserError where the table cannot belong to the robot. Warned of: joint values far outside the
-    limits, the same measurement under two pose labels, and deflections that no serial robot has.
+    limits, the same measurement under two pose labels, and compliances that no serial robot has.
     """
     if table.dof != robot.dof:
         raise UserError(
@@ -127,7 +128,7 @@ def check_robot(table: Measurements, robot: Robot) -> list[str]:
                 f"{table.place(int(rows[0]))}: robot {robot.name} has no marker {name!r}: "
                 f"use one of {', '.join(sorted(known))}, or add a [[marker]] to the robot file"
             )
-    return _outside_limits(table, robot) + _tiny_angles(table) + _copied(table) + _too_stiff(table)
+    return _outside_limits(table, robot) + _tiny_angles(table) + _copied(table) + _of_units(table)
 
 
 def _outside_limits(table: Measurements, robot: Robot) -> list[str]:
@@ -159,19 +160,24 @@ def _tiny_angles(table: Measurements) -> list[str]:
     ]
 
 
-def _too_stiff(table: Measurements) -> list[str]:
-    """Deflections in another unit than the header says: metres under mm, newtons under kN."""
-    forces = np.linalg.norm(table.w[:, :3], axis=1)
-    loaded = forces > 0
+def _of_units(table: Measurements) -> list[str]:
+    """Deflections or forces in another unit than the header says: metres under mm, newtons under kN, kN under N."""
+    loads = np.linalg.norm(table.w, axis=1)  # moments as of a lever of a metre
+    loaded = table.w[:, :3].any(axis=1)
     if table.kind != "deflection" or not loaded.any() or not table.measured[loaded, :3].any():
         return []
     moved = np.sqrt(np.nansum(table.values[loaded, :3] ** 2, axis=1))
-    a_newton = float(np.median(moved / forces[loaded]))
-    if not 0.0 < a_newton < _STIFFEST:
+    a_newton = float(np.median(moved / loads[loaded]))
+    if a_newton == 0.0 or _STIFFEST <= a_newton <= _SOFTEST:
         return []
+    size, no_robot = (
+        (f"{1e9 * a_newton:.2g} nm", "stiff")
+        if a_newton < _STIFFEST
+        else (f"{1e3 * a_newton:.2g} mm", "soft")
+    )
     return [
-        f"the deflections are {1e9 * a_newton:.2g} nm a newton, which no serial robot is stiff enough for: look at the "
-        "units of deflections and forces"
+        f"the deflections are {size} a newton, which no serial robot is {no_robot} enough for: look at the units of "
+        "deflections and forces"
     ]
 
 
