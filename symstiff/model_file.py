@@ -99,7 +99,7 @@ def from_model_table(table: dict[str, Any], origin: str) -> StiffnessModel:
 
 
 def _complete(model: StiffnessModel, origin: str) -> None:
-    """Realise the effects, and look for values that belong to nothing."""
+    """Realise the effects, and look for values that belong to nothing and for parameters without one."""
     try:
         parameters = set(model.parameters)
     except UserError as error:
@@ -116,5 +116,11 @@ def _complete(model: StiffnessModel, origin: str) -> None:
             raise UserError(
                 f"{origin}: {key}: the model has no parameter {printable(unknown[0], 40)!r}: remove it"
             )
+    missing = [n for n in model.parameters if n not in model.values]
+    if model.values and missing:  # without any it is a start for identify
+        raise UserError(
+            f"{origin}: values: {printable(missing[0], 40)} has none, and other parameters have: add it, 0 where it is "
+            "none"
+        )
     if not parameters:
         raise UserError(f"{origin}: parameters: a model has at least one parameter or effect")
