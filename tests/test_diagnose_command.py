@@ -147,8 +147,10 @@ def test_a_fault_in_the_code_loses_no_verdict(tmp_path: Path, monkeypatch: pytes
     assert not (tmp_path / "out" / "code").exists()
 
 
-def test_one_pose_without_sigma_or_repeats_is_untestable_and_no_error(tmp_path: Path) -> None:
-    data = saved(measured(stated=0.0, poses=1, levels=(1.0,)), tmp_path / "data.csv")
+@pytest.mark.parametrize("rows", [1, 2, 3])
+def test_one_pose_without_sigma_or_repeats_is_untestable_and_no_error(tmp_path: Path, rows: int) -> None:
+    table = measured(stated=0.0, poses=1, levels=(1.0,))
+    data = saved(table.select(np.arange(rows)), tmp_path / "data.csv")
     assert command("diagnose", ROBOT, data, "-o", tmp_path / "out") == 0
     found = json.loads((tmp_path / "out" / "verdict.json").read_text())
     assert (found["verdict"], found["testable"], found["effects"]) == ("unexplained", False, [])

@@ -390,7 +390,7 @@ def test_a_start_model_is_fitted_under_the_noise_of_the_better_one_whatever_that
     assert fit(start, table, plain).residual == pytest.approx(expected, abs=1e-9)
 
 
-@pytest.mark.parametrize(("size", "told"), [("1845", True), ("200", False), ("−30", True)])
+@pytest.mark.parametrize(("size", "told"), [("1845", True), ("200", False), ("−30", False), ("−700", True)])
 def test_a_size_that_nobody_would_believe_is_remarked(size: str, told: bool) -> None:
     robot, mass = load("kuka_kr270"), float(size.replace("−", "-"))
     weight = Found(

@@ -120,6 +120,8 @@ class NoiseReport:
     """Every axis is read once in a pose: what its rows share cannot be told from the noise."""
     approach_by_axis: dict[int, float] = field(default_factory=dict)
     """Of each axis, what a pose's rows share."""
+    anew: float | None = None
+    """Part of its variance that each repeat of a pose has alone; None without repeats."""
 
     @property
     def mostly_shared(self) -> bool:
@@ -161,9 +163,12 @@ def refine(
 
     ``residual`` (M,) in the data's unit after the model and whatever was found; ``dof`` its degrees of freedom.
     Gamma regression of the squares on axis, marker and log quantities, shrunk towards homogeneity by a ridge of 20
-    observations (axis, marker) and of 4. Returns also the exponents and the markers' factors.
+    observations (axis, marker) and of 4. Returns also the exponents and the markers' factors. A model that passes
+    through all rows leaves nothing to fit to.
     """
     told = stated(problem)
+    if dof < 1 or not np.any(residual):
+        return _noise(problem, told, split), {}, {}
     z = (residual / told) ** 2 * (problem.rows / max(dof, 1.0))
     z = np.minimum(z, 25.0 * np.mean(z))
     axes, points = np.unique(problem.axis), problem.points

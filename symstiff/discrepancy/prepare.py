@@ -97,6 +97,7 @@ def prepare(problem: Problem, candidates: Sequence[Candidate]) -> Prepared:
         clean.best.sharing, growth, by_marker, _sharing_none(clean),
         pure_error(problem, at_sharing(seen.scan, clean.best.sharing), seen.obvious),
     )  # fmt: skip
+    report = replace(report, anew=split.anew if repeated(problem) else None)
     return Prepared(seen.scan, bank, report, _data_residual(seen.scan))
 
 

@@ -37,7 +37,7 @@ _ALONE = 2.5
 _DOUBTS = 4.0
 """Standard deviations by which a size is beyond its physical range for sure."""
 _MOSTLY = 0.5
-"""Share of the residual's variance that few poses bring from which they are spoken of."""
+"""Share of a variance from which few poses, or repeats, are said to bring most of it."""
 
 
 def remarked(view: View, last: Diagnosis) -> list[str]:
@@ -83,16 +83,28 @@ def _of_approach(table: Measurements, last: Diagnosis) -> list[str]:
     if noise.mostly_shared or (
         noise.approach > NOTABLE * noise.sigma and (of_joints or table.kind == "absolute")
     ):
-        return [
-            f"{size}{of_joints}: the robot's repeatability, or something missing that these data cannot tell from it: "
-            "approach some poses anew, or measure more loads"
-        ]
+        return [f"{size}{of_joints}: {_why_shared(noise.anew)}"]
     if of_joints or table.kind == "absolute":
         return []
     return [
         f"{size}, as one reading without load in each pose would make it: if every reading had its own, something may "
         "be missing that hides in it; loads both ways and more load levels would tell"
     ]
+
+
+def _why_shared(anew: float | None) -> str:
+    """What makes an error that a pose's rows share, of whose variance ``anew`` is each repeat's own."""
+    if anew is None:
+        return (
+            "the robot's repeatability, or something missing that these data cannot tell from it: approach some poses "
+            "anew, or measure more loads"
+        )
+    if anew >= _MOSTLY:
+        return "mostly another one in every repeat, so it is the robot's repeatability"
+    return (
+        "mostly the same in every repeat, so it is not the robot's repeatability if poses were approached anew: "
+        "something is missing that no test names, or the model's geometry is not this robot's"
+    )
 
 
 def _of_markers(noise: NoiseReport) -> list[str]:
@@ -219,10 +231,9 @@ def astray(effects: Sequence[Found], robot: Robot) -> bool:
     for effect in effects:
         for p in effect.instance.realise(robot).parameters:
             found, width = effect.parameters.get(p.name), p.high - p.low
-            if found is not None and np.isfinite(width):
-                beyond = max(found.value - p.high, p.low - found.value)
-                if beyond > max(width, _DOUBTS * found.std):
-                    return True
+            far = max(width, _DOUBTS * found.std) if found is not None else np.inf
+            if found is not None and np.isfinite(width) and _outside(p, found) > far:
+                return True
     return False
 
 
@@ -234,7 +245,7 @@ def out_of_range(effects: Sequence[Found], robot: Robot) -> list[str]:
         odd = [
             (p, found)
             for p, found in known
-            if found is not None and np.isfinite(found.std) and not p.low <= found.value <= p.high
+            if found is not None and np.isfinite(found.std) and _unbelievable(p, found)
         ]
         if not odd:
             continue
@@ -245,6 +256,16 @@ def out_of_range(effects: Sequence[Found], robot: Robot) -> list[str]:
             f"may be in {it}, so do not rely on {them} before more poses were measured"
         )
     return out
+
+
+def _outside(parameter: EffectParameter, found: Estimate) -> float:
+    """How far a size is out of its physical range, in its unit."""
+    return max(found.value - parameter.high, parameter.low - found.value, 0.0)
+
+
+def _unbelievable(parameter: EffectParameter, found: Estimate) -> bool:
+    """Whether a size is out of its physical range; one that is zero within its deviation may fall below zero."""
+    return found.value > parameter.high or found.value + found.std < parameter.low
 
 
 def _beyond(parameter: EffectParameter, found: Estimate) -> str:

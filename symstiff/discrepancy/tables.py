@@ -14,7 +14,7 @@ from symstiff.discrepancy.power import visible
 from symstiff.discrepancy.prepare import Prepared
 from symstiff.discrepancy.problem import Array, Candidate, Options, Problem, Shape
 from symstiff.discrepancy.result import CandidateResult, Estimate, Name, NamedEffect, Step
-from symstiff.discrepancy.scan import at_sharing, coefficients, evidence, extend, likeliest
+from symstiff.discrepancy.scan import Scan, at_sharing, coefficients, evidence, extend, likeliest
 from symstiff.discrepancy.search import Judged
 from symstiff.discrepancy.strata import strata
 from symstiff.discrepancy.testability import why_untestable
@@ -130,9 +130,9 @@ def candidate_table(
     threshold = critical(outcome.null.named, options.alpha)
     threshold = threshold if np.isfinite(threshold) else 0.0
     there = [i for c in candidates if (i := bank.named.get(c.key)) is not None]
-    seen = dict(
-        zip(there, visible(scan, [int(outcome.found.best_entry[i]) for i in there], threshold), strict=True)
-    )
+    clean = _after(scan, outcome.chosen.entries if outcome.chosen is not None else ())
+    asked = [int(outcome.found.best_entry[i]) for i in there]
+    seen = dict(zip(there, visible(clean, asked, threshold), strict=True))
     judged = {j.members[0]: j for j in outcome.tried if len(j.members) == 1}
     out = []
     for candidate in candidates:
@@ -160,6 +160,16 @@ def candidate_table(
             )
         )  # fmt: skip
     return tuple(sorted(out, key=lambda c: -c.score))
+
+
+def _after(scan: Scan, entries: tuple[int, ...]) -> Scan:
+    """The scan with the noise that is left after some entries: what was found hides no other effect any more."""
+    after = extend(scan, entries)
+    layers = (
+        replace(one, rss=other.rss, determinant=other.determinant)
+        for one, other in zip(scan.layers, after.layers, strict=True)
+    )
+    return replace(scan, layers=tuple(layers), freedom=after.freedom)
 
 
 def _within(bank: Bank, entry: int, estimates: Mapping[str, Estimate]) -> bool:

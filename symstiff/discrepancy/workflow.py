@@ -19,7 +19,7 @@ from symstiff.calibration.identify import start_model
 from symstiff.calibration.kept import seen_in
 from symstiff.calibration.loading import as_loading
 from symstiff.calibration.measurements import Measurements
-from symstiff.calibration.soundness import outside_fixed
+from symstiff.calibration.soundness import outside_class, outside_fixed
 from symstiff.discrepancy.assemble import Assembly, added_loads, assemble
 from symstiff.discrepancy.climb import leaves_less, links_of, wider_model
 from symstiff.discrepancy.diagnose import diagnose
@@ -61,7 +61,7 @@ def run(task: Task, tell: Tell = lambda stage: None) -> Finding:
     experiment = experiment_of(table, task.robot).wished(task.loads, task.measure)
     model, reduction = start_model(task.robot, task.start, experiment)
     remarks += reduction_remarks(reduction) if reduction is not None else []
-    remarks += outside_fixed(table.q, model)
+    remarks += [*outside_class(table.w, model.loads), *outside_fixed(table.q, model)]
     told = model
     model, unseen = seen_in(model, table.kind)
     remarks += unseen

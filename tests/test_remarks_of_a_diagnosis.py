@@ -1,0 +1,105 @@
+"""What stands beside a verdict: loads outside a class, what poses share, what would have been seen."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from symstiff.calibration.measurements import concatenate
+from symstiff.discrepancy.finding import Finding, Task
+from symstiff.discrepancy.remarks import _of_approach
+from symstiff.discrepancy.workflow import run
+from symstiff.errors import UserError
+from symstiff.model import StiffnessModel, load_model
+from symstiff.reduction.reduce import reduce
+from symstiff.robot import load
+from tests.diagnosis_data import HARDENING, ROBOT, measured
+
+
+@pytest.fixture(scope="module")
+def quiet() -> Finding:
+    """An arm from which nothing is missing."""
+    return run(Task(load(ROBOT), measured()))
+
+
+@pytest.fixture(scope="module")
+def hardening() -> Finding:
+    return run(Task(load(ROBOT), measured(HARDENING)))
+
+
+def test_what_would_have_been_seen_does_not_depend_on_what_was_named(
+    quiet: Finding, hardening: Finding
+) -> None:
+    """The same poses and noise: what was named hides no other effect."""
+
+    def sizes(found: Finding) -> dict[str, float]:
+        return {
+            f"{c.effect} {c.where}": e.value
+            for c in found.last.candidates
+            for e in list(c.smallest_detectable.values())[:1]
+            if c.testable and c.effect in ("backlash", "force_sensor_bias", "base_compliance")
+        }
+
+    assert hardening.verdict == "named"
+    before, after = sizes(quiet), sizes(hardening)
+    both = [name for name in before if name in after and math.isfinite(before[name] + after[name])]
+    assert len(both) >= 3
+    for name in both:
+        assert after[name] == pytest.approx(before[name], rel=0.3), name
+
+
+def test_loads_outside_a_start_models_class_are_told() -> None:
+    narrow = StiffnessModel.of(reduce(load(ROBOT), "gravity", "position"))
+    found = run(Task(load(ROBOT), measured(), start=narrow))
+    assert any("reduced for gravity loads (fz), and these have fx, fy too" in r for r in found.remarks)
+    assert not any("reduced for" in r for r in run(Task(load(ROBOT), measured())).remarks)
+
+
+@pytest.mark.parametrize(
+    ("anew", "told"),
+    [
+        (None, "approach some poses anew"),
+        (0.9, "another one in every repeat, so it is the robot's repeatability"),
+        (0.1, "the same in every repeat, so it is not the robot's repeatability"),
+    ],
+)
+def test_repeats_tell_whether_a_shared_error_is_the_robots_repeatability(
+    quiet: Finding, anew: float | None, told: str
+) -> None:
+    noise = replace(quiet.last.noise, approach=2.0 * quiet.last.noise.sigma, anew=anew)
+    (said,) = _of_approach(measured(), replace(quiet.last, noise=noise))
+    assert told in said
+    assert ("approach some poses anew" in said) == (anew is None)
+
+
+@pytest.mark.parametrize("own", [True, False])
+def test_the_part_of_a_shared_error_that_each_repeat_has_alone_is_found(own: bool) -> None:
+    rng = np.random.default_rng(7)
+    errors = 1e-4 * rng.normal(size=(2, 10, 3))
+    tables = []
+    for k, table in enumerate((measured(seed=3), measured(seed=4))):
+        values = table.values.copy()
+        values[:, :3] += errors[k if own else 0][table.pose]
+        tables.append(replace(table, values=values, repeat=np.full(len(table), float(k))))
+    table = concatenate(tables)
+    assert len(table.labels) == 10
+    anew = run(Task(load(ROBOT), table)).last.noise.anew
+    assert anew is not None
+    assert (anew > 0.5) == own
+
+
+def test_a_model_file_that_lacks_a_value_is_no_model_of_a_parameter_that_is_zero(tmp_path: Path) -> None:
+    model = StiffnessModel.of(reduce(load(ROBOT), "force", "position"))
+    model = model.with_values(dict.fromkeys(model.parameters, 1e-6))
+    model.save(tmp_path / "m.toml")
+    name = model.parameters[1]
+    lines = (tmp_path / "m.toml").read_text().splitlines()
+    values = lines.index("[values]")
+    del lines[next(k for k in range(values, len(lines)) if lines[k].startswith(f"{name} = "))]
+    (tmp_path / "less.toml").write_text("\n".join(lines) + "\n")
+    with pytest.raises(UserError, match=f"values: {name} has none"):
+        load_model(tmp_path / "less.toml")
