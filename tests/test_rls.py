@@ -180,6 +180,38 @@ def test_without_excitation_the_covariance_stays_bounded_and_positive(libraries,
     assert not np.array_equal(after, estimator.estimate)
 
 
+@pytest.mark.parametrize("precision", ["double", "float"])
+@pytest.mark.parametrize(("looser", "share"), [(10, 0.05), (1000, 0.3)])
+def test_a_robot_that_stands_still_does_not_unlearn_what_its_pose_does_not_show(
+    libraries, precision, looser, share
+):
+    """Right values, noise alone, one loaded pose: elsewhere the predictions stay those of the truth."""
+    estimator = Estimator(libraries[precision], np.float64 if precision == "double" else np.float32)
+    m, rng = model(ROBOT), np.random.default_rng(3)
+    q, w = poses(ROBOT, 50, 6)
+    dt = m.deflection(q, w)
+    assert estimator.init(m.vector(), 1e-3, 0.99, 1.001 * estimator.size * 1e-6 * looser) == 0
+    for _ in range(10_000):
+        assert estimator.update(q[0], w[0], dt[0] + rng.normal(size=6) * SIGMA) == 0
+    error = m.observation(q, w) @ (estimator.estimate - m.vector())
+    assert np.sqrt(np.mean(error[:, :3] ** 2)) < share * np.sqrt(np.mean(dt[:, :3] ** 2))
+    assert np.sqrt(np.mean(error[0] ** 2)) < SIGMA[0]
+
+
+@pytest.mark.parametrize("precision", ["double", "float"])
+def test_a_robot_that_stands_still_goes_on_following_what_its_pose_shows(libraries, precision):
+    estimator = Estimator(libraries[precision], np.float64 if precision == "double" else np.float32)
+    m = model(ROBOT)
+    q, w, dt = data(1)
+    estimator.init(m.vector(), 1e-3, 0.97, 1.001 * estimator.size * 1e-6)
+    for _ in range(5000):
+        estimator.update(q[0], w[0], dt[0])
+    changed = m.deflection(q, w, {n: 1.5 * v for n, v in m.values.items()})[0]
+    for _ in range(600):
+        assert estimator.update(q[0], w[0], changed) == 0
+    assert np.abs(m.observation(q, w)[0] @ estimator.estimate - changed).max() < 0.1 * SIGMA[0]
+
+
 def test_single_precision_comes_to_the_same_predictions(libraries):
     single = Estimator(libraries["float"], np.float32)
     q, w, dt = data(200, seed=8)
