@@ -236,6 +236,17 @@ def test_components_that_were_not_measured_do_not_count(estimator):
     assert np.abs((estimator.estimate - wanted) * scale / np.sqrt(np.diag(covariance))).max() < 1e-6
 
 
+def test_a_pose_of_which_nothing_was_measured_changes_nothing(estimator):
+    q, w, dt = data(3)
+    estimator.init(model(ROBOT).vector(), 0.01, 0.99, 1.0)
+    estimator.update(q[0], w[0], dt[0])
+    before = estimator.state.copy()
+    for none in (np.zeros(6), -SIGMA):
+        assert estimator.update(q[1], w[1], dt[1] * np.nan, none) == 0
+        np.testing.assert_array_equal(estimator.state, before)
+    assert estimator.update(q[1] * np.nan, w[1], dt[1], np.zeros(6)) == -2
+
+
 SETTINGS = [
     (0.0, 1.0, 1.0), (-1.0, 1.0, 1.0), (0.1, 0.3, 1.0), (0.1, 1.01, 1.0), (0.1, 0.99, 0.1), (np.nan, 1.0, 1.0),
     (0.1, np.nan, 1.0), (0.1, 1.0, np.inf),
