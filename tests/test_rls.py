@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import ctypes
+import re
 
 import numpy as np
 import pytest
@@ -12,6 +13,9 @@ from symstiff.codegen.options import Options
 from symstiff.codegen.rls import column_scales
 from symstiff.codegen.targets import TARGETS
 from symstiff.files import write_tree
+from symstiff.model import StiffnessModel
+from symstiff.reduction.reduce import reduce
+from symstiff.robot import parse
 from tests.generated_c import STRICT, compiler, grown, model, poses, run, shared_library, written
 
 ROBOT = "kuka_kr270"
@@ -70,6 +74,13 @@ def libraries(tmp_path_factory):
 @pytest.fixture
 def estimator(libraries):
     return Estimator(libraries["double"], np.float64)
+
+
+def emit(m, folder, precision="double"):
+    """Write the C code of a model with its estimator."""
+    options = Options(precision=precision, targets=("c", "rls"))
+    for target in options.targets:
+        write_tree(folder, TARGETS[target].emitter()(Functions(m), options))
 
 
 def data(n, seed=1, noise=True):
@@ -291,6 +302,31 @@ def test_scales_are_powers_of_two_near_the_columns_sizes():
     assert (np.abs(np.log2(sizes / scales)) < 1.2).all()
 
 
+ONE_JOINT = b"""
+format = 1
+name = "lever"
+base = {link = {template = "rigid"}}
+joint = [{a = 0.5, alpha = "-pi/2", d = 0.1, compliance = 1e-6, link = {template = "rigid"}}]
+tool = {xyz = [0.1, 0.2, 0.3]}
+"""
+
+
+def small(robot):
+    """One compliance, or some with an effect that needs the time."""
+    return StiffnessModel.of(reduce(parse(ONE_JOINT))) if robot == "lever" else grown(robot, "thermal_drift")
+
+
+@pytest.mark.parametrize("precision", ["double", "float"])
+@pytest.mark.parametrize("robot", ["lever", "scara"])
+def test_the_header_tells_the_size_that_the_compiler_gives_the_state(tmp_path, robot, precision):
+    assert (len(small(robot).stiffness_parameters) == 1) == (robot == "lever")
+    emit(small(robot), tmp_path, precision)
+    (told,) = re.findall(r"struct \((\d+) bytes\)", (tmp_path / f"{robot}_rls.h").read_text())
+    size = f"typedef char size[sizeof({robot}_rls_t) == {told} ? 1 : -1];"
+    (tmp_path / "size.c").write_text(f'#include "{robot}_rls.h"\n{size}\n')
+    run(compiler(), *STRICT, "-O2", "-c", "-I.", "size.c", f"{robot}_rls.c", cwd=tmp_path)
+
+
 def test_it_compiles_strictly_in_single_precision_without_heap(tmp_path):
     folder = written(tmp_path, ROBOT, "float", ("c", "rls"))
     assert "double" not in (folder / f"{ROBOT}_rls.c").read_text()
@@ -304,12 +340,7 @@ def test_it_converges_where_an_effect_adds_more_load_than_the_experiment(tmp_pat
     """The compliances give way under the added load as well: columns of the bare load are far from theirs."""
     m = grown("ur10", effect)
     m = m.with_values(dict(m.values) | {m.effect_parameters[0].name: size})
-    files = {
-        n: c
-        for t in ("c", "rls")
-        for n, c in TARGETS[t].emitter()(Functions(m), Options(targets=("c", "rls"))).items()
-    }
-    write_tree(tmp_path, files)
+    emit(m, tmp_path)
     library = shared_library(tmp_path, ["ur10.c", "ur10_rls.c"])
     library.ur10_rls_deviation.restype = ctypes.c_double
     n, p = len(m.stiffness_parameters), len(m.parameters)

@@ -28,9 +28,10 @@ def emit_rls(functions: Functions, options: Options) -> dict[str, bytes]:
         raise UserError("target rls: the model has no compliances to identify: remove rls from --targets")
     literal = CAlgebra(options.single).literal
     others = len(model.effect_parameters) + len(context_names(functions.deflection))
-    numbers = 2 * size + size * (size - 1) // 2 + others + 2
+    factors = max(size * (size - 1) // 2, 1)  # C has no empty arrays
+    numbers = 2 * size + factors + others + 2
     context = base_context(functions, options) | {
-        "factors": max(size * (size - 1) // 2, 1),
+        "factors": factors,
         "state": numbers * (4 if options.single else 8),
         "scales": [literal(s) for s in column_scales(model)],
         "least_forgetting": literal(0.5),
