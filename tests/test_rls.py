@@ -8,6 +8,7 @@ import re
 import numpy as np
 import pytest
 
+from symstiff.codegen.footprint_parse import CallGraph, call_graph
 from symstiff.codegen.functions import Functions
 from symstiff.codegen.options import Options
 from symstiff.codegen.rls import column_scales
@@ -325,6 +326,25 @@ def test_the_header_tells_the_size_that_the_compiler_gives_the_state(tmp_path, r
     size = f"typedef char size[sizeof({robot}_rls_t) == {told} ? 1 : -1];"
     (tmp_path / "size.c").write_text(f'#include "{robot}_rls.h"\n{size}\n')
     run(compiler(), *STRICT, "-O2", "-c", "-I.", "size.c", f"{robot}_rls.c", cwd=tmp_path)
+
+
+@pytest.mark.parametrize("level", ["-O0", "-O2"])
+@pytest.mark.parametrize("precision", ["double", "float"])
+@pytest.mark.parametrize(
+    ("robot", "effect"), [("ur10", None), ("kuka_kr270", None), ("ur10", "payload_error")]
+)
+def test_the_header_tells_the_stack_of_an_update(tmp_path, robot, effect, precision, level):
+    emit(model(robot) if effect is None else grown(robot, effect), tmp_path, precision)
+    header = (tmp_path / f"{robot}_rls.h").read_text()
+    (told,) = map(int, re.findall(r"An update needs about (\d+) bytes of stack", header))
+    both = CallGraph()
+    for name in (robot, f"{robot}_rls"):
+        run(compiler(), level, "-fcallgraph-info=su", "-c", "-I.", f"{name}.c", cwd=tmp_path)
+        one = call_graph((tmp_path / f"{name}.ci").read_text())
+        both.stack.update(one.stack)
+        both.calls.update(one.calls)
+    beside = max(both.depth(f"{robot}_{f}") for f in ("deflection", "observation"))
+    assert 0.7 * told < both.depth(f"{robot}_rls_update") - beside <= told
 
 
 def test_it_compiles_strictly_in_single_precision_without_heap(tmp_path):
