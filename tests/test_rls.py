@@ -3,15 +3,20 @@
 from __future__ import annotations
 
 import ctypes
+import re
 
 import numpy as np
 import pytest
 
+from symstiff.codegen.footprint_parse import CallGraph, call_graph
 from symstiff.codegen.functions import Functions
 from symstiff.codegen.options import Options
 from symstiff.codegen.rls import column_scales
 from symstiff.codegen.targets import TARGETS
 from symstiff.files import write_tree
+from symstiff.model import StiffnessModel
+from symstiff.reduction.reduce import reduce
+from symstiff.robot import parse
 from tests.generated_c import STRICT, compiler, grown, model, poses, run, shared_library, written
 
 ROBOT = "kuka_kr270"
@@ -70,6 +75,13 @@ def libraries(tmp_path_factory):
 @pytest.fixture
 def estimator(libraries):
     return Estimator(libraries["double"], np.float64)
+
+
+def emit(m, folder, precision="double"):
+    """Write the C code of a model with its estimator."""
+    options = Options(precision=precision, targets=("c", "rls"))
+    for target in options.targets:
+        write_tree(folder, TARGETS[target].emitter()(Functions(m), options))
 
 
 def data(n, seed=1, noise=True):
@@ -180,6 +192,38 @@ def test_without_excitation_the_covariance_stays_bounded_and_positive(libraries,
     assert not np.array_equal(after, estimator.estimate)
 
 
+@pytest.mark.parametrize("precision", ["double", "float"])
+@pytest.mark.parametrize(("looser", "share"), [(10, 0.05), (1000, 0.3)])
+def test_a_robot_that_stands_still_does_not_unlearn_what_its_pose_does_not_show(
+    libraries, precision, looser, share
+):
+    """Right values, noise alone, one loaded pose: elsewhere the predictions stay those of the truth."""
+    estimator = Estimator(libraries[precision], np.float64 if precision == "double" else np.float32)
+    m, rng = model(ROBOT), np.random.default_rng(3)
+    q, w = poses(ROBOT, 50, 6)
+    dt = m.deflection(q, w)
+    assert estimator.init(m.vector(), 1e-3, 0.99, 1.001 * estimator.size * 1e-6 * looser) == 0
+    for _ in range(10_000):
+        assert estimator.update(q[0], w[0], dt[0] + rng.normal(size=6) * SIGMA) == 0
+    error = m.observation(q, w) @ (estimator.estimate - m.vector())
+    assert np.sqrt(np.mean(error[:, :3] ** 2)) < share * np.sqrt(np.mean(dt[:, :3] ** 2))
+    assert np.sqrt(np.mean(error[0] ** 2)) < SIGMA[0]
+
+
+@pytest.mark.parametrize("precision", ["double", "float"])
+def test_a_robot_that_stands_still_goes_on_following_what_its_pose_shows(libraries, precision):
+    estimator = Estimator(libraries[precision], np.float64 if precision == "double" else np.float32)
+    m = model(ROBOT)
+    q, w, dt = data(1)
+    estimator.init(m.vector(), 1e-3, 0.97, 1.001 * estimator.size * 1e-6)
+    for _ in range(5000):
+        estimator.update(q[0], w[0], dt[0])
+    changed = m.deflection(q, w, {n: 1.5 * v for n, v in m.values.items()})[0]
+    for _ in range(600):
+        assert estimator.update(q[0], w[0], changed) == 0
+    assert np.abs(m.observation(q, w)[0] @ estimator.estimate - changed).max() < 0.1 * SIGMA[0]
+
+
 def test_single_precision_comes_to_the_same_predictions(libraries):
     single = Estimator(libraries["float"], np.float32)
     q, w, dt = data(200, seed=8)
@@ -202,6 +246,17 @@ def test_components_that_were_not_measured_do_not_count(estimator):
     wanted, covariance = batch_estimate(q, w, np.nan_to_num(dt), start, 0.01, sigma=sigma)
     scale = np.array(column_scales(model(ROBOT)))
     assert np.abs((estimator.estimate - wanted) * scale / np.sqrt(np.diag(covariance))).max() < 1e-6
+
+
+def test_a_pose_of_which_nothing_was_measured_changes_nothing(estimator):
+    q, w, dt = data(3)
+    estimator.init(model(ROBOT).vector(), 0.01, 0.99, 1.0)
+    estimator.update(q[0], w[0], dt[0])
+    before = estimator.state.copy()
+    for none in (np.zeros(6), -SIGMA):
+        assert estimator.update(q[1], w[1], dt[1] * np.nan, none) == 0
+        np.testing.assert_array_equal(estimator.state, before)
+    assert estimator.update(q[1] * np.nan, w[1], dt[1], np.zeros(6)) == -2
 
 
 SETTINGS = [
@@ -248,6 +303,50 @@ def test_scales_are_powers_of_two_near_the_columns_sizes():
     assert (np.abs(np.log2(sizes / scales)) < 1.2).all()
 
 
+ONE_JOINT = b"""
+format = 1
+name = "lever"
+base = {link = {template = "rigid"}}
+joint = [{a = 0.5, alpha = "-pi/2", d = 0.1, compliance = 1e-6, link = {template = "rigid"}}]
+tool = {xyz = [0.1, 0.2, 0.3]}
+"""
+
+
+def small(robot):
+    """One compliance, or some with an effect that needs the time."""
+    return StiffnessModel.of(reduce(parse(ONE_JOINT))) if robot == "lever" else grown(robot, "thermal_drift")
+
+
+@pytest.mark.parametrize("precision", ["double", "float"])
+@pytest.mark.parametrize("robot", ["lever", "scara"])
+def test_the_header_tells_the_size_that_the_compiler_gives_the_state(tmp_path, robot, precision):
+    assert (len(small(robot).stiffness_parameters) == 1) == (robot == "lever")
+    emit(small(robot), tmp_path, precision)
+    (told,) = re.findall(r"struct \((\d+) bytes\)", (tmp_path / f"{robot}_rls.h").read_text())
+    size = f"typedef char size[sizeof({robot}_rls_t) == {told} ? 1 : -1];"
+    (tmp_path / "size.c").write_text(f'#include "{robot}_rls.h"\n{size}\n')
+    run(compiler(), *STRICT, "-O2", "-c", "-I.", "size.c", f"{robot}_rls.c", cwd=tmp_path)
+
+
+@pytest.mark.parametrize("level", ["-O0", "-O2"])
+@pytest.mark.parametrize("precision", ["double", "float"])
+@pytest.mark.parametrize(
+    ("robot", "effect"), [("ur10", None), ("kuka_kr270", None), ("ur10", "payload_error")]
+)
+def test_the_header_tells_the_stack_of_an_update(tmp_path, robot, effect, precision, level):
+    emit(model(robot) if effect is None else grown(robot, effect), tmp_path, precision)
+    header = (tmp_path / f"{robot}_rls.h").read_text()
+    (told,) = map(int, re.findall(r"An update needs about (\d+) bytes of stack", header))
+    both = CallGraph()
+    for name in (robot, f"{robot}_rls"):
+        run(compiler(), level, "-fcallgraph-info=su", "-c", "-I.", f"{name}.c", cwd=tmp_path)
+        one = call_graph((tmp_path / f"{name}.ci").read_text())
+        both.stack.update(one.stack)
+        both.calls.update(one.calls)
+    beside = max(both.depth(f"{robot}_{f}") for f in ("deflection", "observation"))
+    assert 0.7 * told < both.depth(f"{robot}_rls_update") - beside <= told
+
+
 def test_it_compiles_strictly_in_single_precision_without_heap(tmp_path):
     folder = written(tmp_path, ROBOT, "float", ("c", "rls"))
     assert "double" not in (folder / f"{ROBOT}_rls.c").read_text()
@@ -261,12 +360,7 @@ def test_it_converges_where_an_effect_adds_more_load_than_the_experiment(tmp_pat
     """The compliances give way under the added load as well: columns of the bare load are far from theirs."""
     m = grown("ur10", effect)
     m = m.with_values(dict(m.values) | {m.effect_parameters[0].name: size})
-    files = {
-        n: c
-        for t in ("c", "rls")
-        for n, c in TARGETS[t].emitter()(Functions(m), Options(targets=("c", "rls"))).items()
-    }
-    write_tree(tmp_path, files)
+    emit(m, tmp_path)
     library = shared_library(tmp_path, ["ur10.c", "ur10_rls.c"])
     library.ur10_rls_deviation.restype = ctypes.c_double
     n, p = len(m.stiffness_parameters), len(m.parameters)

@@ -18,6 +18,7 @@ if TYPE_CHECKING:
     from symstiff.model import StiffnessModel
 
 _POSES = 200
+_FRAMES = 500  # bytes for return addresses, saved registers and scalars, as measured and rounded up
 
 
 def emit_rls(functions: Functions, options: Options) -> dict[str, bytes]:
@@ -28,10 +29,15 @@ def emit_rls(functions: Functions, options: Options) -> dict[str, bytes]:
         raise UserError("target rls: the model has no compliances to identify: remove rls from --targets")
     literal = CAlgebra(options.single).literal
     others = len(model.effect_parameters) + len(context_names(functions.deflection))
-    numbers = 2 * size + size * (size - 1) // 2 + others + 2
+    factors = max(size * (size - 1) // 2, 1)  # C has no empty arrays
+    state = 2 * size + factors + others + 2
+    by_difference = size + others + 12 if not model.is_linear else 0
+    real = 4 if options.single else 8
     context = base_context(functions, options) | {
-        "factors": max(size * (size - 1) // 2, 1),
-        "state": numbers * (4 if options.single else 8),
+        "factors": factors,
+        "state": state * real,
+        # a copy of the state, the observation matrix, the predicted deflection and what one component takes
+        "stack": (state + 10 * size + 6 + by_difference) * real + _FRAMES,
         "scales": [literal(s) for s in column_scales(model)],
         "least_forgetting": literal(0.5),
         # loads that effects add act on the compliances, which the observation of the bare wrench does not know
