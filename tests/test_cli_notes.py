@@ -69,6 +69,18 @@ def test_deflections_of_centimetres_a_newton_have_another_unit(run: Run) -> None
     assert "mm a newton, which no serial robot is soft enough for" in notes(run, *IDENTIFY)
 
 
+def test_a_sigma_of_translations_alone_is_told_to_be_unused(run: Run) -> None:
+    rng = np.random.default_rng(5)
+    q, w = rng.uniform(-1.5, 1.5, (12, 2)), np.zeros((12, 6))
+    w[:, :2] = rng.uniform(-900, 900, (12, 2))
+    table = measurements(q, w, kind="deflection")
+    values = predict(arm(), table) + rng.normal(0, 1e-6, (12, 6))
+    for rotations, told in ((np.nan, True), (2e-6, False)):
+        sigma = np.tile([1e-6] * 3 + [rotations] * 3, (12, 1))
+        write_table(replace(table, values=values, sigma=sigma), "data.csv")
+        assert ("sigma is stated for translations and not for rotations" in notes(run, *IDENTIFY)) == told
+
+
 def test_a_fit_beyond_the_stated_sigma_points_to_diagnose(run: Run) -> None:
     measured(Path("data.csv"), added=1e-3)
     said = notes(run, *IDENTIFY)

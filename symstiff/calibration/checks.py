@@ -108,7 +108,8 @@ def check_robot(table: Measurements, robot: Robot) -> list[str]:
     """Check a table against a robot: joints, their kinds, markers; return warnings, one line each.
 
     Raises UserError where the table cannot belong to the robot. Warned of: joint values far outside the
-    limits, the same measurement under two pose labels, and compliances that no serial robot has.
+    limits, the same measurement under two pose labels, compliances that no serial robot has, and sigma of one kind of
+    component alone.
     """
     if table.dof != robot.dof:
         raise UserError(
@@ -128,7 +129,13 @@ def check_robot(table: Measurements, robot: Robot) -> list[str]:
                 f"{table.place(int(rows[0]))}: robot {robot.name} has no marker {name!r}: "
                 f"use one of {', '.join(sorted(known))}, or add a [[marker]] to the robot file"
             )
-    return _outside_limits(table, robot) + _tiny_angles(table) + _copied(table) + _of_units(table)
+    return (
+        _outside_limits(table, robot)
+        + _tiny_angles(table)
+        + _copied(table)
+        + _of_units(table)
+        + _half_stated(table)
+    )
 
 
 def _outside_limits(table: Measurements, robot: Robot) -> list[str]:
@@ -178,6 +185,24 @@ def _of_units(table: Measurements) -> list[str]:
     return [
         f"the deflections are {size} a newton, which no serial robot is {no_robot} enough for: look at the units of "
         "deflections and forces"
+    ]
+
+
+def _half_stated(table: Measurements) -> list[str]:
+    """A sigma of translations without one of rotations, or the other way round: what weighs one against the other."""
+    kinds = {"translations": slice(0, 3), "rotations": slice(3, 6)}
+    measured = [name for name, part in kinds.items() if table.measured[:, part].any()]
+    stated = [
+        name
+        for name in measured
+        if np.isfinite(table.sigma[:, kinds[name]])[table.measured[:, kinds[name]]].any()
+    ]
+    if len(measured) < 2 or len(stated) != 1:
+        return []
+    other = next(name for name in measured if name not in stated)
+    return [
+        f"sigma is stated for {stated[0]} and not for {other}: it is not used, both are told by what the model leaves; "
+        f"state that of {other} too"
     ]
 
 
