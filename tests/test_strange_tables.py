@@ -16,10 +16,8 @@ from symstiff.calibration.markers import marker_hint
 from symstiff.calibration.measurements import Measurements, concatenate, measurements
 from symstiff.calibration.rows import predict
 from symstiff.calibration.simulation import Effect, Noise, Truth, nominal_truth, simulate
-from symstiff.discrepancy.climb import leaves_less
 from symstiff.discrepancy.deciding import experiment_like
 from symstiff.discrepancy.finding import Finding, Task
-from symstiff.discrepancy.result import Rms
 from symstiff.discrepancy.verdict import NO_TEST_NAMES
 from symstiff.discrepancy.workflow import run
 from symstiff.effects.base import EffectInstance, Scales, find
@@ -203,20 +201,6 @@ def test_few_poses_give_no_sure_names() -> None:
     assert all(e.confidence <= 0.75 for e in found.effects)
     assert bool(found.effects) == any("so few poses leave none to predict" in r for r in found.remarks)
     assert found.effects
-
-
-@pytest.mark.parametrize(
-    ("wider", "better"),
-    [
-        (Rms(1.0, 1.0, 1.2, 1.0, 0.9), True),
-        (Rms(1.0, 1.0, 5.0, 1.0, 0.9), False),
-        (Rms(1.0, 1.0, None, None, 0.9), True),
-        (Rms(3.0, 1.0, 1.2, 1.0, 0.9), False),
-    ],
-)
-def test_a_model_that_left_out_poses_refute_does_not_take_over(wider: Rms, better: bool) -> None:
-    """Four poses fit all links and predict none."""
-    assert leaves_less(wider, Rms(2.0, 2.0, 2.1, 2.1, 0.9)) is better
 
 
 @pytest.mark.parametrize(

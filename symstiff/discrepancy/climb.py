@@ -6,36 +6,67 @@ from collections.abc import Iterable, Mapping
 from typing import Any
 
 import numpy as np
+from scipy import stats
 
 from symstiff.calibration.experiment.readings import ExperimentClass
 from symstiff.calibration.identify import start_model
 from symstiff.discrepancy.finding import Found, Task
-from symstiff.discrepancy.result import Diagnosis, Estimate, Rms
-from symstiff.discrepancy.verdict import INSUFFICIENT, UNEXPLAINED
+from symstiff.discrepancy.problem import Index
+from symstiff.discrepancy.result import Diagnosis, Estimate
+from symstiff.discrepancy.verdict import AMBIGUOUS, INSUFFICIENT, NAMED, UNEXPLAINED
 from symstiff.effects.base import EffectInstance, catalogue
 from symstiff.model import StiffnessModel
 from symstiff.reduction.physical import physical_stages
 from symstiff.robot.schema import Robot
 
+_SIGNIFICANT = 1e-3
+"""Chance below which the complete model takes the place of few links that were named."""
+
 
 def wider_model(
     model: StiffnessModel, found: Diagnosis, task: Task, experiment: ExperimentClass
 ) -> StiffnessModel | None:
-    """The complete model, where links are rigid in this one and a few elastic links would not do."""
+    """The complete model, where links are rigid in this one and elastic links are what is missing, few or not."""
     rigid = all(p.is_joint for p in model.compliances) and not model.effects
-    if not rigid or found.verdict not in (UNEXPLAINED, INSUFFICIENT) or task.max_effects < 2:
+    if not rigid or task.max_effects < 2:
         return None
-    tested = [c for c in found.candidates if c.testable]
-    if not tested or not _is_compliance(task.robot, tested[0].parameters):
+    tested = [c.parameters for c in found.candidates if c.testable][:1]
+    parts = {NAMED: [sizes for *_, sizes in found.leading], UNEXPLAINED: tested, INSUFFICIENT: tested}
+    parts[AMBIGUOUS] = parts[NAMED]
+    missing = parts.get(found.verdict, [])
+    if not missing or not all(_is_compliance(task.robot, sizes) for sizes in missing):
         return None
     return start_model(task.robot, "complete", experiment)[0]
 
 
-def leaves_less(wider: Rms, narrow: Rms) -> bool:
-    """Whether a model of more parameters leaves less, also on poses that were left out where there are any."""
-    own, other = wider.held_out_before, narrow.held_out_before
-    refuted = own is not None and other is not None and own >= other
-    return wider.before < narrow.before and not refuted
+def leaves_less(wide: Diagnosis, narrow: Diagnosis, component: Index) -> bool:
+    """Whether the complete model leaves less than the narrow one, also on poses left out where there are any.
+
+    Of a narrow one with links that were named it has to leave significantly less: few links are the simpler account.
+    component: (M,) 0 … 5 of each row.
+    """
+    one, other = wide.rms, narrow.rms
+    own, others = one.held_out_before, other.held_out_before
+    if narrow.verdict in (NAMED, AMBIGUOUS):
+        others = other.held_out_after
+        if not _chance(wide, narrow, component) < _SIGNIFICANT:
+            return False
+    elif not one.before < other.before:
+        return False
+    return own is None or others is None or own < others
+
+
+def _chance(wide: Diagnosis, narrow: Diagnosis, component: Index) -> float:
+    """p-value of what the complete model explains beyond links that were named, an F test of nested models."""
+    spread = wide.noise.by_component()[component]
+    last, first = narrow.growth[-1], wide.growth[0]
+    left, less = (float(np.sum((step.residual / spread) ** 2)) for step in (last, first))
+    known = int(np.isfinite(first.model_std).sum())
+    fewer = int(np.isfinite(last.model_std).sum()) + sum(len(sizes) for _, sizes in last.effects)
+    freedom = len(component) - known
+    if known <= fewer or freedom <= 0:
+        return 1.0
+    return float(stats.f.sf((left - less) / (known - fewer) / (less / freedom), known - fewer, freedom))
 
 
 def links_of(found: Diagnosis, wider: StiffnessModel) -> tuple[Found, ...]:

@@ -74,12 +74,12 @@ def run(task: Task, tell: Tell = lambda stage: None) -> Finding:
         return _finding(task, table, told, model, model, assembly, first, first, (), remarks, tell)
     tell("complete model")
     grown, last = _diagnosed(wider, table, _options(task, max(task.max_effects - 1, 1)), tell)
-    if last.verdict == UNTESTABLE or not leaves_less(last.rms, first.rms):
+    if last.verdict == UNTESTABLE or not leaves_less(last, first, grown.problem.axis):
         return _finding(task, table, told, model, model, assembly, first, first, (), remarks, tell)
     climbed = links_of(first, fit(wider, table).model)
     remarks.append(
-        "no few links account for what the joints leave: all links give way, so the complete model "
-        "takes the place of the joints-only model, and the diagnosis goes on from there"
+        "no few links account for what the joints leave as well as all of them do: the complete model takes the place "
+        "of the joints-only model, and the diagnosis goes on from there"
     )
     return _finding(task, table, told, model, wider, grown, first, last, climbed, remarks, tell)
 
