@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from symstiff.calibration.complete import reconstruct_model
-from symstiff.calibration.identify import identify
+from symstiff.calibration.identify import experiment_of, identify
 from symstiff.calibration.measurements import Measurements, measurements
 from symstiff.calibration.poses import with_markers
 from symstiff.calibration.rows import equations, predict
@@ -209,3 +209,15 @@ def test_a_turned_device_sees_every_point_turned_and_the_equations_are_the_deriv
         ]
         slope = ((ends[0] - ends[1]) / (2 * step))[e.row, e.component]
         np.testing.assert_allclose(e.A[:, k], slope, rtol=5e-3, atol=1e-3 * np.abs(slope).max())
+
+
+@pytest.mark.parametrize(
+    ("component", "loads"),
+    [(3, "gravity"), (1, "force"), (2, "force"), (4, "wrench"), (5, "wrench"), (6, "wrench")],
+)
+def test_every_component_of_the_load_decides_its_class(component, loads):
+    w = np.zeros((2, 6))
+    w[:, 2] = -100.0
+    w[1, component - 1] = 50.0
+    table = measurements(np.eye(2, 6), w, kind="deflection", values=np.full((2, 6), 1e-4))
+    assert experiment_of(table, load("kuka_kr270")).loads == loads
