@@ -254,6 +254,7 @@ def test_a_model_that_left_out_poses_refute_does_not_take_over(wider: Rms, bette
         ((0.25, 0.5, 1.0), {0.1, 0.25, 0.5, 1.0}),
         ((1.0,), {0.5, 1.0}),
         ((0.1, 0.5, 1.0), {0.1, 0.5, 1.0}),
+        ((0.15, 1.0), {0.15, 0.5, 1.0}),
     ],
 )
 def test_a_table_that_decides_holds_no_load_twice(levels: tuple[float, ...], wanted: set[float]) -> None:
