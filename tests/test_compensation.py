@@ -66,6 +66,14 @@ def test_a_deflection_beyond_all_numbers_is_refused() -> None:
         compensate(absurd, np.array([REGULAR]), np.array([LOAD]) * 1e6)
 
 
+def test_an_attitude_that_turns_without_end_is_told_as_it_is() -> None:
+    m = model("kuka_kr270", "wrench")
+    q, w = np.array([REGULAR]), np.array([[0.0, 0.0, 0.0, 1e13, 0.0, 0.0]])
+    found = compensate(m, q, w)
+    assert not found.solved[0]
+    assert found.before[0, 3:] == pytest.approx(m.deflection(q, w)[0, 3:], rel=1e-9)
+
+
 def test_what_the_measuring_device_does_moves_no_joint() -> None:
     m = model("kuka_kr270")
     drifting = m.with_effect(EffectInstance("thermal_drift", {"measurement": "frame"}, {"T": 3600.0}))

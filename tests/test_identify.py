@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from symstiff.calibration.complete import reconstruct_model
+from symstiff.calibration.experiment.readings import experiment_of
 from symstiff.calibration.identify import identify
 from symstiff.calibration.levels import by_level
 from symstiff.calibration.measurements import Measurements, measurements
@@ -266,3 +267,15 @@ def test_positions_of_one_marker_beside_the_tool_centre_point_determine_what_the
     elsewhere = measurements(rng.permuted(q, axis=0), w, points=("p1",), kind="none")
     missed = predict(result.model, elsewhere)[:, :3] - predict(pose, elsewhere)[:, :3]
     assert np.abs(missed).max() < 1e-5
+
+
+@pytest.mark.parametrize(
+    ("component", "loads"),
+    [(3, "gravity"), (1, "force"), (2, "force"), (4, "wrench"), (5, "wrench"), (6, "wrench")],
+)
+def test_every_component_of_the_load_decides_its_class(component, loads):
+    w = np.zeros((2, 6))
+    w[:, 2] = -100.0
+    w[1, component - 1] = 50.0
+    table = measurements(np.eye(2, 6), w, kind="deflection", values=np.full((2, 6), 1e-4))
+    assert experiment_of(table, load("kuka_kr270")).loads == loads

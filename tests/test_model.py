@@ -7,6 +7,7 @@ import errno
 import os
 import tomllib
 from contextlib import suppress
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -123,6 +124,12 @@ def test_the_structure_hash_depends_on_everything_but_values_and_words() -> None
     assert StiffnessModel.of(reduce(from_table(heavier), "wrench")).structure_hash != model.structure_hash
     table["joint"][0]["a"] = 0.9
     assert StiffnessModel.of(reduce(from_table(table), "wrench")).structure_hash != model.structure_hash
+
+
+@pytest.mark.parametrize("change", [{"loads": "force"}, {"measure": "position"}, {"fixed": {1: 0.5}}])
+def test_what_a_model_was_reduced_for_counts_in_its_structure_hash(change: dict[str, Any]) -> None:
+    model = small()
+    assert replace(model, **change).structure_hash != model.structure_hash
 
 
 def test_the_stroke_of_a_slide_is_a_length_of_the_arm_and_counts_in_the_structure_hash() -> None:

@@ -9,7 +9,7 @@ import pytest
 
 from symstiff.effects.base import EffectInstance
 from symstiff.errors import UserError
-from symstiff.model import StiffnessModel
+from symstiff.model import StiffnessModel, joints_only
 from symstiff.reduction import reduce
 from symstiff.robot import load
 
@@ -76,3 +76,26 @@ def test_values_of_parameters_that_a_model_does_not_have_are_refused() -> None:
             UserError, match="planar2r: the model has no parameter 'k2_67': did you mean 'k2_66'"
         ):
             spoilt()
+
+
+def test_of_two_clocks_the_first_effects_is_the_models() -> None:
+    early, late = (
+        EffectInstance("thermal_drift", {"link": k}, {"time": 600.0, "start": start})
+        for k, start in ((1, 100.0), (2, 5000.0))
+    )
+    assert small().with_effects([early, late]).rest == {"time": 100.0}
+    assert small().with_effects([late, early]).rest == {"time": 5000.0}
+
+
+def test_an_entry_of_a_link_that_two_effects_bring_gives_way_once() -> None:
+    robot = load("kuka_kr270")
+    base, link = (EffectInstance(name, {"link": 0}) for name in ("base_compliance", "link_compliance"))
+    q, w = [[0.1, -1.0, 1.2, 0.3, 0.5, -0.2]], [[300.0, -200.0, -2500.0, 50.0, 20.0, 10.0]]
+    values = {"k0_55": 1e-7, "k0_26": 3e-8, "c2": 2e-7}
+    once = joints_only(robot).with_effects([base]).deflection(q, w, values)
+    np.testing.assert_allclose(
+        joints_only(robot).with_effects([base, link]).deflection(q, w, values), once, rtol=1e-12
+    )
+    np.testing.assert_allclose(
+        joints_only(robot).with_effects([link]).deflection(q, w, values), once, rtol=1e-12
+    )

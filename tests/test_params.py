@@ -15,9 +15,13 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from symstiff.codegen.params import params_text
+from symstiff.codegen.functions import Functions
+from symstiff.codegen.options import Options
+from symstiff.codegen.params import emit_params, params_text
+from symstiff.codegen.targets import TARGETS
 from symstiff.effects.base import EffectInstance
 from symstiff.errors import UserError
+from symstiff.files import write_tree
 from tests.generated_c import STRICT, compiler, model, run, shared_library, written
 
 ROBOT = "scara"
@@ -261,10 +265,6 @@ def test_the_reader_uses_neither_heap_nor_double_in_single_precision(tmp_path):
 
 
 def test_the_parameters_of_effects_are_read_too(tmp_path):
-    from symstiff.codegen.functions import Functions
-    from symstiff.codegen.options import Options
-    from symstiff.codegen.params import emit_params
-
     m = model(ROBOT).with_effect(EffectInstance("backlash", {"joint": 1}, {}))
     text = emit_params(Functions(m), Options(targets=("c", "params")))["scara_params.c"].decode()
     for e in m.effect_parameters:
@@ -282,3 +282,19 @@ def test_a_grown_model_is_written_without_the_compliance_that_an_effect_replaced
     assert [*found] == ["parameter_hash", *grown.parameters]
     assert found[m.parameters[0]] == m.values[m.parameters[0]]
     assert found == tomllib.loads(params_text(grown, m.values))
+
+
+@pytest.mark.parametrize("spoil", ["", "k9_99 = 1.0\n"])
+def test_a_reader_sets_time_and_branch_to_their_defaults_whatever_stood_there(tmp_path, spoil):
+    compiler()
+    m = model(ROBOT)
+    m = m.with_effect(EffectInstance("thermal_drift", {"link": 2}, {"time": 600.0, "start": 50.0}))
+    m = m.with_effect(EffectInstance("hysteresis", {"joint": 1}, {"width": 5.0}))
+    functions, options = Functions(m), Options(targets=("c", "params"))
+    for target in options.targets:
+        write_tree(tmp_path, TARGETS[target].emitter()(functions, options))
+    library = shared_library(tmp_path, [f"{ROBOT}.c", f"{ROBOT}_params.c"])
+    text = (params_text(m) + spoil).encode()
+    numbers = np.full(len(m.parameters) + 2, np.nan)  # parameters, then branch and time in some order
+    library.scara_params_read(text, ctypes.c_size_t(len(text)), numbers.ctypes.data_as(ctypes.c_void_p), None)
+    assert sorted(numbers[-2:]) == [1.0, 50.0]

@@ -12,6 +12,7 @@ import sympy as sp
 
 import symstiff
 from symstiff import ElasticChain, StiffnessModel, load, observation_matrix, reduce, virtual_jacobian
+from symstiff.reduction.physical import Parameter
 from symstiff.robot import from_table
 from symstiff.robot.table import to_table
 from symstiff.symbolic.numeric import kinematics
@@ -112,3 +113,13 @@ def test_a_beam_along_a_direction_is_shown_with_its_numbers() -> None:
     table["joint"][1]["link"] = {"beam_axis": [0.35, 0.0, 0.675]}
     page = ElasticChain(from_table(table))._repr_html_()
     assert "(0.4603, 0, 0.8878)" in page
+
+
+def test_a_coupling_says_which_motion_comes_from_which_load():
+    assert Parameter("k2_26", 2, 2, 6).meaning == (
+        "link 2: translation along 2 by moment about 3 (and its mirror)"
+    )
+    assert Parameter("k0_35", 0, 3, 5).meaning == (
+        "link 0 (pedestal): translation along 3 by moment about 2 (and its mirror)"
+    )
+    assert Parameter("k1_44", 1, 4, 4).meaning == "link 1: rotation about 1 by moment about 1"

@@ -225,8 +225,9 @@ def test_noisy_identification_of_an_admissible_robot_stays_within_its_own_noise(
     assert min(found.smallest.values()) > 0
 
 
-def test_the_beam_ratio_holds_every_pair_to_the_cantilever_and_no_more():
-    few = ["k1_22", "k1_66", "k1_26"]
+@pytest.mark.parametrize(("deflects", "turns"), [(2, 6), (3, 5)])
+def test_the_beam_ratio_holds_every_pair_to_the_cantilever_and_no_more(deflects, turns):
+    few = [f"k1_{deflects}{deflects}", f"k1_{turns}{turns}", f"k1_{deflects}{turns}"]
     P, reduced = np.array([[0.0, 1.0, 0.0], [0.0, 0.0, 1.0]]), np.array([1.0, 0.5])
     for ratio in (1.0, BEAM_RATIO):
         rules = admissible_set(few, beam_ratio=ratio)

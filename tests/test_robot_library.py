@@ -18,7 +18,7 @@ from hypothesis import strategies as st
 from symstiff.errors import UserError
 from symstiff.model import StiffnessModel
 from symstiff.reduction import reduce
-from symstiff.robot import Exact, Robot, elementary_chain, from_table, library, load, parse_exact
+from symstiff.robot import Exact, Robot, elementary_chain, from_table, library, load, parse, parse_exact
 from symstiff.robot.table import to_table
 
 # --- frames, written here from the definitions, with nothing of the package -------------------------------
@@ -338,3 +338,40 @@ def test_read_only_values_equal_copy_pickle_and_serialise_as_others() -> None:
     for other in (copy.deepcopy(model), pickle.loads(pickle.dumps(model))):
         assert other == model
     assert json.loads(json.dumps(model.values)) == {"k1_55": 2e-7}
+
+
+GANTRY = """
+format = 1
+name = "gantry"
+[[joint]]
+type = "prismatic"
+a = 0
+alpha = 0
+d = 0
+limits = [-0.5, 3.0]
+[[joint]]
+a = 0.4
+alpha = 0
+d = 0.3
+[joint.link.compliance]
+{entries}
+[tool]
+xyz = [0, 0, 0.2]
+"""
+
+
+def test_a_slide_reaches_as_far_as_its_stroke() -> None:
+    robot = parse(GANTRY.format(entries="").encode())
+    assert robot.reach == pytest.approx(0.5 + 0.2 + 3.0)
+
+
+@pytest.mark.parametrize("coupling", ["3.9e-8", "-3.9e-8", "4e-8"])
+def test_a_coupling_within_what_an_elastic_body_allows_is_taken(coupling: str) -> None:
+    robot = parse(GANTRY.format(entries=f"22 = 2e-8\n66 = 8e-8\n26 = {coupling}").encode())
+    assert robot.links[2].compliance["26"] == float(coupling)
+
+
+def test_a_coupling_beyond_it_is_refused_whatever_its_sign() -> None:
+    for coupling in ("4.1e-8", "-4.1e-8"):
+        with pytest.raises(UserError, match="entry 26: of an elastic body"):
+            parse(GANTRY.format(entries=f"22 = 2e-8\n66 = 8e-8\n26 = {coupling}").encode())

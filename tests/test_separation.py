@@ -136,6 +136,7 @@ def test_poses_for_a_robot_that_slides_are_in_its_units_and_have_labels_of_their
     assert "q3[m]" in (tmp_path / "p.csv").read_text().splitlines()[0]
     low, high = robot.joint[2].range
     assert np.all((table.q[:, 2] >= float(low)) & (table.q[:, 2] <= float(high)))
+    np.testing.assert_allclose(1e4 * table.q[:, 2], np.round(1e4 * table.q[:, 2]), atol=1e-9)
 
 
 def test_poses_for_a_verdict_are_measured_as_its_data_were_unless_something_else_is_wished(

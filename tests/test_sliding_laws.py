@@ -10,6 +10,7 @@ import pytest
 from symstiff.calibration.measurements import Measurements
 from symstiff.discrepancy.finding import Finding, Task
 from symstiff.discrepancy.laws import Law, _laws_of_angle, largest_load
+from symstiff.discrepancy.localise import FittedLaw
 from symstiff.discrepancy.problem import Array, Problem
 from symstiff.discrepancy.workflow import run
 from symstiff.effects.base import EffectInstance
@@ -120,6 +121,15 @@ def test_the_way_of_a_slide_is_no_angle(found: Finding) -> None:
     page = render(found, {"code": CODE, "decide": None}, [])
     assert f'<p class="formula">Δq = {text}</p>' in page
     assert "Δθ" not in page[page.index('id="unnamed"') : page.index('id="candidates"')]
+
+
+@pytest.mark.parametrize(
+    ("joint", "told"),
+    [(2, "(1.2·t^3) mrad with t = τ/(850 N·m)"), (3, "(1.2·t^3) mm with t = τ/(850 N)")],
+)
+def test_a_law_is_told_in_the_units_of_its_joint(found: Finding, joint: int, told: str) -> None:
+    law = FittedLaw(f"joint {joint}", "0.0012*tau^3", 850.0, 0.9, 0.8, np.zeros(3))
+    assert law_text(found, law) == told
 
 
 def test_the_formula_of_a_slides_law_has_its_way_on_the_left() -> None:

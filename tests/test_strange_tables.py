@@ -17,7 +17,9 @@ from symstiff.calibration.measurements import Measurements, concatenate, measure
 from symstiff.calibration.rows import predict
 from symstiff.calibration.simulation import Effect, Noise, Truth, nominal_truth, simulate
 from symstiff.discrepancy.deciding import experiment_like
-from symstiff.discrepancy.finding import Finding, Task
+from symstiff.discrepancy.finding import Finding, Found, Task
+from symstiff.discrepancy.remarks import astray, remarked
+from symstiff.discrepancy.result import Estimate
 from symstiff.discrepancy.verdict import NO_TEST_NAMES
 from symstiff.discrepancy.workflow import run
 from symstiff.effects.base import EffectInstance, Scales, find
@@ -69,13 +71,40 @@ def test_a_drift_counts_from_the_start_of_its_session() -> None:
         assert "from 1700000000 s of the clock on" in told
 
 
+@cache
+def exchanged() -> Finding:
+    return diagnosed(replace(lag(), branch=-lag().branch))
+
+
 def test_an_exchanged_branch_is_asked_about() -> None:
-    swapped = diagnosed(replace(lag(), branch=-lag().branch))
+    swapped = exchanged()
     assert "hysteresis" not in {e.effect for e in swapped.named}
     assert any("hysteresis at joint 2 would lead" in r and "branch exchanged?" in r for r in swapped.remarks)
     right = diagnosed(lag())
     assert [e.effect for e in right.named] == ["hysteresis"]
     assert not any("exchanged" in r for r in right.remarks)
+
+
+@pytest.mark.parametrize(
+    ("effect", "name", "deviations", "told"),
+    [
+        ("hysteresis", "width", 3.0, "branch exchanged?"),
+        ("backlash", "gap", 3.0, "signs of loads and readings"),
+        ("backlash", "gap", 1.5, ""),  # not below nothing for sure
+        ("backlash", "gap", -3.0, ""),
+    ],
+)
+def test_a_sure_wrong_sign_of_what_would_lead_is_a_matter_of_the_table(
+    effect: str, name: str, deviations: float, told: str
+) -> None:
+    found = exchanged()
+    size = {f"{effect}_2_{name}": Estimate(-2e-5 * deviations, 2e-5, "rad")}
+    lead = replace(
+        next(c for c in found.last.candidates if c.testable), effect=effect, parameters=size, shape={}
+    )
+    remarks = remarked(found.assembly.situation.view, replace(found.last, candidates=(lead,)))
+    asked = [r for r in remarks if "would lead" in r]
+    assert [told in r for r in asked] == [True] * bool(told)
 
 
 def test_rows_that_have_come_back_to_no_load_are_left_out() -> None:
@@ -210,6 +239,7 @@ def test_few_poses_give_no_sure_names() -> None:
         ((0.25, 0.5, 1.0), {0.1, 0.25, 0.5, 1.0}),
         ((1.0,), {0.5, 1.0}),
         ((0.1, 0.5, 1.0), {0.1, 0.5, 1.0}),
+        ((0.15, 1.0), {0.15, 0.5, 1.0}),
     ],
 )
 def test_a_table_that_decides_holds_no_load_twice(levels: tuple[float, ...], wanted: set[float]) -> None:
@@ -242,6 +272,17 @@ def test_a_size_that_goes_astray_is_not_named(tmp_path: Path) -> None:
             for p in effect.instance.realise(robot).parameters:
                 width = p.high - p.low
                 assert p.low - width <= effect.parameters[p.name].value <= p.high + width
+
+
+@pytest.mark.parametrize(
+    ("value", "far"), [(-6e-3, True), (-4e-3, False), (1e-3, False), (9e-3, False), (11e-3, True)]
+)
+def test_a_size_is_astray_beyond_its_range_by_more_than_this_is_wide_on_either_side(
+    value: float, far: bool
+) -> None:
+    gap = {"backlash_2_gap": Estimate(value, 1e-5, "rad")}  # physical from 0 to 5 mrad
+    found = Found("backlash", {"joint": 2}, {}, gap, 0.0, 0.9, ())
+    assert astray([found], load("kuka_kr270")) is far
 
 
 def test_no_code_is_written_where_the_data_do_not_determine_the_model(run: Run, tmp_path: Path) -> None:

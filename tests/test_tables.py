@@ -71,6 +71,31 @@ def test_a_table_is_read_in_si_units(tmp_path):
     assert table.place(3).endswith("data.csv: line 5")
 
 
+UNITS = {
+    "q1": {"rad": 1.0, "mrad": 1e-3, "urad": 1e-6, "deg": math.pi / 180},
+    "q2": {"m": 1.0, "cm": 1e-2, "mm": 1e-3, "um": 1e-6},
+    "fx": {"N": 1.0, "kN": 1e3},
+    "my": {"N*m": 1.0, "kN*m": 1e3, "N*mm": 1e-3, "Nmm": 1e-3, "kNm": 1e3},
+    "time": {"s": 1.0, "ms": 1e-3, "min": 60.0, "h": 3600.0},
+}
+
+
+@pytest.mark.parametrize(("column", "unit"), [(c, u) for c, units in UNITS.items() for u in units])
+def test_a_column_is_read_in_each_of_its_units(tmp_path, column, unit):
+    cells = {"pose": "a", "q1": "rad", "q2": "m", "fz": "N", "dx": "mm"} | {column: unit}
+    head = ",".join(c if c == "pose" else f"{c}[{u}]" for c, u in cells.items())
+    row = ",".join("a" if c == "pose" else "0.25" for c in cells)
+    table = read_measurements(save(tmp_path, f"{head}\n{row}\n"))
+    seen = {
+        "q1": table.q[0, 0],
+        "q2": table.q[0, 1],
+        "fx": table.w[0, 0],
+        "my": table.w[0, 4],
+        "time": table.time[0],
+    }
+    assert seen[column] == pytest.approx(0.25 * UNITS[column][unit], rel=1e-12)
+
+
 def test_absolute_data_have_a_kind_of_their_own_and_need_no_load(tmp_path):
     table = read_measurements(save(tmp_path, "pose,q1[deg],x[mm],y[mm],z[mm]\na,1,1000,2,3\n"))
     assert table.kind == "absolute"
@@ -191,6 +216,14 @@ def test_a_row_given_in_two_files_names_both(tmp_path):
         read_measurements([one, tmp_path / ".." / tmp_path.name / "one.csv"])
 
 
+def test_equal_loads_of_two_load_steps_are_two_readings(tmp_path):
+    head = "pose,q1[rad],fz[N],dx[mm],load_step,branch\n"
+    table = read_measurements(save(tmp_path, head + "a,0,-100,0.10,1,up\na,0,-100,0.12,3,up\n"))
+    assert table.load_step.tolist() == [1.0, 3.0]
+    again = refusal(tmp_path, head + "a,0,-100,0.10,1,up\na,0,-100,0.12,1,up\n")
+    assert "line 3: duplicate of" in again
+
+
 def test_different_kinds_of_data_do_not_mix(tmp_path):
     one = save(tmp_path, GOOD, "one.csv")
     two = save(tmp_path, "pose,q1[deg],q2[deg],x[mm]\nz,1,2,3\n", "two.csv")
@@ -235,6 +268,15 @@ def test_joints_far_outside_their_limits_and_copied_poses_are_warned_of(tmp_path
     (warning,) = check_robot(read_measurements(save(tmp_path, copied)), from_table(TWO))
     assert "line 6" in warning
     assert "line 5" in warning
+
+
+@pytest.mark.parametrize(("degrees", "doubted"), [(1.5, 1), (6.2, 1), (6.6, 0), (30.0, 0), (100.0, 0)])
+def test_degrees_that_never_leave_one_turn_of_radians_are_doubted(tmp_path, degrees, doubted):
+    q = np.random.default_rng(0).uniform(-1.0, 0.0, (8, 2)) * degrees
+    q[0, 1] = -degrees
+    rows = "".join(f"p{k},{a},{b},-100\n" for k, (a, b) in enumerate(q))
+    table = read_poses(save(tmp_path, "pose,q1[deg],q2[deg],fz[N]\n" + rows))
+    assert sum("write q1[rad]" in w for w in check_robot(table, from_table(TWO))) == doubted
 
 
 def attempt(path):

@@ -322,6 +322,13 @@ def test_the_folds_that_select_what_all_data_do_are_counted() -> None:
     assert not found.refutes
 
 
+def test_the_gap_closed_is_a_share_of_what_noise_does_not_explain_and_unknown_where_that_is_little() -> None:
+    assert HeldOut(3.0, 1.5, 1.0, (), 1.0).closure == pytest.approx(0.75)
+    assert HeldOut(3.0, 3.5, 1.0, (), 1.0).closure == pytest.approx(-0.25)
+    for before in (1.04, 1.0, 0.9):  # of a gap that is hardly there, chance closes any share
+        assert np.isnan(HeldOut(before, 0.9, 1.0, (), 1.0).closure)
+
+
 def test_a_law_is_judged_on_poses_that_the_model_has_not_seen_either() -> None:
     """By hand: plain least squares of model and law on the other poses, and what that misses in those left out."""
     problem = hardening()

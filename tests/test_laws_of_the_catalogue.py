@@ -1,0 +1,84 @@
+"""The catalogue's laws against pencil and paper: what one joint of a planar arm does under a load that is known."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import numpy as np
+import pytest
+
+from symstiff.effects import EffectInstance, catalogue
+from symstiff.effects.base import Scales
+from symstiff.model import StiffnessModel, joints_only
+from symstiff.robot import load, parse
+
+TURNING = "format = 1\nname = 'turning'\n" + "[[joint]]\na = 1\nalpha = 0\nd = 0\n" * 3
+ACROSS = [0.0, 1.0, 0.0, 0.0, 0.0, 0.0]
+"""A force of one newton at the tip: one newton metre in joint 3, at which all angles are zero."""
+
+
+def turned(
+    effect: str, shape: dict[str, float], sizes: dict[str, float], load_: float, **context: Any
+) -> float:
+    """How far joint 3 turns by an effect of its own [rad], under a moment of so many N·m."""
+    model: StiffnessModel = joints_only(parse(TURNING.encode()))
+    model = model.with_effect(EffectInstance(effect, {"joint": 3}, shape))
+    values = {f"{effect}_3_{name}": value for name, value in sizes.items()}
+    moment = {k: [v] for k, v in context.items()}
+    dt = model.deflection([[0.0] * 3], [[load_ * x for x in ACROSS]], values, moment)
+    return float(dt[0, 5])
+
+
+@pytest.mark.parametrize(
+    ("effect", "shape", "sizes", "moment", "context", "expected"),
+    [
+        ("backlash", {"width": 1.0}, {"gap": 2e-4}, 500.0, {}, 1e-4),
+        ("backlash", {"width": 1.0}, {"gap": 2e-4}, -500.0, {}, -1e-4),
+        # friction lags: less deflection on the way up, more on the way down
+        ("hysteresis", {"width": 1.0}, {"width": 2e-4}, 500.0, {"branch": 1.0}, -1e-4),
+        ("hysteresis", {"width": 1.0}, {"width": 2e-4}, 500.0, {"branch": -1.0}, 1e-4),
+        ("hysteresis", {"width": 1.0, "load": 2e3, "power": 0.5}, {"width": 2e-4}, 500.0, {"branch": -1.0}, 5e-5),
+        ("hysteresis", {"width": 1.0, "loop": 1e3}, {"width": 2e-4}, 500.0, {"branch": -1.0}, 7.5e-5),
+        ("nonlinear_stiffness", {}, {"c2": 1e-10, "c3": 2e-13}, -500.0, {}, -2.5e-5 - 2.5e-5),
+        ("nonlinear_stiffness", {"load": 200.0, "knee": 1.0}, {"c": 1e-7}, 500.0, {}, 3e-5),
+        ("nonlinear_stiffness", {"load": 200.0, "saturation": 1.0}, {"c": 1e-7}, 500.0, {}, 2e-5 * math.tanh(2.5)),
+    ],
+)  # fmt: skip
+def test_a_joint_turns_as_its_law_says(effect, shape, sizes, moment, context, expected):
+    assert turned(effect, shape, sizes, moment, **context) == pytest.approx(expected, rel=1e-4)
+
+
+def test_a_drift_has_grown_by_its_parameter_at_the_end_of_the_session():
+    model = joints_only(parse(TURNING.encode()))
+    name = "thermal_drift_frame_x"
+    for shape, start, end in (
+        ({"time": 600.0}, 0.0, 600.0),
+        ({"time": 600.0, "T": 150.0}, 0.0, 600.0),
+        ({"time": 600.0, "T": 150.0, "start": 1000.0}, 1000.0, 1600.0),
+    ):
+        drifting = model.with_effect(EffectInstance("thermal_drift", {"measurement": "frame"}, shape))
+        dt = drifting.deflection(np.zeros((2, 3)), np.zeros((2, 6)), {name: 1e-4}, {"time": [start, end]})
+        np.testing.assert_allclose(dt[:, 0], [0.0, 1e-4], rtol=1e-8, atol=1e-16)
+
+
+def test_coefficients_of_powers_of_the_load_have_the_units_of_these_powers():
+    robot = load("scara")
+    slide = next(j for j, joint in enumerate(robot.joint, start=1) if joint.prismatic)
+    for joint, units in ((1, ["rad/(N*m)^2", "rad/(N*m)^3"]), (slide, ["m/N^2", "m/N^3"])):
+        parameters = EffectInstance("nonlinear_stiffness", {"joint": joint}).realise(robot).parameters
+        assert [p.unit for p in parameters] == units
+
+
+def test_any_two_of_the_last_three_joints_may_share_gears():
+    places = catalogue()["wrist_coupling"].places(load("kuka_kr270"))
+    assert [p["joints"] for p in places] == [[4, 5], [4, 6], [5, 6]]
+
+
+def test_a_loop_under_the_links_weight_closes_beyond_every_load_that_the_joint_can_carry():
+    robot = load("ur10")
+    shapes = catalogue()["hysteresis"].shapes(robot, {"joint": 2}, Scales())
+    counted = [s["loop"] for s in shapes if "loop" in s and s.get("weights")]
+    alone = [s["loop"] for s in shapes if "loop" in s and not s.get("weights")]
+    # stretched out, upper arm, forearm and wrist load the shoulder by more than 100 N·m
+    assert min(counted) > min(alone) + 100.0

@@ -1,0 +1,63 @@
+"""Remarks beside a verdict: said where the numbers call for them, and not short of that."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import pytest
+
+from symstiff.discrepancy.finding import Finding, Found, Task
+from symstiff.discrepancy.remarks import astray, out_of_range, remarked
+from symstiff.discrepancy.result import Diagnosis, Estimate
+from symstiff.discrepancy.workflow import run
+from symstiff.robot import load
+from tests.diagnosis_data import HARDENING, ROBOT, measured
+
+
+@pytest.fixture(scope="module")
+def found() -> Finding:
+    return run(Task(load(ROBOT), measured(HARDENING)))
+
+
+def said(found: Finding, last: Diagnosis, words: str) -> bool:
+    return any(words in r for r in remarked(found.assembly.situation.view, last))
+
+
+@pytest.mark.parametrize(
+    ("times", "verdict", "told"),
+    [(3.0, "named", True), (2.0, "named", False), (3.0, "unexplained", False)],
+)
+def test_a_model_that_predicts_unused_poses_badly_is_not_to_be_relied_on(
+    found: Finding, times: float, verdict: str, told: bool
+) -> None:
+    rms = replace(found.last.rms, held_out_after=times * found.last.rms.noise)
+    last = replace(found.last, rms=rms, verdict=verdict)  # type: ignore[arg-type]
+    assert said(found, last, f"{times:.1f} times the noise: these poses are too few") is told
+
+
+@pytest.mark.parametrize(
+    ("p_value", "plausible", "told"), [(1e-6, False, True), (0.01, False, False), (1e-6, True, False)]
+)
+def test_signs_are_asked_about_where_only_the_sign_keeps_what_is_sure_from_leading(
+    found: Finding, p_value: float, plausible: bool, told: bool
+) -> None:
+    size = {"backlash_2_gap": Estimate(-2e-4, 1e-5, "rad")}
+    lead = replace(
+        next(c for c in found.last.candidates if c.testable),
+        effect="backlash", where={"joint": 2}, shape={}, parameters=size, p_value=p_value, plausible=plausible,
+    )  # fmt: skip
+    last = replace(found.last, verdict="unexplained", candidates=(lead,))
+    assert said(found, last, "look at the signs of loads and readings") is told
+
+
+def test_a_size_that_the_data_hardly_tell_is_neither_astray_nor_odd() -> None:
+    robot = load(ROBOT)
+
+    def gap(std: float) -> list[Found]:
+        size = Estimate(20e-3, std, "rad")  # physical up to 5 mrad
+        return [Found("backlash", {"joint": 2}, {}, {"backlash_2_gap": size}, 0.0, 0.9, ())]
+
+    assert astray(gap(1e-3), robot)
+    assert not astray(gap(8e-3), robot)
+    assert out_of_range(gap(8e-3), robot)
+    assert not out_of_range(gap(float("inf")), robot)
