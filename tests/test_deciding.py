@@ -12,7 +12,15 @@ from symstiff.calibration.experiment.situation import look
 from symstiff.calibration.measurements import Measurements, concatenate
 from symstiff.calibration.planning import Box, Region
 from symstiff.discrepancy.candidates import scales_of
-from symstiff.discrepancy.deciding import Choice, Experiment, Rival, decide_poses, experiment_like, names_of
+from symstiff.discrepancy.deciding import (
+    Choice,
+    Experiment,
+    Rival,
+    decide_by,
+    decide_poses,
+    experiments_like,
+    names_of,
+)
 from symstiff.effects.base import EffectInstance, find
 from symstiff.model import StiffnessModel, joints_only
 from symstiff.robot import Robot, from_table, load
@@ -156,11 +164,40 @@ def test_deciding_poses_have_few_digits_where_the_limits_leave_room_for_them() -
 def test_an_experiment_is_told_from_the_richest_pose_and_goes_both_ways_if_the_data_do() -> None:
     table = measured(poses=4, levels=(0.15, 1.0))
     few = table.select(np.flatnonzero((table.pose != 2) & (np.arange(len(table)) % 6 > 2)))
-    found = experiment_like(concatenate([few, table.select(np.flatnonzero(table.pose == 2))]))
+    (found,) = experiments_like(concatenate([few, table.select(np.flatnonzero(table.pose == 2))]))
     rich = np.unique(np.round(table.w[table.pose == 2], 9), axis=0)
     assert {tuple(w) for w in rich} <= {tuple(w) for w in found.loads}
     up = np.ones(len(table))
     for branch, both in ((up, False), (-up, False), (np.where(np.arange(len(up)) % 2, 1.0, -1.0), True)):
-        ways = experiment_like(replace(table, branch=branch)).branches
+        ways = experiments_like(replace(table, branch=branch))[0].branches
         assert (ways == (1.0, -1.0)) is both
         assert both or np.isnan(ways).all()
+
+
+def test_loads_in_another_direction_of_the_data_are_tried_where_the_first_do_not_decide() -> None:
+    """A force along z bends the links and turns no joint of an arm whose axes are along z."""
+    model = stiff()
+    along = np.array([[0.0, 0.0, -90.0, 0.0, 0.0, 0.0], [0.0, 0.0, -45.0, 0.0, 0.0, 0.0]])
+    gears = [rival("backlash", 1e-4, joint=j) for j in (1, 2)]
+    blind, sees = (replace(offered_like(), loads=loads) for loads in (along, along[:, [2, 0, 1, 3, 4, 5]]))
+    taken, _ = decide_poses(model, LINKS, offered_like(), SIGMA, Choice(2, 2, offered=20))
+    taken = replace(taken, kind="deflection", values=np.zeros_like(taken.values))
+    for order in ([blind, sees], [sees, blind]):
+        experiment, table, found = decide_by(
+            order, model, gears, SIGMA, Choice(3, 1, enough=1e9, offered=40), taken
+        )
+        assert experiment is sees
+        assert np.ptp(table.w[:, 0]) > 0
+        assert found.separation
+
+
+def test_the_loads_that_are_tried_do_not_depend_on_the_order_of_poses() -> None:
+    table = measured(poses=5)
+    relabelled = replace(table, pose=table.pose.max() - table.pose, labels=table.labels[::-1])
+    one, other = experiments_like(table), experiments_like(relabelled)
+    assert len(one) == len(other) == 3
+    for a, b in zip(one, other, strict=True):
+        np.testing.assert_array_equal(a.loads, b.loads)
+    largest = [e.loads[np.argmax(np.linalg.norm(e.loads, axis=1))] for e in one]
+    for a, b in permutations(largest, 2):
+        assert abs(a @ b) < 0.9 * np.linalg.norm(a) * np.linalg.norm(b)

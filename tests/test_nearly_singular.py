@@ -60,7 +60,7 @@ FOUR_PARALLEL = [
 @pytest.mark.parametrize(
     ("rows", "tool"), [(PLANAR_4R, "[0, 0, 0]"), (FOUR_PARALLEL, "[0.05, 0.1, 0.3]")], ids=["4R", "6R"]
 )
-def test_a_robot_that_is_singular_everywhere_is_generated_and_compensates_nowhere(
+def test_generated_code_compensates_nowhere_where_a_robot_never_has_the_rank_of_its_joints(
     rows: list[tuple[float, str, float]], tool: str, precision: str, tmp_path: Path
 ) -> None:
     model = StiffnessModel.of(reduce(arm("dull", rows, tool), "wrench"))
@@ -76,9 +76,9 @@ def test_a_robot_that_is_singular_everywhere_is_generated_and_compensates_nowher
     if made.verification.compiled:
         assert made.verification.max_relative_error < (1e-12 if precision == "double" else 2e-5)
     q, w = np.array([c.q for c in found]), np.array([c.w for c in found])
-    corrected = compensate(model.with_values(values), q, w)
-    assert not corrected.solved.any()
-    np.testing.assert_array_equal(corrected.q_cmd, q)
+    corrected = compensate(model.with_values(values), q, w)  # off-line the arm does what it can
+    assert corrected.solved.mean() > 0.5
+    np.testing.assert_array_equal(corrected.q_cmd[~corrected.solved], q[~corrected.solved])
     np.testing.assert_array_equal(compensate_online(model.with_values(values), q, w), q)
 
 

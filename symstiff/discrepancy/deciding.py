@@ -33,6 +33,8 @@ _SAME_LEVEL = 1e-3
 """Difference of two levels, as a share of the largest load, up to which they are one."""
 _LEVELS = 3
 """Load levels of a pose from which no more are added."""
+_DIRECTIONS, _ALIKE = 3, 0.9
+"""Directions of loads that are looked at in turn, and the cosine from which two are one."""
 _SHAPES = 10
 """Shapes of an effect's law, besides its own, that a rival may fit with."""
 
@@ -71,30 +73,57 @@ class Choice:
     """Labels of other poses, that no new one may have."""
 
 
-def experiment_like(table: Measurements) -> Experiment:
-    """The experiment that a table came from: its markers, components, and the loads of its richest pose.
+def experiments_like(table: Measurements) -> list[Experiment]:
+    """The experiments that a table's poses came from: its markers, components, and the loads of its richest poses.
 
-    Where a pose has fewer than three levels of load, half of the largest load is added; and a tenth of it where
-    it has no small one, near which gaps and stiff gears differ.
+    Of poses with as many levels of load those whose loads point in unlike directions, a few, whatever their order.
     """
-    share = np.abs(load_factor(table))
+    share = np.round(np.abs(load_factor(table)), 6)
     poses = np.unique(table.pose)
-    rich = max(poses, key=lambda p: (len(np.unique(np.round(share[table.pose == p], 6))), -p))
-    rows = table.pose == rich
-    loads = np.unique(np.round(table.w[rows], 9), axis=0)
-    if table.w[rows].any():
-        levels = np.unique(np.round(share[rows], 6))
-        largest = loads[np.argmax(np.linalg.norm(loads, axis=1))]
-        added = [_WEAK] if len(levels) < _LEVELS else []
-        if len(levels) > 1 and levels[levels > 0].min() > 2 * _SMALL:
-            added.append(_SMALL)
-        added = [level for level in added if not np.any(np.abs(levels - level) < _SAME_LEVEL)]
-        loads = np.vstack([loads, *(level * largest[None] for level in added)])
+    levels = [len(np.unique(share[table.pose == p])) for p in poses]
+    cases = [
+        np.unique(np.round(table.w[table.pose == p], 9), axis=0)
+        for p, count in zip(poses, levels, strict=True)
+        if count == max(levels)
+    ]
     both = (table.branch > 0).any() and (table.branch < 0).any()
-    return Experiment(
-        table.kind, table.points, tuple(int(k) for k in np.flatnonzero(table.measured.any(axis=0))), loads,
+    like = Experiment(
+        table.kind, table.points, tuple(int(k) for k in np.flatnonzero(table.measured.any(axis=0))), cases[0],
         (1.0, -1.0) if both else (float("nan"),), table.joint_units,
     )  # fmt: skip
+    return [replace(like, loads=_with_levels(loads)) for loads in _unlike(cases)]
+
+
+def _unlike(cases: Sequence[Array]) -> list[Array]:
+    """Load cases (k, 6) whose largest loads point in unlike directions, each the most unlike those before it."""
+    ordered = sorted(cases, key=lambda loads: (-len(loads), loads.tolist()))
+    largest = np.array([loads[np.argmax(np.linalg.norm(loads, axis=1))] for loads in ordered])
+    along = np.abs(largest @ largest.T) / np.maximum(
+        np.outer(*(np.linalg.norm(largest, axis=1),) * 2), np.finfo(float).tiny
+    )
+    found = [0]
+    while len(found) < _DIRECTIONS:
+        alike = along[found].max(axis=0)
+        if alike.min() > _ALIKE:
+            break
+        found.append(int(np.argmin(alike)))
+    return [ordered[k] for k in found]
+
+
+def _with_levels(loads: Array) -> Array:
+    """Load cases (k, 6) and half of the largest where they have fewer than three levels, a tenth where none is small.
+
+    Near small loads gaps and stiff gears differ.
+    """
+    largest = loads[np.argmax(np.linalg.norm(loads, axis=1))]
+    if not largest.any():
+        return loads
+    levels = np.unique(np.round(np.abs(loads @ largest) / (largest @ largest), 6))
+    added = [_WEAK] if len(levels) < _LEVELS else []
+    if len(levels) > 1 and levels[levels > 0].min() > 2 * _SMALL:
+        added.append(_SMALL)
+    added = [level for level in added if not np.any(np.abs(levels - level) < _SAME_LEVEL)]
+    return np.vstack([loads, *(level * largest[None] for level in added)])
 
 
 @one_thread
@@ -123,6 +152,19 @@ def decide_poses(
     )  # fmt: skip
     used = choice.used if taken is None else (*choice.used, *taken.labels)
     return _chosen(table, best, used), best
+
+
+def decide_by(
+    experiments: Sequence[Experiment], model: StiffnessModel, rivals: Sequence[Rival], sigma: Array, choice: Choice,
+    taken: Measurements, tell: Callable[[str], None] = lambda stage: None,
+) -> tuple[Experiment, Measurements, Decider]:  # fmt: skip
+    """As ``decide_poses``, by the first experiment that tells the rivals apart well enough, else by the best."""
+    found = []
+    for experiment in experiments:
+        found.append((experiment, *decide_poses(model, rivals, experiment, sigma, choice, taken, tell)))
+        if max(found[-1][2].separation, default=0.0) >= choice.enough:
+            return found[-1]
+    return max(found, key=lambda one: max(one[2].separation, default=0.0))
 
 
 def _chosen(table: Measurements, best: Decider, used: Sequence[str]) -> Measurements:

@@ -14,7 +14,7 @@ from symstiff.calibration.experiment.readings import experiment_of
 from symstiff.calibration.identify import start_model
 from symstiff.calibration.measurements import COMPONENTS, Measurements
 from symstiff.calibration.writing import LOADS
-from symstiff.discrepancy.deciding import Choice, Rival, decide_poses, experiment_like
+from symstiff.discrepancy.deciding import Choice, Rival, decide_by, experiments_like
 from symstiff.discrepancy.finding import Finding
 from symstiff.discrepancy.separate import TAKEN
 from symstiff.errors import UserError
@@ -116,11 +116,16 @@ def write_deciding_poses(
     rivals = rivals_of(finding)
     if len(rivals) < 2:
         return None
-    experiment = experiment_like(finding.table)
-    table, found = decide_poses(
-        _free_model(finding), rivals, experiment, finding.last.noise.by_component(),
-        Choice(MOST, FEWEST, AMPLE, finding.task.seed), finding.table, tell,
-    )  # fmt: skip
+    choice, model = Choice(MOST, FEWEST, AMPLE, finding.task.seed), _free_model(finding)
+    experiment, table, found = decide_by(
+        experiments_like(finding.table),
+        model,
+        rivals,
+        finding.last.noise.by_component(),
+        choice,
+        finding.table,
+        tell,
+    )
     record = {
         "file": "decide.csv",
         "taken": TAKEN,
