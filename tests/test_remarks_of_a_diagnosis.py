@@ -16,6 +16,7 @@ from symstiff.discrepancy.workflow import run
 from symstiff.errors import UserError
 from symstiff.model import StiffnessModel, load_model
 from symstiff.reduction.reduce import reduce
+from symstiff.report.words import sentence
 from symstiff.robot import load
 from tests.diagnosis_data import HARDENING, ROBOT, measured
 
@@ -103,3 +104,13 @@ def test_a_model_file_that_lacks_a_value_is_no_model_of_a_parameter_that_is_zero
     (tmp_path / "less.toml").write_text("\n".join(lines) + "\n")
     with pytest.raises(UserError, match=f"values: {name} has none"):
         load_model(tmp_path / "less.toml")
+
+
+def test_a_gap_is_held_against_the_rows_own_noise_where_poses_share_more_than_that(
+    hardening: Finding,
+) -> None:
+    """What poses share may be what is missing: it is no noise to be content with."""
+    noise = replace(hardening.last.noise, sigma=2e-5, approach=1.7e-4)
+    other = replace(hardening, last=replace(hardening.last, noise=noise))
+    assert "(noise 0.020 mm, and 0.170 mm that a pose's rows share)" in sentence(other)
+    assert "rows share" not in sentence(hardening)

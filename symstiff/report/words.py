@@ -182,7 +182,16 @@ def gap(finding: Finding) -> str:
         text += ", on poses that were not used "
         text += f"it stays at {before}" if before == after else f"from {before} to {after}"
         text += ", which does not confirm it" if r.unconfirmed else ""
-    return f"{text} (noise {size(r.noise, finding)})"
+    return f"{text} ({_noise(finding)})"
+
+
+def _noise(finding: Finding) -> str:
+    """The noise of a coordinate; where a pose's rows share more than that, which may be something missing, both."""
+    report = finding.last.noise
+    if not report.mostly_shared:
+        return f"noise {size(finding.rms.noise, finding)}"
+    own, shared = size(report.sigma, finding), size(report.approach, finding)
+    return f"noise {own}, and {shared} that a pose's rows share"
 
 
 def _named(finding: Finding) -> str:
@@ -280,7 +289,4 @@ def _unexplained(finding: Finding) -> str:
             f"{where} the smooth law {shift(finding, law.virtual_joint)} = {law_text(finding, law)} explains "
             + explained(law)
         )
-    return (
-        f"{text} (residual {size(finding.rms.before, finding)} rms per coordinate, "
-        f"noise {size(finding.rms.noise, finding)})."
-    )
+    return f"{text} (residual {size(finding.rms.before, finding)} rms per coordinate, {_noise(finding)})."
