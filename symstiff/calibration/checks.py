@@ -81,9 +81,10 @@ def without_zeros(table: Measurements) -> tuple[Measurements, list[str]]:
     zero = ~np.any(table.w, axis=1) & ~np.any(np.nan_to_num(table.values), axis=1)
     if table.kind != "deflection" or not zero.any() or zero.all():
         return table, []
+    count = int(zero.sum())
     return table.select(np.flatnonzero(~zero)), [
-        f"{int(zero.sum())} rows without load read 0 in every column: deflections count from there, these are no "
-        "readings and are left out"
+        f"{count} row{'s' * (count > 1)} without load read{'s' * (count == 1)} 0 in every column: deflections count "
+        "from there, which is no reading and is left out"
     ]
 
 
