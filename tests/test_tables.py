@@ -251,7 +251,8 @@ def test_a_trajectory_needs_no_labels_and_may_come_back_to_a_place(tmp_path):
 def test_a_table_is_held_against_its_robot(tmp_path):
     table = read_measurements(save(tmp_path, GOOD))
     robot = from_table(TWO)
-    assert check_robot(table, robot) == []
+    (warning,) = check_robot(table, robot)
+    assert "sigma is stated for translations and not for rotations" in warning
     with pytest.raises(UserError, match="line 2: 2 joint columns, robot kuka_kr270 has 6"):
         check_robot(table, load("kuka_kr270"))
     with pytest.raises(UserError, match="line 4: robot two has no marker 'p2'"):
@@ -265,7 +266,8 @@ def test_joints_far_outside_their_limits_and_copied_poses_are_warned_of(tmp_path
     far = read_measurements(save(tmp_path, GOOD.replace("b,-45,", "b,-145,")))
     assert any("line 5" in w and "q1" in w for w in check_robot(far, from_table(TWO)))
     copied = GOOD + "c,-45,-0.5,10,-2.5,3,p1,1,2000,-0.003,1.5,0.02,4,295.15,1,down,1\n"
-    (warning,) = check_robot(read_measurements(save(tmp_path, copied)), from_table(TWO))
+    warning, sigma = check_robot(read_measurements(save(tmp_path, copied)), from_table(TWO))
+    assert "sigma is stated" in sigma
     assert "line 6" in warning
     assert "line 5" in warning
 
