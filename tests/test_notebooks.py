@@ -28,13 +28,14 @@ def _run(name):
 
 
 def _texts(node):
-    """Everything that the cells show, as text."""
+    """Everything that the cells show, as text; what a cell prints may come in pieces, in the middle of a line."""
     shown = []
     for cell in node.cells:
         for output in cell.get("outputs", []):
             shown.append(output.get("text", ""))
-            shown += [str(value) for kind, value in output.get("data", {}).items() if "image" not in kind]
-    return "\n".join(shown)
+            shown += [f"\n{value}\n" for kind, value in output.get("data", {}).items() if "image" not in kind]
+        shown.append("\n")
+    return "".join(shown)
 
 
 def _pictures(node):
