@@ -55,6 +55,19 @@ def test_the_complete_model_compensates_nearly_all_of_the_deflection_on_held_out
     assert result.validation.compensated > 0.97
 
 
+def test_the_poses_held_out_are_the_same_in_whatever_order_the_rows_stand(result) -> None:
+    table = virtual()
+    turned = np.arange(len(table.labels))[::-1]
+    backwards = replace(table.select(np.arange(len(table))[::-1]), labels=table.labels[::-1])
+    backwards = replace(backwards, pose=turned[backwards.pose])
+    shuffled = identify(load("kuka_kr270"), backwards, held_out=0.25)
+    assert shuffled.held_out is not None
+    assert set(shuffled.held_out.labels) == set(result.held_out.labels)
+    assert shuffled.validation.after["positional"].rms == pytest.approx(
+        result.validation.after["positional"].rms, rel=1e-6
+    )
+
+
 def test_what_is_identified_is_what_the_reduction_says_the_truth_looks_like(result) -> None:
     nominal = nominal_truth(load("kuka_kr270"))
     merged = reduce(load("kuka_kr270"), "gravity", "pose")

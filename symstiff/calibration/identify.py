@@ -20,7 +20,7 @@ from symstiff.calibration.loading import as_loading
 from symstiff.calibration.markers import left_of_deflections, marker_hint
 from symstiff.calibration.measurements import COMPONENTS, Measurements
 from symstiff.calibration.remarks import axis_remarks, explained, fits, of_loads, of_sag, repeated
-from symstiff.calibration.residuals import ResidualTable, residual_table, split
+from symstiff.calibration.residuals import ResidualTable, places, residual_table, split
 from symstiff.calibration.robust import RobustEstimate, robust_estimate
 from symstiff.calibration.rows import Equations, equations, predict, shared_blocks, weights
 from symstiff.calibration.soundness import (
@@ -302,7 +302,7 @@ def _refuse_for_absolute(given: Mapping[str, bool]) -> None:
 def _split(table: Measurements, share: float, seed: int) -> tuple[Measurements, Measurements | None]:
     if share == 0:
         return table, None
-    train, test = split(table.pose, share, seed)
+    train, test = split(places(table.pose, np.hstack([table.values, table.q])), share, seed)
     return table.select(train), table.select(test)
 
 

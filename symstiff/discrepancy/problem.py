@@ -9,6 +9,7 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
+from symstiff.calibration.residuals import places
 from symstiff.errors import UserError
 
 Array = NDArray[np.float64]
@@ -134,13 +135,7 @@ class Problem:
     @property
     def place(self) -> Index:
         """(M,) place of each row's pose by joint variables and data: the same in whatever order the rows stand."""
-        number = np.unique(self.pose, return_inverse=True)[1].reshape(-1)
-        keys = np.column_stack([self.y, *(() if self.q is None else (self.q,))])
-        least = np.full((int(number.max()) + 1, keys.shape[1]), np.inf)
-        np.minimum.at(least, number, keys)
-        place = np.empty(len(least), dtype=np.intp)
-        place[np.lexsort(least.T)] = np.arange(len(least))
-        return place[number]
+        return places(self.pose, np.column_stack([self.y, *(() if self.q is None else (self.q,))]))
 
 
 ANGLE, CLOCK, HISTORY = "angle", "clock", "history"
