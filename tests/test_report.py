@@ -194,6 +194,20 @@ def test_a_law_under_an_arms_weight_is_read_with_letters_and_means_the_same() ->
     assert formulas(load("kuka_kr270"), plain)[0].letters == ""
 
 
+def test_the_law_of_a_weight_is_a_load_on_its_link_and_no_deflection() -> None:
+    for instance in (
+        EffectInstance("link_weight", {"link": 4}),
+        EffectInstance("force_sensor_bias", {"load": "force_sensor"}, {"tool": 1.0}),
+    ):
+        laws = formulas(load("kuka_kr270"), instance)
+        assert laws
+        for law in laws:
+            left = law.mathml.split("<mo>=</mo>")[0]
+            assert "<mi>W</mi>" in left
+            assert "θ" not in left
+            assert "&#952;" not in left
+
+
 def test_the_difference_in_the_code_shows_the_new_parameter(page: str) -> None:
     code = page[page.index('id="code"') :]
     added = re.findall(r'<span class="add">(.*?)</span>', code, re.S)

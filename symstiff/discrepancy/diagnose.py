@@ -13,7 +13,7 @@ import numpy as np
 from symstiff.discrepancy.bank import Bank
 from symstiff.discrepancy.localise import FittedLaw, Localisation, best_law, device_law, localise
 from symstiff.discrepancy.noise import CONTRADICTED, REPEATABILITY, NoiseReport
-from symstiff.discrepancy.prepare import Prepared, prepare
+from symstiff.discrepancy.prepare import Prepared, prepare, settled
 from symstiff.discrepancy.problem import Array, Candidate, Options, Problem, key_of
 from symstiff.discrepancy.proof import HeldOut, held_out, poses_of_their_own
 from symstiff.discrepancy.result import Diagnosis, Name, Rms
@@ -83,6 +83,8 @@ def diagnose(
         ready.scan, allowed, options, lambda p: beyond(problem, ready, p), parts, tell,
         numbers(ready.bank, given), lambda scan: strata(problem, scan),
     )  # fmt: skip
+    if outcome.admissible:
+        ready = settled(problem, ready, outcome.admissible[0].entries)
     proof = _proof(problem, ready, allowed, outcome, options, tell)
     outcome = against_sigma(
         refuted(outcome) if proof is not None and proof.refutes else outcome, ready.report

@@ -91,14 +91,30 @@ def prepare(problem: Problem, candidates: Sequence[Candidate]) -> Prepared:
         del seen, clean
         seen = _opened(problem, bank, noise, by_way=look != _FINE)
         split = _split(problem, seen) if look != _FINE else split
-    clean = seen.clean
-    report = noises.report(
-        problem, noise, _within_residual(clean), clean.best.rss / max(clean.freedom, 1), clean.freedom,
-        clean.best.sharing, growth, by_marker, _sharing_none(clean),
-        pure_error(problem, at_sharing(seen.scan, clean.best.sharing), seen.obvious),
-    )  # fmt: skip
+    report = _report(problem, seen.scan, seen.clean, seen.obvious, growth, by_marker)
     report = replace(report, anew=split.anew if repeated(problem) else None)
     return Prepared(seen.scan, bank, report, _data_residual(seen.scan))
+
+
+def settled(problem: Problem, ready: Prepared, entries: tuple[int, ...]) -> Prepared:
+    """The same with the noise told that is left after what was found, which may have passed for a shared error."""
+    told = ready.report
+    report = _report(
+        problem, ready.scan, beside(ready.scan, entries).scan, entries, told.growth, told.by_marker
+    )
+    return replace(ready, report=replace(report, anew=told.anew))
+
+
+def _report(
+    problem: Problem, scan: Scan, clean: Scan, entries: tuple[int, ...], growth: dict[str, float],
+    by_marker: dict[str, float],
+) -> noises.NoiseReport:  # fmt: skip
+    """The noise that some entries leave, ``clean`` being the scan with them."""
+    return noises.report(
+        problem, clean.noise, _within_residual(clean), clean.best.rss / max(clean.freedom, 1), clean.freedom,
+        clean.best.sharing, growth, by_marker, _sharing_none(clean),
+        pure_error(problem, at_sharing(scan, clean.best.sharing), entries),
+    )  # fmt: skip
 
 
 def _looked(problem: Problem, bank: Bank, noise: noises.Noise) -> tuple[Bank, _Look]:

@@ -31,6 +31,9 @@ class HeldOut:
     """
 
     before: float
+    """By the start model as it is identified by itself: weighed as the grown one is, or by the rows' own noise."""
+    alike: float
+    """By the start model weighed as the grown one is."""
     after: float
     """With what each fold selected for itself."""
     noise: float
@@ -42,7 +45,7 @@ class HeldOut:
     @property
     def refutes(self) -> bool:
         """Whether most folds select something else, and that predicts the poses left out worse than nothing does."""
-        return self.after > self.before and self.again < AGAIN
+        return self.after > self.alike and self.again < AGAIN
 
     @property
     def closure(self) -> float:
@@ -69,7 +72,8 @@ def held_out(
     folds = min(options.folds, poses) if poses <= 20 else min(options.folds, 5)
     fold = np.random.default_rng(options.seed).permutation(poses)[problem.place] % folds
     translation = problem.axis < 3 if np.any(problem.axis < 3) else np.ones(problem.rows, bool)
-    error = {name: np.zeros(problem.rows) for name in ("before", "after")}
+    alone = replace(noise, sharings=(replace(noise.sharings[0], ratio=0.0),))
+    error = {name: np.zeros(problem.rows) for name in ("alone", "alike", "after")}
     admitted = sets or [()]
     selected, again = [], []
     for k in range(folds):
@@ -78,11 +82,12 @@ def held_out(
         names, chosen = _select(problem, few, noise, train, allowed, len(there[0]))
         selected.append(names)
         again.append(sorted(names) in [_names(bank, found) for found in there])
-        for name, used in (("before", ()), ("after", chosen)):
-            error[name][test] = _predict(problem, noise, train, test, used)
+        for name, used, weights in (("alone", (), alone), ("alike", (), noise), ("after", chosen, noise)):
+            error[name][test] = _predict(problem, weights, train, test, used)
     told = translation & ~np.isin(problem.pose, poses_of_their_own(problem, bank, entries))
     rms = {name: float(np.sqrt(np.mean(e[told] ** 2))) for name, e in error.items()}
-    return HeldOut(rms["before"], rms["after"], sigma, tuple(selected), float(np.mean(again)))
+    before = min(rms["alone"], rms["alike"])
+    return HeldOut(before, rms["alike"], rms["after"], sigma, tuple(selected), float(np.mean(again)))
 
 
 def _names(bank: Bank, entries: Sequence[int]) -> list[str]:

@@ -131,9 +131,14 @@ def _of_single(last: Diagnosis) -> list[str]:
     if last.verdict != NAMED:
         return []
     rows = [name.where.get("rows", ()) for name, _, _ in last.leading]
-    names = ", ".join(str(pose) for labels in rows if isinstance(labels, list | tuple) for pose in labels)
-    said = f"pose {names}: measure it again, or leave it out; no other pose confirms it or can be predicted by it"
-    return [said] if names else []
+    names = [str(pose) for labels in rows if isinstance(labels, list | tuple) for pose in labels]
+    if not names:
+        return []
+    poses, them = ("pose", "it") if len(names) == 1 else ("poses", "them")
+    return [
+        f"{poses} {', '.join(names)}: measure {them} again, or leave {them} out; no other pose confirms what was found "
+        "there or can be predicted by it"
+    ]
 
 
 def _of_further(last: Diagnosis) -> list[str]:

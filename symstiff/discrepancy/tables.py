@@ -14,7 +14,7 @@ from symstiff.discrepancy.power import visible
 from symstiff.discrepancy.prepare import Prepared
 from symstiff.discrepancy.problem import Array, Candidate, Options, Problem, Shape
 from symstiff.discrepancy.result import CandidateResult, Estimate, Name, NamedEffect, Step
-from symstiff.discrepancy.scan import Scan, at_sharing, coefficients, evidence, extend, likeliest
+from symstiff.discrepancy.scan import Scan, at_sharing, at_sharings, coefficients, evidence, extend, likeliest
 from symstiff.discrepancy.search import Judged
 from symstiff.discrepancy.strata import strata
 from symstiff.discrepancy.testability import why_untestable
@@ -198,9 +198,12 @@ def unavailable(candidates: Sequence[Candidate], reason: str) -> tuple[Candidate
 def steps(problem: Problem, ready: Prepared, named: Judged | None, outcome: Outcome) -> tuple[Step, ...]:
     """The growth path: the starting model, then each member of the named set in the order of its strength.
 
-    All under the shared error that is left at its end: before it, what is missing passes for one.
+    All under the shared error that is left at its end: before it, what is missing passes for one. Only what is left on
+    the way is that of models that are identified by themselves, by the rows' own noise: weighed as the last one is they
+    may leave more than they have to, and the gap would seem wider than it is.
     """
     entries: tuple[int, ...] = named.entries if named is not None else ()
+    alone = replace(ready, scan=_unshared(ready.scan))
     ready = replace(ready, scan=at_sharing(ready.scan, likeliest(ready.scan, entries).sharing))
     rows = problem.axis < 3 if np.any(problem.axis < 3) else np.ones(problem.rows, bool)
     out = []
@@ -208,14 +211,15 @@ def steps(problem: Problem, ready: Prepared, named: Judged | None, outcome: Outc
         used = entries[:count]
         scan = extend(ready.scan, used)
         model, std, fitted, effects = _fitted(problem, ready, used)
-        residual = problem.y - fitted
+        on_the_way = count < len(entries)
+        residual = problem.y - (_fitted(problem, alone, used)[2] if on_the_way else fitted)
         found = evidence(scan)
         owners = [int(ready.bank.owner[e]) for e in used]
         score = np.where(ready.bank.generic, -np.inf, found.score)
         score[owners] = -np.inf
         best = float(np.max(score, initial=-np.inf))
         further = _name(ready.bank.candidates[int(np.argmax(score))]) if np.isfinite(best) else None
-        p_left = outcome.null.p_named(best) if count < len(entries) or named is None else named.p_left_named
+        p_left = outcome.null.p_named(best) if on_the_way or named is None else named.p_left_named
         out.append(
             Step(
                 effects[-1][0] if effects else None, model, std, tuple(effects),
@@ -223,6 +227,11 @@ def steps(problem: Problem, ready: Prepared, named: Judged | None, outcome: Outc
             )
         )  # fmt: skip
     return tuple(out)
+
+
+def _unshared(scan: Scan) -> Scan:
+    """The scan by the rows' own noise alone."""
+    return at_sharings(scan, np.array([layer.sharing.ratio == 0.0 for layer in scan.layers]))
 
 
 def noise_floor(ready: Prepared) -> float:

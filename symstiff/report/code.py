@@ -45,7 +45,9 @@ def formulas(robot: Robot, instance: EffectInstance) -> list[Formula]:
         kind, place = term.at.kind, f"{term.at.body}" + (f",{term.at.axis}" if term.at.axis else "")
         slides = kind == "joint" and robot.joint[term.at.body - 1].prismatic
         turned = f"q_{place}" if slides else f"theta_{place}"
-        symbol = {"measure": f"t_{term.at.axis}", "load": f"W_{term.at.axis}"}.get(kind, turned)
+        symbol = {
+            "measure": f"t_{term.at.axis}", "load": f"W_{term.at.axis}", "body": f"W_{place}"
+        }.get(kind, turned)  # fmt: skip
         with sp.evaluate(False):
             symbol_of = sp.Symbol(term.parameter)
             law = symbol_of if term.factor == 1 else symbol_of * term.factor
