@@ -66,6 +66,12 @@ def test_the_remark_says_that_the_complete_model_took_over(found: Finding) -> No
     assert any("complete model" in remark for remark in found.remarks)
 
 
+def test_what_the_complete_model_keeps_are_sums_whose_sign_is_no_reason_for_doubt(found: Finding) -> None:
+    sizes = [(n, e) for f in found.named if f.effect == "link_compliance" for n, e in f.parameters.items()]
+    assert any(n[-1] == n[-2] and e.value + e.std < 0 for n, e in sizes)
+    assert not any("link compliance" in remark and "is physical" in remark for remark in found.remarks)
+
+
 @pytest.mark.parametrize(
     ("link", "parameters", "effect"),
     [

@@ -10,6 +10,7 @@ from symstiff.discrepancy.finding import Finding, Found, Task
 from symstiff.discrepancy.remarks import astray, out_of_range, remarked
 from symstiff.discrepancy.result import Diagnosis, Estimate
 from symstiff.discrepancy.workflow import run
+from symstiff.effects.base import EffectInstance
 from symstiff.robot import load
 from tests.diagnosis_data import HARDENING, ROBOT, measured
 
@@ -61,3 +62,26 @@ def test_a_size_that_the_data_hardly_tell_is_neither_astray_nor_odd() -> None:
     assert not astray(gap(8e-3), robot)
     assert out_of_range(gap(8e-3), robot)
     assert not out_of_range(gap(float("inf")), robot)
+
+
+@pytest.mark.parametrize(
+    ("deviation", "told"),
+    [
+        (
+            float("inf"),
+            "is physical for it alone: here it is a sum with k2_26, which these data do not tell from it",
+        ),
+        (1e-9, "is physical: what these data do not tell from it may be in it"),
+    ],
+)
+def test_a_compliance_that_bears_another_one_is_a_sum_and_may_be_below_zero(
+    deviation: float, told: str
+) -> None:
+    """k2_22 - a·k2_26 of a beam is negative whatever is measured."""
+    robot = load("kuka_kr270")
+    instance = EffectInstance("link_compliance", {"link": 2})
+    sizes = {p.name: Estimate(1e-7, 1e-9, p.unit) for p in instance.realise(robot).parameters}
+    sizes |= {"k2_22": Estimate(-1.7e-7, 2e-8, "m/N"), "k2_26": Estimate(0.0, deviation, "rad/N")}
+    (remark,) = out_of_range([Found("link_compliance", {"link": 2}, {}, sizes, 0.0, 0.9, ())], robot)
+    assert "k2_22 is (−1.70 ± 0.20)·10⁻⁷ m/N, where at least 0 m/N" in remark
+    assert told in remark

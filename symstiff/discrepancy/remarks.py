@@ -246,21 +246,29 @@ def out_of_range(effects: Sequence[Found], robot: Robot) -> list[str]:
     """Remarks on effects with sizes that nobody would believe, though the data allow sizes within the range."""
     out = []
     for effect in effects:
-        known = ((p, effect.parameters.get(p.name)) for p in effect.instance.realise(robot).parameters)
-        odd = [
-            (p, found)
-            for p, found in known
-            if found is not None and np.isfinite(found.std) and _unbelievable(p, found)
-        ]
+        known = [(p, effect.parameters.get(p.name)) for p in effect.instance.realise(robot).parameters]
+        told = [(p, found) for p, found in known if found is not None and np.isfinite(found.std)]
+        odd = [(p, found) for p, found in told if _unbelievable(p, found)]
         if not odd:
             continue
         beyond = "; ".join(_beyond(p, found) for p, found in odd)
-        it, them = ("it", "its size") if len(odd) == 1 else ("them", "their sizes")
-        out.append(
-            f"{named_at(effect.effect, effect.where)}: {beyond} is physical: what these data do not tell from {it} "
-            f"may be in {it}, so do not rely on {them} before more poses were measured"
-        )
+        merged = ", ".join(p.name for p, found in known if found is None or not np.isfinite(found.std))
+        below = all(p.low == 0.0 and found.value < 0.0 for p, found in odd)
+        why = _of_a_sum(merged) if merged and below else _of_chance(len(odd))
+        out.append(f"{named_at(effect.effect, effect.where)}: {beyond} is physical{why}")
     return out
+
+
+def _of_chance(count: int) -> str:
+    it, them = ("it", "its size") if count == 1 else ("them", "their sizes")
+    return (
+        f": what these data do not tell from {it} may be in {it}, so do not rely on {them} before more poses were "
+        "measured"
+    )
+
+
+def _of_a_sum(merged: str) -> str:
+    return f" for it alone: here it is a sum with {merged}, which these data do not tell from it, and a sum may be below zero"
 
 
 def _outside(parameter: EffectParameter, found: Estimate) -> float:

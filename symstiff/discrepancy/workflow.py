@@ -184,7 +184,12 @@ def _finding(
     counted = named if verdict == AMBIGUOUS else tuple(e for e in named if e.set_number == 0)
     assumed = (f"{named_at(e.effect, e.where)}: {a}" for e in counted for a in e.instance.assumptions)
     remarks += dict.fromkeys(assumed)  # several sets may hold one effect
-    remarks += dict.fromkeys(out_of_range(counted, task.robot))
+    ladder = {
+        named_at(e.effect, e.where) for e in climbed
+    }  # what the complete model keeps are sums with signs
+    remarks += dict.fromkeys(
+        out_of_range([e for e in counted if named_at(e.effect, e.where) not in ladder], task.robot)
+    )
     return Finding(
         task, table, before, after, told, first, last, assembly, verdict if testable else UNEXPLAINED, testable, reason,
         counted, tuple(e for e in named if e not in counted),
