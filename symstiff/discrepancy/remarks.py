@@ -268,7 +268,10 @@ def _of_chance(count: int) -> str:
 
 
 def _of_a_sum(merged: str) -> str:
-    return f" for it alone: here it is a sum with {merged}, which these data do not tell from it, and a sum may be below zero"
+    return (
+        f" for it alone: here it is a sum with {merged}, which these data do not tell from it, "
+        "and a sum may be below zero"
+    )
 
 
 def _outside(parameter: EffectParameter, found: Estimate) -> float:
