@@ -182,6 +182,16 @@ MISTAKES = [
     ),
     (
         "[tool]",
+        template("t", "......", ".....*", "......", "......", "......", ".*...."),
+        "template[1].pattern: row 2: entry 26 is a coupling without 22 and 66 on the diagonal, which no elastic body",
+    ),
+    (
+        "[tool]",
+        template("t", "*.....", ".*....", "....*.", "......", "..*.*.", "......"),
+        "template[1].pattern: row 3: entry 35 is a coupling without 33 on the diagonal",
+    ),
+    (
+        "[tool]",
         template("full", *["......"] * 6),
         "template: the names must differ",
     ),
