@@ -65,9 +65,9 @@ class StiffnessModel:
 
     @classmethod
     def of(cls, reduction: Reduction, values: Mapping[str, float] | None = None) -> StiffnessModel:
-        """The model that a reduction leaves; values default to those the robot file knows."""
-        if values is None:
-            values = known_values(reduction)
+        """The model that a reduction leaves; values default to those that the robot file knows. UserError for none."""
+        reduction.check_any()
+        values = known_values(reduction) if values is None else values
         experiment = reduction.experiment
         fixed = {j: float(v) for j, v in reduction.standing.items()}
         model = cls(reduction.robot, reduction.kept, experiment.loads, experiment.measure, fixed=fixed)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import json
 import os
 import re
@@ -96,6 +97,36 @@ def test_inspect_keeps_standard_output_for_json_alone(run: Run) -> None:
     result = run("inspect", "planar2r", "--json", "-")
     assert json.loads(result.out)["robot"] == "planar2r"
     assert "planar" in result.err.lower()
+
+
+def test_inspect_prints_what_it_knows_before_the_closed_forms_that_take_time(
+    run: Run, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def stopped(reduction: object) -> None:
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr("symstiff.reduction.closed_form.closed_form", stopped)
+    result = run("inspect", "planar2r")
+    assert result.code == 130
+    assert "M5" in result.out
+    assert "identifiable set (12)" in result.out
+    assert "couplings" not in result.out
+
+
+def test_inspect_shows_on_a_terminal_what_it_is_at() -> None:
+    pty = pytest.importorskip("pty")
+    ours, theirs = pty.openpty()
+    command = [sys.executable, "-m", "symstiff", "inspect", "planar2r"]
+    with subprocess.Popen(command, stdout=theirs, stderr=theirs, env=os.environ | {"TERM": "xterm"}) as done:
+        os.close(theirs)
+        seen = b""
+        with contextlib.suppress(OSError):  # how a terminal ends on Linux
+            while part := os.read(ours, 4096):
+                seen += part
+    os.close(ours)
+    assert done.returncode == 0
+    stages = [seen.index(s) for s in (b"deriving and reducing", b"couplings in closed form", b"eliminated")]
+    assert stages == sorted(stages)
 
 
 def test_inspect_takes_fixed_joints_and_wishes(run: Run) -> None:

@@ -233,10 +233,44 @@ def test_test_poses_without_a_load_are_refused(run: Run, place: Path) -> None:
     assert_users_mistake(done, "the test poses carry no load")
 
 
-def test_a_robot_that_no_such_load_bends_gets_no_code(run: Run, tmp_path: Path) -> None:
+FALLING = "pose,q1[deg],q2[deg],fz[N],dx[mm],dy[mm],dz[mm]\n" + "".join(
+    f"p{k},{40 * k},{25 * k - 60},-100,0.01,0.02,{-0.5 + 0.02 * k}\n" for k in range(3)
+)
+
+
+@pytest.mark.parametrize(
+    ("command", "remedy"),
+    [
+        (("generate", "flat.toml", "--loads", "gravity", "-o", "out"), "--loads force or wrench"),
+        (("plan", "flat.toml", "--loads", "gravity", "--poses", "3", "-o", "out"), "--loads force or wrench"),
+        (("effects", "flat.toml", "--loads", "gravity"), "--loads force or wrench"),
+        (("footprint", "flat.toml", "--loads", "gravity"), "--loads force or wrench"),
+        (("identify", "flat.toml", "falling.csv", "-o", "out"), "another template in the robot file"),
+        (("diagnose", "flat.toml", "falling.csv", "-o", "out"), "another template in the robot file"),
+        (("identify", "planar2r", "falling.csv", "--start", "joints", "-o", "out"), "--start complete"),
+        (("diagnose", "planar2r", "falling.csv", "--start", "joints", "-o", "out"), "--start complete"),
+    ],
+)
+def test_a_robot_that_no_such_load_bends_is_refused_by_every_command(
+    run: Run, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, command: tuple[str, ...], remedy: str
+) -> None:
+    monkeypatch.chdir(tmp_path)
     row = '[[joint]]\na = 0.4\nalpha = 0\nd = 0\n[joint.link]\nbeam_axis = "x"\ntemplate = "rigid"\n'
     base = 'format = 1\nname = "flat"\n[base.link]\nbeam_axis = "z"\ntemplate = "rigid"\n'
     (tmp_path / "flat.toml").write_text(base + row + row)
-    done = run("generate", str(tmp_path / "flat.toml"), "--loads", "gravity", "-o", str(tmp_path / "code"))
-    assert_users_mistake(done, "the model has no parameter", "--loads force or wrench")
-    assert not (tmp_path / "code").exists()
+    (tmp_path / "falling.csv").write_text(FALLING)
+    assert_users_mistake(run(*command), "the model has no parameter", remedy)
+    assert not (tmp_path / "out").exists()
+
+
+def test_a_tool_on_the_axis_has_a_rotation_alone_to_show(run: Run, tmp_path: Path) -> None:
+    head = 'format = 1\nname = "spindle"\n[base.link]\ntemplate = "rigid"\n'
+    row = '[[joint]]\na = 0\nalpha = 0\nd = 0.2\n[joint.link]\ntemplate = "rigid"\n'
+    (tmp_path / "spindle.toml").write_text(head + row)
+    for loads, remedy in (
+        ("wrench", "use --measure pose"),
+        ("force", "use --loads wrench and --measure pose"),
+    ):
+        done = run("effects", tmp_path / "spindle.toml", "--loads", loads, "--measure", "position")
+        assert_users_mistake(done, f"under {loads} loads nothing that bends in spindle", remedy)
+    assert run("effects", tmp_path / "spindle.toml", "--loads", "wrench", "--measure", "pose").code == 0

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import warnings
 
 import numpy as np
 import pytest
@@ -375,6 +376,13 @@ def test_a_joint_that_no_load_turns_asks_for_a_moment_about_its_axis():
     assert fit.rank.silent == ("c1",)
     assert "a moment about the axis of joint 1" in str(missing_information(fit.rank, joints, 120))
     assert "a force along the axis of joint 1" in str(missing_information(fit.rank, joints, 120, {1}))
+
+
+def test_columns_that_no_row_fills_are_all_silent_and_nothing_overflows():
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        fit = estimate(np.zeros((9, 2)), np.ones(9), None, ["c1", "c2"])
+    assert (fit.rank.rank, fit.rank.silent, fit.rank.affected) == (0, ("c1", "c2"), ("c1", "c2"))
 
 
 def test_sixteen_thousand_poses_need_no_matrix_of_rows_by_rows():

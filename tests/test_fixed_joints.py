@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import json
+import math
 from pathlib import Path
 
 import numpy as np
 import pytest
-from command_line import Run, run_command_line  # noqa: F401
+from command_line import Run, assert_users_mistake, run_command_line  # noqa: F401
 
 from symstiff.calibration.identify import identify
 from symstiff.calibration.measurements import measurements
@@ -15,6 +16,7 @@ from symstiff.errors import UserError
 from symstiff.model import StiffnessModel, joints_only, load_model
 from symstiff.reduction.physical import physical_stages
 from symstiff.reduction.reduce import reduce
+from symstiff.reduction.remarks import reduction_remarks
 from symstiff.robot import load
 
 ROBOT = "ur10"
@@ -106,3 +108,47 @@ def test_angles_of_a_table_in_degrees_stand_for_themselves(degrees: dict[int, fl
     A = A[:, size > 1e-12 * size.max()] / size[size > 1e-12 * size.max()]
     assert reduction.partition.rank == np.linalg.matrix_rank(A, tol=1e-9)
     assert len(reduction.parameters) == reduction.partition.rank
+
+
+@pytest.mark.parametrize(
+    ("fixed", "doubted"),
+    [
+        ({5: "1.5708"}, 'q5 standing still at 1.5708 rad, not quite pi/2: where that is meant, write "pi/2"'),
+        ({2: "0.5236", 3: "-0.5236", 5: "0.5236"}, "q2, q5 standing still at 0.5236 rad, not quite pi/6"),
+        ({3: 1e-5}, 'q3 standing still at 1e-05 rad, not quite 0: where that is meant, write "0"'),
+        ({5: "pi/2"}, ""),
+        ({5: "1.5707963268"}, ""),
+        ({5: 3 * math.pi / 2}, ""),
+        ({5: "0.3", 3: "1.57"}, ""),
+    ],
+)
+def test_a_joint_that_stands_nearly_square_is_doubted(fixed: dict[int, str], doubted: str) -> None:
+    told = [r for r in reduction_remarks(reduce(load("kuka_kr270"), "gravity", fixed=fixed)) if "still" in r]
+    assert any(doubted in r for r in told) if doubted else not told
+
+
+def test_a_slide_that_stands_still_is_no_angle() -> None:
+    robot = load("scara")
+    assert robot.joint[2].prismatic
+    assert not any("still" in r for r in reduction_remarks(reduce(robot, "gravity", fixed={3: 1e-4})))
+
+
+def test_a_table_of_rounded_radians_is_refused_by_the_name_of_the_joint(run: Run, tmp_path: Path) -> None:
+    """The fifth joint of a wrist at a right angle, printed with four digits: of the same poses degrees are enough."""
+    rng = np.random.default_rng(4)
+    q = rng.uniform([-3, -2, -1.5, -3, 0, -3], [3, 0, 2, 3, 0, 3], (25, 6))
+    (tmp_path / "truth.toml").write_text('format = 1\nrobot = "kuka_kr270"\n[noise]\nsigma_mm = 0.02\n')
+    for unit, size, square in (("rad", 1.0, "1.5708"), ("deg", 180 / np.pi, "90")):
+        rows = [[*(f"{x * size:.4f}" for x in row[:4]), square, f"{row[5] * size:.4f}"] for row in q]
+        lines = [f"a{k},{','.join(row)},-2500,{p}" for k, row in enumerate(rows) for p in ("p1", "p2", "p3")]
+        head = ",".join(["pose", *(f"q{j}[{unit}]" for j in range(1, 7)), "fz[N]", "point"])
+        (tmp_path / "poses.csv").write_text("\n".join([head, *lines]) + "\n")
+        data, model = tmp_path / f"{unit}.csv", tmp_path / f"{unit}.toml"
+        done = run("simulate", tmp_path / "truth.toml", "--poses", tmp_path / "poses.csv", "-o", data)
+        assert done.code == 0, done
+        done = run("identify", "kuka_kr270", data, "-o", model)
+        if unit == "rad":
+            assert_users_mistake(done, "symstiff: q5 standing still at 1.5708 rad", "in a table degrees")
+        else:
+            assert done.code == 0, done
+            assert "standing" not in done.out

@@ -163,6 +163,21 @@ def test_what_deflections_do_not_show_stays_as_it_was_told(effect: EffectInstanc
     assert any("deflections do not show it" in r for r in found.remarks)
 
 
+def test_a_start_of_nothing_that_deflections_show_has_nothing_to_identify() -> None:
+    offset = EffectInstance("joint_offset", {"joint": 1})
+    start = StiffnessModel(load("planar2r"), (), "gravity", "position", (offset,))
+    q, w, sunk = (
+        np.radians([[10.0, 20.0], [60.0, -50.0]]),
+        [0, 0, -100, 0, 0, 0],
+        [0, 0, -5e-4, *[np.nan] * 3],
+    )
+    table = measurements(q, [w] * 2, kind="deflection", values=[sunk] * 2)
+    with pytest.raises(
+        UserError, match=r"nothing to identify: joint offset \(1\): deflections do not show it"
+    ):
+        identify(load("planar2r"), table, start)
+
+
 def test_a_weight_that_a_bending_law_would_feel_is_told() -> None:
     """Loaded minus unloaded shows no weight, but a gear that bends stands elsewhere on its law under it."""
     robot = load(ROBOT)

@@ -131,6 +131,21 @@ def test_casadi_and_cpp_and_python_give_the_deflection(tmp_path: Path) -> None:
     np.testing.assert_allclose(json.loads(printed.stdout), BENT, atol=1e-12)
 
 
+def test_an_arm_without_any_spring_has_code_whose_stiffness_is_singular(tmp_path: Path) -> None:
+    compiler()
+    robot = parse(ROBOT.encode(), "rig.toml")
+    offset = EffectInstance("joint_offset", {"joint": 2})
+    made = generate(StiffnessModel(robot, (), effects=(offset,)), tmp_path / "rig")
+    assert made.verification.compiled
+    library = shared_library(tmp_path / "rig", ["rig.c"])
+    params, q, dt, K = ((ctypes.c_double * n)() for n in (1, 2, 6, 36))
+    params[0] = 1e-3
+    w = (ctypes.c_double * 6)(*W)
+    assert library.rig_deflection(params, q, w, dt) == 0
+    np.testing.assert_allclose([*dt], [0.0, 0.0, -0.8e-3, 0.0, 1e-3, 0.0], atol=1e-15)
+    assert library.rig_stiffness(params, q, K) == -3
+
+
 def test_the_estimator_is_refused_in_one_line(tmp_path: Path, run: Run) -> None:
     (tmp_path / "rig.toml").write_text(ROBOT)
     a_model().save(tmp_path / "model.toml")

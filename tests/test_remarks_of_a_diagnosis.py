@@ -9,7 +9,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from symstiff.calibration.measurements import concatenate
+from symstiff.calibration.measurements import concatenate, measurements
+from symstiff.calibration.simulation.experiment import simulate
+from symstiff.calibration.simulation.truth import truth_from_table
 from symstiff.discrepancy.finding import Finding, Task
 from symstiff.discrepancy.remarks import _of_approach
 from symstiff.discrepancy.workflow import run
@@ -51,6 +53,22 @@ def test_what_would_have_been_seen_does_not_depend_on_what_was_named(
     assert len(both) >= 3
     for name in both:
         assert after[name] == pytest.approx(before[name], rel=0.3), name
+
+
+def test_a_start_that_no_row_loads_is_diagnosed_all_the_same() -> None:
+    """Joints with vertical axes under vertical loads, before a link that bends: poses left out are predicted too."""
+    rng = np.random.default_rng(0)
+    q = np.repeat(rng.uniform(-2.5, 2.5, (20, 2)), 2, axis=0)
+    w = np.zeros((40, 6))
+    w[:, 2] = np.tile([-100.0, -200.0], 20)
+    soft = {"start": "zero", "c1": 1e-6, "c2": 1e-6, "k1_33": 2e-6, "k1_55": 1e-6}
+    table = {"format": 1, "robot": ROBOT, "compliance": soft, "noise": {"sigma_mm": 0.01}}
+    found = run(
+        Task(load(ROBOT), simulate(truth_from_table(table), measurements(q, w), 3), "joints", loads="force")
+    )
+    assert [(e.effect, e.where) for e in found.effects] == [("link_compliance", {"link": 1})]
+    assert any("2 of the start model's 2 parameters are not determined" in r for r in found.remarks)
+    assert found.rms.held_out_after == pytest.approx(1e-5, rel=0.3)
 
 
 def test_loads_outside_a_start_models_class_are_told() -> None:

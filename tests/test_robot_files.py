@@ -182,6 +182,16 @@ MISTAKES = [
     ),
     (
         "[tool]",
+        template("t", "......", ".....*", "......", "......", "......", ".*...."),
+        "template[1].pattern: row 2: entry 26 is a coupling without 22 and 66 on the diagonal, which no elastic body",
+    ),
+    (
+        "[tool]",
+        template("t", "*.....", ".*....", "....*.", "......", "..*.*.", "......"),
+        "template[1].pattern: row 3: entry 35 is a coupling without 33 on the diagonal",
+    ),
+    (
+        "[tool]",
         template("full", *["......"] * 6),
         "template: the names must differ",
     ),
@@ -377,6 +387,24 @@ def test_an_angle_near_zero_is_doubted():
     remarks = reduction_remarks(reduce(from_table(table, "ur10"), "gravity"))
     assert any('alpha of joint 2: 1e-05 is not quite 0: write "0"' in r for r in remarks)
     assert not any("not quite" in r for r in reduction_remarks(reduce(load("ur10"), "gravity")))
+
+
+@pytest.mark.parametrize("place", ["base", "tool"])
+@pytest.mark.parametrize(("k", "turn"), [(0, "roll"), (1, "pitch"), (2, "yaw")])
+def test_a_base_or_tool_nearly_square_to_the_world_is_doubted(place: str, k: int, turn: str) -> None:
+    """As a wall-mounted arm: with 1.5708 for its roll the weight of a load has a share along the vertical axes."""
+
+    def remarks(angle: object) -> list[str]:
+        rpy: list[object] = [0, 0, 0]
+        rpy[k] = angle
+        table = to_table(load("planar2r"))
+        table[place] = table.get(place, {}) | {"rpy": rpy}
+        return reduction_remarks(reduce(from_table(table, "turned"), "gravity"))
+
+    assert remarks(3.1416) == [
+        f'{turn} in {place}.rpy: 3.1416 is not quite pi: write "pi" where that is meant'
+    ]
+    assert remarks("pi") == remarks(math.pi) == remarks(1.2) == []
 
 
 @pytest.mark.parametrize(

@@ -146,6 +146,8 @@ def identify(
     model, left_out = _of_laws(model)
     told = model
     model, unseen = seen_in(model, table.kind)
+    if not model.parameters:
+        raise UserError("nothing to identify: " + "; ".join([*left_out, *unseen]))
     remarks += [*left_out, *unseen]
     if table.kind == "absolute":
         return _from_absolute(model, reduction, table, remarks)

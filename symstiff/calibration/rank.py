@@ -13,6 +13,7 @@ import scipy.linalg
 from symstiff.calibration.compact import Array, Compact
 
 _NEGLIGIBLE = 1e-6  # of a scaled column: below it a coefficient of a coupling is rounding
+_NOTHING = 1e-150  # singular value that stands for zero where all are: its inverse has a square
 
 
 @dataclass(frozen=True)
@@ -108,7 +109,7 @@ def decide_rank(
     rank = int(np.sum(s > max(rounding, drowned)))
     known = np.sum((Vt[:rank] / s[:rank, None]) ** 2, axis=0)
     # A dropped direction matters to a parameter where it would at least double that parameter's variance.
-    floor = max(rounding, np.finfo(float).tiny)
+    floor = max(rounding, _NOTHING)
     lost = np.sum((Vt[rank:] / np.maximum(s[rank:, None], floor)) ** 2, axis=0)
     affected = tuple(name for name, a, b in zip(names, lost, known, strict=True) if a > b)
     null = Vt[rank:].T / form.scale[:, None]

@@ -77,16 +77,20 @@ def show_reduction(
     avoid: Sequence[str],
     json: str | None,
 ) -> None:
-    """Print the reduction stage by stage."""
+    """Print the reduction stage by stage: what is numbers first, since closed forms of long arms take their time."""
     from symstiff.reduction import reduce
     from symstiff.reduction.closed_form import closed_form
 
     check_targets({"--json": json}, [robot])
-    reduction = reduce(load(robot), loads, measure, parse_fixed(fixed), prefer, avoid)
-    symbolic = closed_form(reduction)
+    described, joints = load(robot), parse_fixed(fixed)
     out = console(json)
-    print_stages(out, reduction)
-    _print_groups(out, reduction)
+    with stages(out) as progress:
+        progress("deriving and reducing")
+        reduction = reduce(described, loads, measure, joints, prefer, avoid)
+        print_stages(out, reduction)
+        _print_groups(out, reduction)
+        progress("couplings in closed form")
+        symbolic = closed_form(reduction)
     _print_couplings(out, symbolic)
     result = reduction.as_dict()
     result["couplings_symbolic"] = {e: {k: str(c) for k, c in row.items()} for e, row in symbolic.items()}

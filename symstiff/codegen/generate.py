@@ -54,7 +54,8 @@ def generate(
     left_out = tuple(e.effect for e in whole.effects if e not in model.effects)
     if not model.parameters:
         raise UserError(
-            "the model has no parameter: no such load bends this robot; use --loads force or wrench"
+            "the model holds errors of the measurement alone, which are no laws of the robot: nothing to generate; "
+            "identify its compliances"
         )
     functions = Functions(model)
     with new_folder(folder, CODE) as temporary:

@@ -220,8 +220,8 @@ def _inverse(C: Sequence[Any], unit: float, regular: float) -> tuple[list[Any] |
         for j in range(6):
             matrix[i, j] = C[6 * i + j] * scale[i] * scale[j]
     s = np.linalg.svd(np.array(matrix.tolist(), dtype=float), compute_uv=False)
-    if s[5] < s[0] * regular:
-        return None, 0.0 if s[5] < s[0] * 1e-13 else -1.0
+    if s[5] <= s[0] * regular:
+        return None, 0.0 if s[5] <= s[0] * 1e-13 else -1.0
     inverse = matrix**-1
     K = [inverse[i, j] * scale[i] * scale[j] for i in range(6) for j in range(6)]
     return K, float(s[0] / s[5])

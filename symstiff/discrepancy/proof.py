@@ -172,12 +172,12 @@ def _predict(problem: Problem, noise: Noise, train: Index, test: Index, blocks: 
     length = np.linalg.norm(X / noise.spread[:, None], axis=0)
     length[length == 0] = 1.0
     U, s, Vt = svd(W[:, 1:] / length)
-    keep = s > 1e-9 * s[0]
+    keep = s > 1e-9 * s.max(initial=0.0)
     U, s, Vt = U[:, keep], s[keep], Vt[keep]
     inner_y = U.T @ W[:, 0]
     noise2 = (float(W[:, 0] @ W[:, 0]) - float(inner_y @ inner_y)) / max(len(train) - len(s), 1)
     # directions that the training poses hardly determine are drawn to zero as far as their noise demands:
     # columns of unit length have coefficients of the order of the signal shared among them
-    expected2 = max(float(inner_y @ inner_y) / len(s), 1e-300)
+    expected2 = max(float(inner_y @ inner_y) / max(len(s), 1), 1e-300)
     beta = Vt.T @ (inner_y * s / (s**2 + max(noise2, 0.0) / expected2)) / length
     return np.asarray(problem.y[test] - X[test] @ beta)

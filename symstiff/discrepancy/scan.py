@@ -326,7 +326,7 @@ def coefficients(scan: Scan, A: Array, y: Array, entries: tuple[int, ...]) -> tu
     length = np.linalg.norm(W[:, 1:], axis=0)
     length[length == 0] = 1.0
     U, s, Vt = svd(W[:, 1:] / length)
-    keep = s > 1e-9 * s[0]
+    keep = s > 1e-9 * s.max(initial=0.0)
     beta = Vt[keep].T @ ((U[:, keep].T @ W[:, 0]) / s[keep])
     residual = W[:, 0] - W[:, 1:] @ (beta / length)
     scale2 = float(residual @ residual) / max(len(y) - int(keep.sum()), 1)

@@ -23,6 +23,12 @@ from symstiff.symbolic.terms import Term
 
 _TENTHS = 1800
 """Tenths of a degree in half a turn."""
+_WIDER = {
+    "gravity": "--loads force or wrench",
+    "force": "--loads wrench and --measure pose",
+    "wrench": "--measure pose",
+}
+"""By class of loads, what may show a model that is empty: positions that no force moves no moment moves either."""
 
 
 @dataclass(frozen=True)
@@ -60,6 +66,17 @@ class Reduction:
         found = [(s.step, len(s.parameters)) for s in self.stages]
         remaining = len(self.full) - len(self.partition.g2)
         return (*found, ("M4", remaining), ("M5", self.partition.rank))
+
+    def check_any(self) -> None:
+        """Raise UserError where no parameter is left: what bends moves nothing that is measured."""
+        if self.parameters:
+            return
+        e = self.experiment
+        raise UserError(
+            f"the model has no parameter: under {e.loads} loads nothing that bends in {self.robot.name} moves the "
+            f"measured {e.measure}: use {_WIDER[e.loads]}, or links that bend (--start complete, or another template "
+            "in the robot file)"
+        )
 
     @cached_property
     def terms(self) -> tuple[Term, ...]:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from fractions import Fraction
+from itertools import combinations
 from typing import Annotated, Any, Literal
 
 from pydantic import (
@@ -268,11 +269,18 @@ class Template(_Frozen):
 
     @field_validator("pattern")
     @classmethod
-    def _symmetric(cls, rows: tuple[str, ...]) -> tuple[str, ...]:
+    def _of_a_body(cls, rows: tuple[str, ...]) -> tuple[str, ...]:
         if any(len(row) != 6 or not set(row) <= set("*0.") for row in rows):
             raise UserError("a template has six rows of six characters, * for a term and 0 or . for none")
         if any((rows[i][j] == "*") != (rows[j][i] == "*") for i in range(6) for j in range(6)):
             raise UserError("a template is symmetric, as compliance matrices are")
+        for i, j in combinations(range(6), 2):
+            lacking = [f"{k + 1}{k + 1}" for k in (i, j) if rows[k][k] != "*"]
+            if rows[i][j] == "*" and lacking:
+                raise UserError(
+                    f"row {i + 1}: entry {i + 1}{j + 1} is a coupling without {' and '.join(lacking)} on the diagonal, "
+                    "which no elastic body has: write * there too"
+                )
         return rows
 
 
