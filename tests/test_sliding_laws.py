@@ -86,7 +86,7 @@ def test_laws_by_a_slide_are_powers_over_its_range() -> None:
     assert a.q is not None
     way = np.linspace(0.1, 0.9, a.rows)
     problem = replace(a, slides=(1,), q=np.column_stack([a.q[:, 0], way, a.q[:, 2]]))
-    other, own = _of(_laws_of_angle(problem, 0), 2), _of(_laws_of_angle(problem, 1), 2)
+    other, own = (_of(_laws_of_angle(replace(problem, differences=True), v), 2) for v in (0, 1))
     x = "(q2 - 0.5)/0.4"
     assert [law.text for law in other] == [
         (f"tau*{x}", f"tau*({x})^2"), (x, f"({x})^2"), (f"tau*({x})^3", f"tau*({x})^4"), (f"({x})^3", f"({x})^4"),
@@ -95,6 +95,36 @@ def test_laws_by_a_slide_are_powers_over_its_range() -> None:
     assert len(own) == 5
     assert np.abs(other[1].values).max() == pytest.approx(1.0)
     assert not _of(_laws_of_angle(replace(problem, q=np.ones_like(problem.q)), 0), 2)
+
+
+def test_what_repeats_along_a_slide_is_looked_for_in_positions_up_to_sixteen_times() -> None:
+    a = arm(8).problem
+    assert a.q is not None
+    way = np.linspace(0.1, 0.9, a.rows)
+    problem = replace(a, slides=(1,), q=np.column_stack([a.q[:, 0], way, a.q[:, 2]]))
+    laws = [law for law in _laws_of_angle(problem, 1) if law.family == "waves along q2"]
+    orders = [float(law.text[0].split("*")[0].removeprefix("sin(")) for law in laws]
+    assert orders == pytest.approx([np.pi * k / 0.8 for k in range(2, 33)], rel=5e-3)
+    for law in laws[::5]:
+        for text, values in zip(law.text, law.values.T, strict=True):
+            assert _values(problem, 1, text) == pytest.approx(values, abs=1e-12)
+    assert not any(law.family.startswith("waves") for law in _laws_of_angle(problem, 0))
+
+
+def test_a_rail_whose_error_repeats_is_no_robot_that_misses_its_poses() -> None:
+    """The error is the same in all rows of a pose, and passed for the robot's repeatability."""
+    table: Measurements = design("scara", "absolute", poses=30)
+    values = readings(truth_of("scara"), table)
+    values[:, 2] += 1.5e-4 * np.sin(97.0 * table.q[:, 2] + 0.4)
+    values[:, :3] += np.random.default_rng(0).normal(size=(len(table), 3)) * 2e-5
+    found = run(Task(load("scara"), replace(table, values=values)))
+    law = found.last.law
+    assert found.verdict == "unexplained"
+    assert law is not None
+    assert law.virtual_joint == "joint 3"
+    assert "sin(9" in law.expression
+    assert law.explained > 0.4
+    assert "with" not in law_text(found, law)  # no load is in it
 
 
 @pytest.fixture(scope="module")

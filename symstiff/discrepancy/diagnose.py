@@ -11,13 +11,21 @@ from dataclasses import replace
 import numpy as np
 
 from symstiff.discrepancy.bank import Bank
-from symstiff.discrepancy.localise import FittedLaw, Localisation, best_law, device_law, localise
+from symstiff.discrepancy.localise import (
+    FittedDevice,
+    FittedLaw,
+    Localisation,
+    best_law,
+    device_law,
+    localise,
+    with_law,
+)
 from symstiff.discrepancy.noise import CONTRADICTED, REPEATABILITY, NoiseReport
 from symstiff.discrepancy.prepare import Prepared, prepare, settled
 from symstiff.discrepancy.problem import Array, Candidate, Options, Problem, key_of
 from symstiff.discrepancy.proof import HeldOut, held_out, poses_of_their_own
 from symstiff.discrepancy.result import Diagnosis, Name, Rms
-from symstiff.discrepancy.scan import Scan, coefficients, column_space, one_sharing
+from symstiff.discrepancy.scan import Evidence, Scan, coefficients, column_space, one_sharing
 from symstiff.discrepancy.search import Proposal
 from symstiff.discrepancy.strata import Stratum, strata
 from symstiff.discrepancy.tables import (
@@ -141,8 +149,8 @@ def _written(
     tell("growth")
     growth = steps(problem, ready, outcome.admissible[0] if outcome.admissible else None, outcome)
     open_end = outcome.verdict == UNEXPLAINED and not outcome.reason.endswith(NO_TEST_NAMES)
-    law = _law(problem, scan, place) if open_end else None
-    device = device_law(problem, scan, outcome.found, place.accused) if open_end else None
+    law = _law(problem, scan, outcome.found, place) if open_end else None
+    device = _device(problem, scan, outcome.found, place.accused) if open_end else None
     names, D = confusion(ready, outcome)
     return Diagnosis(
         outcome.verdict, outcome.reason, named_effects(problem, ready, outcome),
@@ -181,12 +189,18 @@ def refuted(outcome: Outcome) -> Outcome:
     )
 
 
-def _law(problem: Problem, scan: Scan, place: Localisation) -> FittedLaw | None:
+def _law(problem: Problem, scan: Scan, found: Evidence, place: Localisation) -> FittedLaw | None:
     """The best smooth law at the accused virtual joint; at the next best ones where there is none."""
     if any(place.accused == law.place for law in problem.devices):
         return None
     names = dict.fromkeys([place.accused, *(b.virtual_joint for b in place.back_projections[:4])])
-    return next((law for law in (best_law(problem, scan, n) for n in names) if law is not None), None)
+    laws = (best_law(problem, with_law(scan, found, name), name) for name in names)
+    return next((law for law in laws if law is not None), None)
+
+
+def _device(problem: Problem, scan: Scan, found: Evidence, place: str) -> FittedDevice | None:
+    """The best law at a place that is no virtual joint."""
+    return device_law(problem, with_law(scan, found, place), found, place)
 
 
 def _exact(problem: Problem) -> bool:

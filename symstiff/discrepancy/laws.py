@@ -25,6 +25,8 @@ _TOLD = 0.9
 """Correlation of the order of the load cases with the load from which it says nothing of its own."""
 _SPOTS = 6
 """Widths of a soft spot that a joint's range holds."""
+_HALF_WAVES = 32
+"""Half waves over a slide's way up to which errors that repeat along it are looked for."""
 
 
 @dataclass(frozen=True)
@@ -217,8 +219,12 @@ def _laws_of_angle(problem: Problem, v: int) -> list[Law]:
             out.append(Law((f"tau*{text[0]}", f"tau*{text[1]}"), t[:, None] * values, own))
             if n <= 2:
                 out.append(Law(text, values, own))
-    if problem.joint_of[v] >= 0:
-        out += _soft_spots(problem.q[:, problem.joint_of[v]], problem.joint_of[v] + 1, t)
+    mine = problem.joint_of[v]
+    if mine >= 0:
+        out += _soft_spots(problem.q[:, mine], mine + 1, t)
+        out += (
+            _pitch(problem.q[:, mine], mine + 1) if mine in problem.slides and not problem.differences else []
+        )
     return out
 
 
@@ -246,6 +252,18 @@ def _powers(way: Array, joint: int, own: bool) -> _Series:
         odd, even = 2 * n - 1, 2 * n
         text = (name if odd == 1 else f"({name})^{odd}", f"({name})^{even}")
         yield n, text, np.column_stack([x**odd, x**even])
+
+
+def _pitch(way: Array, joint: int) -> list[Law]:
+    """What repeats along a slide, as a rack's or a screw's errors do: one to sixteen periods over the way travelled."""
+    travel = float(np.ptp(way))
+    out = []
+    for half_waves in range(2, _HALF_WAVES + 1) if travel > 0 else ():
+        order = float(f"{np.pi * half_waves / travel:.3g}")
+        text = (f"sin({order:g}*q{joint})", f"cos({order:g}*q{joint})")
+        values = np.column_stack([np.sin(order * way), np.cos(order * way)])
+        out.append(Law(text, values, family=f"waves along q{joint}"))
+    return out
 
 
 def _soft_spots(angle: Array, joint: int, t: Array) -> list[Law]:

@@ -12,7 +12,7 @@ from scipy.special import logsumexp
 
 from symstiff.discrepancy.laws import Law, every_law, largest_load
 from symstiff.discrepancy.problem import Array, Index, Problem
-from symstiff.discrepancy.scan import Evidence, Layer, Scan, coefficients
+from symstiff.discrepancy.scan import Evidence, Layer, Scan, at_sharing, coefficients, likeliest
 
 _ROUNDING = 1e-9
 _SUSPECTS = 3
@@ -154,6 +154,19 @@ def _accused(scan: Scan, found: Evidence) -> str:
     if not places:
         return ""
     return max(places, key=lambda p: (float(logsumexp(places[p])), p))
+
+
+def with_law(scan: Scan, found: Evidence, place: str) -> Scan:
+    """The scan by the noise that is likeliest once the best law without a name at a place is in the model.
+
+    Before it, what is missing may pass for an error that poses share, and the law would seem to explain little.
+    """
+    bank = scan.bank
+    here = [k for k in np.flatnonzero(bank.generic) if bank.candidates[k].where["at"] == place]
+    if not here:
+        return scan
+    entry = int(found.best_entry[max(here, key=lambda k: found.score[k])])
+    return at_sharing(scan, likeliest(scan, (entry,)).sharing)
 
 
 def device_law(problem: Problem, scan: Scan, found: Evidence, place: str) -> FittedDevice | None:

@@ -65,7 +65,7 @@ def law_text(finding: Finding, law: FittedLaw) -> str:
     text = text.strip().removeprefix("+").strip()
     text = re.sub(r"^− ", "−", text)
     joints = finding.task.robot.joint
-    others = ""
+    others = f" and t = τ/({number(law.tau_scale, 4)} {load})" if re.search(r"\bt\b", text) else ""
     for name, largest in law.other_scales.items():
         own = name.removeprefix("tau")
         slides = own == "x" or joints[int(own) - 1].prismatic
@@ -79,4 +79,4 @@ def law_text(finding: Finding, law: FittedLaw) -> str:
         others += " and time running from 0 to 1 over the session"
     if "temperature" in text:
         others += " and temperature running from 0 at the lowest to 1 at the highest"
-    return f"({text}) {unit} with t = τ/({number(law.tau_scale, 4)} {load}){others}"
+    return f"({text}) {unit}" + others.replace(" and", " with", 1)

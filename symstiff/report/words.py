@@ -176,13 +176,19 @@ def _or_else(effect: Found) -> str:
 def gap(finding: Finding) -> str:
     """How the gap shrank."""
     r = finding.rms
-    text = f"the residual falls from {size(r.before, finding)} to {size(r.after, finding)} rms per coordinate"
-    if r.held_out_before is not None:
-        before, after = size(r.held_out_before, finding), size(r.held_out_after, finding)
-        text += ", on poses that were not used "
-        text += f"it stays at {before}" if before == after else f"from {before} to {after}"
+    text = f"the residual {_goes(r.before, r.after, finding)} rms per coordinate"
+    if r.held_out_before is not None and r.held_out_after is not None:
+        text += f", on poses that were not used it {_goes(r.held_out_before, r.held_out_after, finding)}"
         text += ", which does not confirm it" if r.unconfirmed else ""
     return f"{text} ({_noise(finding)})"
+
+
+def _goes(before: float, after: float, finding: Finding) -> str:
+    """From one size to another, in words."""
+    first, last = size(before, finding), size(after, finding)
+    if first == last:
+        return f"stays at {first}"
+    return f"{'falls' if after < before else 'rises'} from {first} to {last}"
 
 
 def _noise(finding: Finding) -> str:
