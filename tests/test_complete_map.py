@@ -5,7 +5,7 @@ import pytest
 
 from symstiff.model import StiffnessModel
 from symstiff.reduction import reduce
-from symstiff.reduction.complete import complete_map
+from symstiff.reduction.complete import complete_map, known_values, left_out
 from symstiff.reduction.physical import physical_stages
 from symstiff.robot import load
 from symstiff.robot.loading import from_table
@@ -68,3 +68,41 @@ def test_what_the_robot_file_states_predicts_what_its_joints_do(link):
     expected = StiffnessModel(robot, tuple(joints), values={p.name: 1e-6 for p in joints}).deflection(q, w)
     found = StiffnessModel.of(reduce(robot, "gravity")).deflection(q, w)
     np.testing.assert_allclose(found, expected, rtol=0, atol=1e-9 * np.abs(expected).max())
+
+
+def _without_place(**compliances):
+    """An arm whose second joint has nothing before it that turns: link 1 is a rod that only lengthens."""
+    table = to_table(load("planar2r"))
+    table["template"] = [{"name": "rod", "pattern": ["*....."] + ["......"] * 5}]
+    table["base"] = {"link": {"beam_axis": "x"}}
+    first, second = table["joint"]
+    first |= {"alpha": "pi/4", "d": 0.2, "compliance": 1e-6}
+    second |= {"alpha": "-pi/2", "d": 0.1}
+    first["link"], second["link"] = {"template": "rod"}, {"template": "rigid"}
+    second.pop("compliance", None)
+    second |= compliances
+    return from_table(table, "without_place")
+
+
+def test_a_stated_compliance_without_a_place_is_left_out_and_changes_no_other_value():
+    robot, without = _without_place(compliance=2e-6), _without_place()
+    assert reduce(robot).inexact_aggregations == ("c2",)
+    found, expected = known_values(reduce(robot)), known_values(reduce(without))
+    assert found == expected
+    assert {n: v for n, v in found.items() if v} == {
+        "k0_66": 1e-6
+    }  # joint 1 turns about the pedestal's third axis
+
+
+def test_the_map_has_no_column_for_a_joint_without_a_place():
+    reduction = reduce(_without_place(compliance=2e-6))
+    P = complete_map(reduction)
+    zero = [n for n, column in zip(reduction.stages[2].names, P.T, strict=True) if not column.any()]
+    assert zero == ["c2"]
+
+
+def test_what_is_left_out_is_told_where_the_file_states_it():
+    (told,) = left_out(reduce(_without_place(compliance=2e-6)))
+    assert told.startswith("c2: the file's 2e-06 is left out of the values")
+    assert left_out(reduce(_without_place())) == []
+    assert left_out(reduce(_oblique(3), "gravity")) == []

@@ -21,7 +21,7 @@ def complete_map(reduction: Reduction) -> np.ndarray:
 
     A joint that M3 absorbed adds c·u·uᵀ to the link before it, u its axis in that link's elastic frame (seed M3).
     Where the link's template lacks entries of it, the combination of π″ that moves as the joint does stands for it;
-    the nearest one for a joint of ``inexact_aggregations``.
+    a joint of ``inexact_aggregations`` has none and is left out: its column is zero.
     """
     before, after = reduction.stages[2], reduction.stages[3]
     chain, column = ElasticChain(reduction.robot), {name: k for k, name in enumerate(after.names)}
@@ -33,7 +33,7 @@ def complete_map(reduction: Reduction) -> np.ndarray:
             if shares.keys() <= column.keys():
                 for name, share in shares.items():
                     matrix[row, column[name]] = share
-            else:
+            elif p.name not in reduction.inexact_aggregations:
                 beside[row] = p
     found = reduction.projection @ matrix.T
     if beside:
@@ -50,6 +50,17 @@ def known_values(reduction: Reduction) -> dict[str, float]:
     found = P @ stated
     found[np.abs(found) < _ROUNDING * (np.abs(P) @ np.abs(stated))] = 0.0
     return dict(zip(reduction.parameters, found.tolist(), strict=True))
+
+
+def left_out(reduction: Reduction) -> list[str]:
+    """Remarks about compliances that the robot file states of joints that π″ cannot stand for: they are left out."""
+    stated = {n: reduction.robot.joint[int(n[1:]) - 1].compliance for n in reduction.inexact_aggregations}
+    return [
+        f"{name}: the file's {value:g} is left out of the values, since no combination of parameters moves the tool as "
+        f"joint {name[1:]} does"
+        for name, value in stated.items()
+        if value
+    ]
 
 
 def _stated(reduction: Reduction, p: Parameter) -> float:
