@@ -228,3 +228,11 @@ def test_a_plan_says_what_it_takes_to_be_measured(run: Run) -> None:
     assert json.loads(Path("plan.json").read_text())["measured"]["sigma_mm"] == 0.06
     said = notes(run, *plan, "--loads", "force", "--measure", "position")
     assert "assumed measured: position of the tool centre point, σ 0.06 mm" in said
+
+
+def test_generate_says_that_a_stated_compliance_without_a_place_is_no_default(run: Run) -> None:
+    Path("arm.toml").write_text(OBLIQUE.replace("alpha = 0\n", "alpha = 0\ncompliance = 2e-6\n"))
+    done = run("generate", "arm.toml", "-o", "code", "--no-compile")
+    assert done.code == 0, done.err
+    assert "warning: c2: the file's 2e-06 is left out of the values" in " ".join(done.out.split())
+    assert not any(json.loads(Path("code/manifest.json").read_text())["default_parameters"])

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import subprocess
 import sys
 from itertools import pairwise
@@ -12,10 +13,12 @@ import sympy as sp
 
 import symstiff
 from symstiff import ElasticChain, StiffnessModel, load, observation_matrix, reduce, virtual_jacobian
+from symstiff.model import joints_only
 from symstiff.reduction.physical import Parameter
 from symstiff.robot import from_table
 from symstiff.robot.table import to_table
 from symstiff.symbolic.numeric import kinematics
+from symstiff.symbolic.program import Emit, Program, Vector
 from symstiff.symbolic.programs import observation_program
 from symstiff.symbolic.reading import original_terms, written_out
 
@@ -123,3 +126,42 @@ def test_a_coupling_says_which_motion_comes_from_which_load():
         "link 0 (pedestal): translation along 3 by moment about 2 (and its mirror)"
     )
     assert Parameter("k1_44", 1, 4, 4).meaning == "link 1: rotation about 1 by moment about 1"
+
+
+def _turned_arm():
+    """The planar arm out of its plane and with an odd zero of joint 2: constants, and an angle of its own."""
+    table = to_table(load("planar2r"))
+    table["joint"][0]["alpha"] = "pi/4"
+    table["joint"][1]["theta"] = 0.3
+    return from_table(table, "turned")
+
+
+_LETTER = re.compile(r"(?:\\mathrm\{\w+\}|\\\w+|[A-Za-z]+)_\{[^{}]*\}")
+
+
+@pytest.mark.parametrize("kind", ["observation_program", "deflection_program"])
+def test_a_program_in_latex_defines_every_letter_once_and_before_its_use(kind, monkeypatch):
+    monkeypatch.setattr("symstiff.symbolic.latex._LINES", 10**6)
+    program = getattr(joints_only(_turned_arm()), kind)
+    text = program._repr_latex_().removeprefix(r"$$\begin{aligned}").removesuffix(r"\end{aligned}$$")
+    known = {f"{s.name[0]}_{{{s.name[1:].strip('_')}}}" for v in program.inputs for s in v.symbols}
+    assert "q_{1}" in known
+    for line in text.split(r"\\"):
+        left, right = line.split(" &= ")
+        assert left not in known
+        assert set(_LETTER.findall(right)) <= known
+        known.add(left)
+    assert {r"\mathrm{const}_{0}", r"\mathrm{c}_{2}", r"\varphi_{2}"} <= known
+
+
+def test_outputs_in_latex_have_rows_and_columns_from_one():
+    x = sp.Symbol("x")
+    statements = (Emit("A", 0, x), Emit("A", 5, -x), Emit("dt", 1, x))
+    program = Program("made_up", (Vector("x", (x,)),), (), statements, (("A", (2, 3)), ("dt", (2,))))
+    assert r"A_{1,1} &= x\\A_{2,3} &= - x\\dt_{2} &= x" in program._repr_latex_()
+
+
+def test_laws_in_latex_keep_their_indices_apart():
+    text = StiffnessModel.of(reduce(load("planar2r"), "force", "position"))._repr_latex_()
+    assert r"\Delta\theta_{\mathrm{link1,3}} &= k_{1,35} \tau_{\mathrm{link1,5}}" in text
+    assert re.search(r"_\{[^}]* ", text) is None

@@ -285,6 +285,35 @@ def test_a_coupling_reads_in_dh_symbols() -> None:
     assert found["k2_26"]["k1_66"] == 1 / a_2
 
 
+@pytest.mark.parametrize("tool", [[0.05, 0.1, 0.4], [0.1, 0.1, 0.3]])
+def test_couplings_of_a_kr270s_tool_hold_for_other_tools(tool: list[float]) -> None:
+    here = {**to_table(KR270)["tool"], "xyz": tool}
+    other = reduce(from_table({**to_table(KR270), "tool": here}), "gravity", "position")
+    found = closed_form(reduce(KR270, "gravity", "position"))
+    numbers = {f"{k}_{i}": getattr(j, k).sympy() for i, j in enumerate(KR270.joint, 1) for k in ("a", "d")}
+    numbers |= {f"t_{axis}": sp.Rational(str(v)) for axis, v in zip("xyz", tool, strict=True)}
+    for e in ("k6_26", "k6_35"):
+        assert set(found[e]) == set(other.partition.couplings[e])
+        for k, expression in found[e].items():
+            value = expression.subs({s: numbers[s.name] for s in expression.free_symbols})
+            assert value == sp.Rational(str(other.partition.couplings[e][k]))
+
+
+def test_what_depends_on_lengths_in_no_short_form_is_a_decimal(monkeypatch: pytest.MonkeyPatch) -> None:
+    r = reduce(KR270, "gravity", "position")
+    whole = closed_form(r)
+    monkeypatch.setattr("symstiff.reduction.closed_form._DEGREES", 3)
+    decimals = 0
+    for e, row in closed_form(r).items():
+        for k, c in row.items():
+            assert c == whole[e][k] or c.is_Float
+            decimals += bool(c.is_Float)
+            if c.is_Float:
+                assert whole[e][k].free_symbols
+                assert float(c) == pytest.approx(float(r.partition.couplings[e][k]), rel=1e-14)
+    assert decimals == 4
+
+
 # --- M5b and M5c -----------------------------------------------------------------------------------------
 
 

@@ -54,9 +54,12 @@ def run_generate(
 def _fresh(out: Console, robot: str, loads: str, measure: str, fixed: str | None) -> StiffnessModel:
     from symstiff.model import StiffnessModel
     from symstiff.reduction import reduce
+    from symstiff.reduction.complete import left_out
 
     reduction = reduce(load(robot), loads, measure, parse_fixed(fixed))
     print_stages(out, reduction)
+    for remark in left_out(reduction):
+        note(out, remark, "warning")
     return StiffnessModel.of(reduction)
 
 

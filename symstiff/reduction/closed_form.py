@@ -23,10 +23,17 @@ from symstiff.symbolic.program import Program, Vector
 from symstiff.symbolic.programs import observation_program
 
 _CHECKS = 4
+_DEGREES = 6
+"""Degrees of the denominator that are tried, from the least that the units allow."""
+_UNKNOWNS = 160
 
 
 def closed_form(reduction: Reduction) -> dict[str, dict[str, sp.Expr]]:
-    """Couplings as expressions in a_i, d_i, t_x …; one that no small rational function fits stays a number."""
+    """Couplings as expressions in a_i, d_i, t_x …; a number where the lengths do not matter.
+
+    One that depends on lengths as no small rational function does is a decimal: its value at the robot's own lengths.
+    Where these happen to fit together, all are numbers, for others would have another identifiable set.
+    """
     chain, experiment = in_rationals(ElasticChain(reduction.robot, symbolic=True), reduction.experiment)
     lengths = chain.lengths()
     names = tuple(p.name for p in reduction.full)
@@ -45,11 +52,15 @@ def closed_form(reduction: Reduction) -> dict[str, dict[str, sp.Expr]]:
     here = dict(zip(lengths, chain.length_values(), strict=True))
 
     def fitted(eliminated: str, kept: str, value: Fraction | float) -> sp.Expr:
-        found = _fit(sampler, (eliminated, kept), lengths, degree[kept] - degree[eliminated])
+        key = eliminated, kept
+        depends = sampler.dependence(key)
+        if not depends:
+            return _number(value)
+        found = _fit(sampler, key, lengths, depends, degree[kept] - degree[eliminated])
         found = None if found is None else found * size[kept] / size[eliminated]
         there = sp.nan if found is None else sp.N(found.subs(here))
         close = there.is_finite and abs(float(there) - float(value)) <= 1e-9 * max(1.0, abs(float(value)))
-        return found if close else _number(value)
+        return found if close else sp.Float(float(value), 15)
 
     try:
         return {
@@ -117,16 +128,17 @@ class _Sampler:
 
 
 def _fit(
-    sampler: _Sampler, key: tuple[str, str], lengths: Sequence[sp.Symbol], degree: int
+    sampler: _Sampler,
+    key: tuple[str, str],
+    lengths: Sequence[sp.Symbol],
+    depends: Sequence[int],
+    degree: int,
 ) -> sp.Expr | None:
-    depends = sampler.dependence(key)
-    if not depends:
-        return None
-    for below in range(max(0, -degree), max(0, -degree) + 3):
+    for below in range(max(0, -degree), max(0, -degree) + _DEGREES):
         above = degree + below
         top = list(combinations_with_replacement(depends, above))
         bottom = list(combinations_with_replacement(depends, below))
-        if len(top) + len(bottom) > 160:
+        if len(top) + len(bottom) > _UNKNOWNS:
             break
         expression = _solve(sampler, key, lengths, top, bottom)
         if expression is not None:

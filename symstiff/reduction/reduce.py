@@ -89,7 +89,7 @@ class Reduction:
         e, fixed = self.experiment, dict(self.experiment.fixed)
         for joint in sorted(fixed):
             others = {j: v for j, v in fixed.items() if j != joint}
-            engine = _engine(self.robot, self.full, replace(e, fixed=others))
+            engine = engine_of(self.robot, self.full, replace(e, fixed=others))
             _, pivots = engine.reduced(engine.primes[0], range(len(engine.names)))
             # moving a joint only adds rows: with the same rank they have the same null space
             if len(pivots) == self.partition.rank:
@@ -187,16 +187,17 @@ def reduce(
     full = stages[-1].parameters
     if not full:
         raise UserError(f"{robot.name}: every link is rigid and no joint is left: nothing to identify")
-    engine = _engine(robot, full, experiment)
+    engine = engine_of(robot, full, experiment)
     chain = engine.chain
     found = in_unit_axes(engine.partition(preference(chain, full, prefer, avoid)), axis_sizes(chain, full))
     return Reduction(robot, experiment, stages, found, inexact_aggregations(chain, stages, engine.experiment))
 
 
-def _engine(robot: Robot, full: tuple[Parameter, ...], experiment: Experiment) -> ExactEngine:
+def engine_of(robot: Robot, parameters: tuple[Parameter, ...], experiment: Experiment) -> ExactEngine:
+    """The structural engine for these columns; those of links in lengths of ``axis_sizes`` (``in_rationals``)."""
     chain, from_zero = in_rationals(ElasticChain(robot), experiment)
-    names = tuple(p.name for p in full)
-    program = observation_program(chain, terms_of(full), names, experiment.points)
+    names = tuple(p.name for p in parameters)
+    program = observation_program(chain, terms_of(parameters), names, experiment.points)
     return ExactEngine(chain, program, names, from_zero)
 
 

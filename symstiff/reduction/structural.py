@@ -21,7 +21,7 @@ from symstiff.errors import UserError
 from symstiff.reduction.circle import ORDER, order_for, primes
 from symstiff.reduction.prime import PRIMES, Angle, PrimeAlgebra, echelon, rational
 from symstiff.robot.exact import Exact
-from symstiff.symbolic.algebras import evaluate_decimal, evaluate_numpy
+from symstiff.symbolic.algebras import evaluate_decimal
 from symstiff.symbolic.chain import ElasticChain
 from symstiff.symbolic.program import Program, evaluate
 
@@ -252,18 +252,6 @@ class ExactEngine:
                 solution = mpmath.lu_solve(A[:, : len(kept)], A[:, len(kept)])
                 found[eliminated] = dict(zip(kept, map(float, solution), strict=True))
         return found
-
-    def measured(self, kept: Sequence[str], names: Sequence[str]) -> np.ndarray:
-        """Coefficients (kept × names) of kept columns in others, in doubles: by least squares at random points."""
-        rows, n = list(self.experiment.rows), len(self.names) + 12
-        matrix = evaluate_numpy(self.program, **self.random_inputs(n))["A"][:, rows, :].reshape(
-            n * len(rows), -1
-        )
-        columns = matrix[:, [self.names.index(name) for name in kept]]
-        size = np.linalg.norm(columns, axis=0)
-        everything = matrix[:, [self.names.index(name) for name in names]]
-        found = np.linalg.lstsq(columns / size, everything, rcond=None)[0] / size[:, None]
-        return np.asarray(found)
 
     def random_inputs(self, n: int) -> dict[str, np.ndarray]:
         """Inputs of n random points of the class of experiments, in doubles."""

@@ -69,16 +69,9 @@ class Program:
         return int(sp.prod(shape))
 
     def _repr_latex_(self) -> str:
-        rows = [
-            (s.symbol, s.expression)
-            if isinstance(s, Let)
-            else (sp.Symbol(f"{s.vector}_{{{s.index}}}"), s.expression)
-            for s in self.statements
-        ]
-        shown = [rf"{sp.latex(left)} &= {sp.latex(right)}" for left, right in rows[:40]]
-        if len(rows) > 40:
-            shown.append(rf"&\;\;\vdots \quad ({len(rows) - 40}\text{{ more}})")
-        return r"$$\begin{aligned}" + r"\\".join(shown) + r"\end{aligned}$$"
+        from symstiff.symbolic.latex import program_latex
+
+        return program_latex(self)
 
 
 class Algebra(Protocol):

@@ -12,6 +12,7 @@ import sympy as sp
 
 from symstiff.display import html_table
 from symstiff.symbolic.chain import ElasticChain
+from symstiff.symbolic.latex import aligned, latex
 from symstiff.symbolic.program import Builder, Let, Program
 from symstiff.symbolic.programs import virtual_jacobian_program
 from symstiff.symbolic.terms import AXES, Term, joint_terms, link_terms, tau, w
@@ -73,10 +74,9 @@ def laws_latex(terms: Sequence[Term]) -> str:
     for term in terms:
         law = sp.Symbol(term.parameter) * term.factor
         lines[term.at.name] = lines.get(term.at.name, 0) + law
-    rows = [
-        rf"\Delta\theta_{{\mathrm{{{n.replace('_', ',')}}}}} &= {sp.latex(law)}" for n, law in lines.items()
-    ]
-    return r"$$\begin{aligned}" + r"\\".join(rows) + r"\end{aligned}$$"
+    return aligned(
+        rf"\Delta\theta_{{\mathrm{{{n.replace('_', ',')}}}}} &= {latex(law)}" for n, law in lines.items()
+    )
 
 
 def chain_html(chain: ElasticChain) -> str:
