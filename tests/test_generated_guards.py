@@ -9,8 +9,9 @@ import pytest
 
 from symstiff.codegen.compiler import find_compiler
 from symstiff.codegen.functions import Functions
+from symstiff.codegen.options import Options
 from symstiff.codegen.reference import cases, plausible_values
-from symstiff.codegen.verify import build_library, c_errors
+from symstiff.codegen.verify import build_library, c_errors, verify
 from tests.generated_c import compiler, model, shared_library, written
 
 ROBOT = "scara"
@@ -56,3 +57,42 @@ def test_a_library_that_gives_no_command_where_there_is_one_is_not_verified(tmp_
     library = build_library(folder, scratch, ROBOT, cc)
     with pytest.raises(RuntimeError, match="scara_compensate returned -5 instead of 0"):
         c_errors(library, functions, found, values, False)
+
+
+@pytest.mark.parametrize("precision", ["double", "float"])
+@pytest.mark.parametrize(
+    ("function", "right", "wrong"),
+    [
+        ("deflection", "deflection_block(p, q, w, dt);", "deflection_block(p, q, w, dt); dt[1] += dt[1];"),
+        ("observation", "observation_block(q, w, A);", "observation_block(w, w, A);"),
+        ("observation", "*tile = &A[begin * 42U]", "*tile = &A[0]"),
+    ],
+)
+def test_functions_for_many_poses_are_verified_too(tmp_path, precision, function, right, wrong):
+    cc = find_compiler()
+    if cc is None:
+        pytest.skip("no C compiler")
+    functions, options = Functions(model(ROBOT)), Options(precision=precision, targets=("c",))
+    written(tmp_path, ROBOT, precision)
+    proof = verify(tmp_path, functions, cc, options)
+    assert 0.0 < proof.bounds[f"{function}_batch"] < 3e-6
+    source = tmp_path / f"{ROBOT}_batch.c"
+    before, body, after = source.read_text().rpartition(f"static int {function}_poses(")
+    assert right in after
+    source.write_text(before + body + after.replace(right, wrong, 1))
+    with pytest.raises(RuntimeError, match=f"{function} of many poses is wrong"):
+        verify(tmp_path, functions, cc, options)
+
+
+@pytest.mark.parametrize("spoilt", ["deflection", "observation", "jacobian", "compliance", "forward"])
+def test_every_function_that_casadi_loads_is_verified(tmp_path, spoilt):
+    ca = pytest.importorskip("casadi")
+    functions, options = Functions(model(ROBOT)), Options(targets=("casadi",))
+    written(tmp_path, ROBOT, "double", ("casadi",))
+    assert verify(tmp_path, functions, None, options).errors["casadi"] < 1e-13
+    path = str(tmp_path / f"{ROBOT}_{spoilt}.casadi")
+    function = ca.Function.load(path)
+    inputs = [ca.SX.sym(f"i{k}", function.size1_in(k)) for k in range(function.n_in())]
+    ca.Function(function.name(), inputs, [1.001 * function(*inputs)]).save(path)
+    with pytest.raises(RuntimeError, match="CasADi's functions are wrong by"):
+        verify(tmp_path, functions, None, options)

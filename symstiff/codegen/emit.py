@@ -22,6 +22,7 @@ from symstiff.codegen.reference import (
     cases,
     configurations,
     plausible_values,
+    tolerance,
     turning_length,
     unit_length,
 )
@@ -324,7 +325,7 @@ def _selftest(functions: Functions, options: Options) -> dict[str, Any]:
 
     return {
         "cases": [members(c) for c in found],
-        "tolerance": algebra.literal(2e-5 if options.single else 1e-12),
+        "tolerance": algebra.literal(tolerance(options.single)),
         "beyond": algebra.literal(1e30),
         "test_parameters": parameters[:stiffness],
         "test_effect_parameters": parameters[stiffness:]

@@ -61,6 +61,11 @@ def turning_length(model: StiffnessModel) -> float:
     return round(0.25 * model.robot.reach, 4) or 0.01
 
 
+def tolerance(single: bool) -> float:
+    """Greatest relative error of a correct function at a regular pose, some hundred roundings."""
+    return 2e-5 if single else 1e-12
+
+
 def plausible_values(model: StiffnessModel, seed: int = 7) -> dict[str, float]:
     """Plausible parameter values, exact in single precision, for tests only."""
     rng = random.Random(seed)
