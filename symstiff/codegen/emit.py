@@ -309,6 +309,7 @@ def _selftest(functions: Functions, options: Options) -> dict[str, Any]:
     model, algebra = functions.model, CAlgebra(options.single)
     values = plausible_values(model)
     found = cases(functions, values, single=options.single)
+    overflows = any(c.overflows for c in found)
     stiffness = len(model.stiffness_parameters)
     parameters = [algebra.literal(values[n]) for n in model.parameters]
 
@@ -318,13 +319,15 @@ def _selftest(functions: Functions, options: Options) -> dict[str, Any]:
 
     def members(c: Case) -> list[str]:
         condition = algebra.literal(round(c.condition) + 1.0 if c.K is not None else c.condition)
-        given = (c.q, c.w, c.dt, *([c.A] if stiffness else []), c.J, c.T, c.K or [0.0] * 36)
+        default = () if overflows else (c.dt_default, c.default_sizes)
+        given = (c.q, c.w, c.dt, *default, *([c.A] if stiffness else []), c.J, c.T, c.K or [0.0] * 36)
         arrays = [literals(x) for x in given]
         expected = 1 if c.compensation is None else c.compensation
         return [*arrays, condition, literals(c.q_cmd), str(expected)]
 
     return {
         "cases": [members(c) for c in found],
+        "defaults_tested": not overflows,
         "tolerance": algebra.literal(tolerance(options.single)),
         "beyond": algebra.literal(1e30),
         "test_parameters": parameters[:stiffness],
