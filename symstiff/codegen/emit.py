@@ -337,9 +337,11 @@ def _selftest(functions: Functions, options: Options) -> dict[str, Any]:
 
 
 def _example(functions: Functions, literal: Any) -> dict[str, Any]:
-    (q, _) = configurations(functions, 1, seed=11)[0]
+    """A pose and a load for main.c, where the model holds."""
+    (drawn, _), fixed = configurations(functions, 1, seed=11)[0], functions.model.fixed
+    q = [fixed.get(j, round(x, 3)) for j, x in enumerate(drawn, start=1)]
     w = [0.0, 0.0, -1000.0, 0.0, 0.0, 0.0]
-    return {"example_q": [literal(round(x, 3)) for x in q], "example_w": [literal(x) for x in w]}
+    return {"example_q": [literal(float(x)) for x in q], "example_w": [literal(x) for x in w]}
 
 
 __all__ = [
