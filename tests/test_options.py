@@ -6,6 +6,7 @@ import ast
 import itertools
 import re
 import zipfile
+from io import BytesIO
 from xml.etree import ElementTree
 
 import pytest
@@ -180,7 +181,7 @@ def test_whatever_a_title_says_every_target_stays_what_it_is(title, tmp_path):
         with zipfile.ZipFile(folder / f"planar2r_fmi{version}.fmu") as archive:
             root = ElementTree.fromstring(archive.read("modelDescription.xml"))
             code = archive.read(f"sources/planar2r_fmi{version}.c").decode()
-        assert root.get("description") == f"Stiffness model of {title}"
+        assert root.get("description").startswith(f"Stiffness model of {title}. Results hold for loads")
         assert "/*" not in code[2 : code.index("*/")]
     assert after_comment((folder / "FB_planar2r.st").read_text()).startswith("FUNCTION_BLOCK FB_planar2r")
     assert not set("@$#\\") & set((folder / "planar2r.pc.in").read_text().splitlines()[5])
@@ -222,6 +223,24 @@ def test_the_header_says_that_measured_positions_do_not_tell_rotations():
     assert (
         "The rotation (drx, dry, drz), which compensate and stiffness take too, holds only as far as" in text
     )
+
+
+@pytest.mark.parametrize("target", ["st", "python", "cpp", "fmi2", "fmi3"])
+@pytest.mark.parametrize("limited", [True, False])
+def test_every_target_that_stands_alone_says_where_a_reduced_model_holds(target, limited):
+    asked = ("force", "position", {2: 0.5}) if limited else ("wrench", "pose", {})
+    functions = Functions(StiffnessModel.of(reduce(load("scara"), *asked)))
+    (content,) = TARGETS[target].emitter()(functions, Options(targets=("c", target))).values()
+    if target.startswith("fmi"):
+        with zipfile.ZipFile(BytesIO(content)) as unit:
+            content = ElementTree.fromstring(unit.read("modelDescription.xml")).get("description").encode()
+    text = " ".join(content.decode().replace("//", "").split())
+    for said in (
+        "joints that stand still, q2 = 0.5 (rad, m), and hold there alone",
+        'hold for loads of the class "force" only: any force at the tool centre point, no moment.',
+        "translations hold. The rotation, which the compensated joint command takes too, holds only as far as",
+    ):
+        assert (said in text) == limited
 
 
 def test_angles_without_a_name_and_with_a_negative_cosine_are_compiled(tmp_path):

@@ -6,13 +6,22 @@ from collections.abc import Sequence
 from functools import cache
 from importlib import resources
 from pathlib import Path
+from textwrap import wrap
 from typing import Any
 
 from symstiff import __version__
 from symstiff.codegen.batch import batch_context, block_size
 from symstiff.codegen.compact import Compact, compact
 from symstiff.codegen.functions import Functions
-from symstiff.codegen.names import LOADS_MEANING, SUMMARIES, check_single, meaning, moments
+from symstiff.codegen.names import (
+    LOADS_MEANING,
+    SUMMARIES,
+    check_single,
+    fixed_joints,
+    limits,
+    meaning,
+    moments,
+)
 from symstiff.codegen.options import Options
 from symstiff.codegen.quoting import FILTERS
 from symstiff.codegen.reference import (
@@ -117,7 +126,9 @@ def _identity(functions: Functions, options: Options) -> dict[str, Any]:
         "loads": model.loads,
         "measure": model.measure,
         "loads_meaning": LOADS_MEANING[model.loads],
-        "fixed": ", ".join(f"{name} = {value:.9g}" for name, value in model.fixed_by_name.items()),
+        "fixed": fixed_joints(model),
+        "limits": " ".join(limits(model)),
+        "limit_lines": wrap(" ".join(limits(model)), 112, break_long_words=False, break_on_hyphens=False),
         "defaults_meaning": _defaults_meaning(model.deviations),
         "compensation_meaning": _compensation_meaning(robot.dof, unit_length(model)),
         **{key: _triple(value) for key, value in _places(robot).items()},

@@ -56,6 +56,29 @@ def moments(model: StiffnessModel, program: Program) -> list[Moment]:
     return found
 
 
+def fixed_joints(model: StiffnessModel) -> str:
+    """The joints that stood still when a model was reduced, with their values; empty where none did."""
+    return ", ".join(f"{name} = {value:.9g}" for name, value in model.fixed_by_name.items())
+
+
+def limits(model: StiffnessModel) -> list[str]:
+    """Sentences on where a reduced model holds, for files that stand alone."""
+    found = []
+    if fixed := fixed_joints(model):
+        found.append(
+            f"The parameters were reduced for joints that stand still, {fixed} (rad, m), and hold there alone."
+        )
+    if model.loads != "wrench":
+        meant = LOADS_MEANING[model.loads]
+        found.append(f'Results hold for loads of the class "{model.loads}" only: {meant}.')
+    if model.measure == "position":
+        found.append(
+            "The parameters were reduced to what measured positions identify: translations hold. The rotation, which "
+            "the compensated joint command takes too, holds only as far as these parameters tell it."
+        )
+    return found
+
+
 def check_single(model: StiffnessModel) -> None:
     """Raise UserError for a value or a clock that single precision does not hold."""
     large = [n for n in model.parameters if abs(model.values.get(n, 0.0)) > float(np.finfo(np.float32).max)]
