@@ -243,6 +243,30 @@ def test_every_target_that_stands_alone_says_where_a_reduced_model_holds(target,
         assert (said in text) == limited
 
 
+@pytest.mark.parametrize("target", ["c", "st"])
+def test_the_meaning_of_default_parameters_is_told(target, tmp_path):
+    known = StiffnessModel.of(reduce(load("ur10"), "gravity"))
+    assert any(known.values.values())
+    known.save(tmp_path / "model.toml")
+    of_file = "what the robot file knows; others are zero until they are identified."
+    other = dict.fromkeys(known.parameters, 1e-07)
+    gap = known.with_effect(EffectInstance("backlash", {"joint": 2}, {"width": 5.0}))
+    for m, said in (
+        (known, of_file),
+        (load_model(tmp_path / "model.toml"), of_file),
+        (known.with_values(dict.fromkeys(known.parameters, 0.0)), of_file),
+        (gap, of_file),
+        (known.with_values(other), "given with the model."),
+        (gap.with_values({**known.values, "backlash_2_gap": 1e-4}), "given with the model."),
+        (known.with_values(other, dict.fromkeys(other, 1e-9)), "identified from measurements."),
+    ):
+        files = TARGETS[target].emitter()(Functions(m), Options(targets=(target,)))
+        told = [f for f, text in files.items() if b"Default parameters: " in text]
+        assert told == {"c": ["ur10.h", "README.md"], "st": ["FB_ur10.st"]}[target]
+        for file in told:
+            assert f"Default parameters: {said}" in files[file].decode()
+
+
 def test_angles_without_a_name_and_with_a_negative_cosine_are_compiled(tmp_path):
     rows = [(0.4, 2.5, 0.3, 0), (0.5, -3.0, 0.1, 2.2), (0.3, 1.0, 0.2, -2.0)]
     joints = [dict(zip(("a", "alpha", "d", "theta"), row, strict=True)) for row in rows]

@@ -129,7 +129,7 @@ def _identity(functions: Functions, options: Options) -> dict[str, Any]:
         "fixed": fixed_joints(model),
         "limits": " ".join(limits(model)),
         "limit_lines": wrap(" ".join(limits(model)), 112, break_long_words=False, break_on_hyphens=False),
-        "defaults_meaning": _defaults_meaning(model.deviations),
+        "defaults_meaning": _defaults_meaning(functions),
         "compensation_meaning": _compensation_meaning(robot.dof, unit_length(model)),
         **{key: _triple(value) for key, value in _places(robot).items()},
         "options": [("loads", model.loads), ("measure", model.measure), *options.table().items()],
@@ -222,10 +222,12 @@ def _compliances_propagate(functions: Functions) -> bool:
     return not model.effects and all(parameter_symbol(n) in used for n in model.stiffness_parameters)
 
 
-def _defaults_meaning(deviations: Any) -> str:
-    if deviations:
+def _defaults_meaning(functions: Functions) -> str:
+    if functions.model.deviations:
         return "Default parameters: identified from measurements."
-    return "Default parameters: what the robot file knows; others are zero until they are identified."
+    if functions.defaults_known:
+        return "Default parameters: what the robot file knows; others are zero until they are identified."
+    return "Default parameters: given with the model."
 
 
 def _places(robot: Robot) -> dict[str, Sequence[Any]]:
