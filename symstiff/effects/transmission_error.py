@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from math import inf
+
 import sympy as sp
 
 from symstiff.effects.base import Effect, Realisation, Shape, Where
@@ -20,7 +22,7 @@ def _places(robot: Robot) -> tuple[Where, ...]:
 
 def _realise(robot: Robot, where: Where, shape: Shape) -> Realisation:
     j, parameters, terms = int(where["joint"]), [], []
-    for n in where.get("harmonics", [1]):
+    for n in _orders(where):
         order = exact(n) if float(n) % 1 else sp.Integer(int(n))
         label = str(order).replace("/", "o")
         for what, function in (("a", sp.sin), ("b", sp.cos)):
@@ -28,6 +30,14 @@ def _realise(robot: Robot, where: Where, shape: Shape) -> Realisation:
             parameters.append(p)
             terms.append(Term(p.name, actuated_joint(j), function(order * q(j))))
     return Realisation(tuple(parameters), tuple(terms))
+
+
+def _orders(where: Where) -> list[float]:
+    """The harmonics of a place. Raises ValueError for one that is not above zero, or stands there twice."""
+    orders = list(where.get("harmonics", [1]))
+    if not orders or not all(0 < float(n) < inf for n in orders) or len(set(orders)) < len(orders):
+        raise ValueError(f"harmonics = {orders}: give different numbers above zero, 1 for once a turn")
+    return orders
 
 
 EFFECT = Effect(
