@@ -228,3 +228,13 @@ def test_a_plan_says_what_it_takes_to_be_measured(run: Run) -> None:
     assert json.loads(Path("plan.json").read_text())["measured"]["sigma_mm"] == 0.06
     said = notes(run, *plan, "--loads", "force", "--measure", "position")
     assert "assumed measured: position of the tool centre point, σ 0.06 mm" in said
+
+
+def test_a_compiler_is_advised_only_where_one_was_wanted(
+    run: Run, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    where = ("generate", "planar2r", "--targets", "c", "-o")
+    assert "not compiled: not wanted\n" in run(*where, tmp_path / "a", "--no-compile").out
+    monkeypatch.setattr("symstiff.codegen.generate.find_compiler", lambda: None)
+    lacking = " ".join(run(*where, tmp_path / "b").out.split())
+    assert "no C compiler was found (pip install symstiff[compiler] brings a compiler)" in lacking

@@ -11,6 +11,7 @@ from xml.etree import ElementTree
 
 import pytest
 
+from symstiff.codegen.compiler import Compiler
 from symstiff.codegen.emit import emit_c
 from symstiff.codegen.functions import Functions
 from symstiff.codegen.generate import generate
@@ -241,6 +242,19 @@ def test_every_target_that_stands_alone_says_where_a_reduced_model_holds(target,
         "translations hold. The rotation, which the compensated joint command takes too, holds only as far as",
     ):
         assert (said in text) == limited
+
+
+@pytest.mark.parametrize("version", [2, 3])
+def test_without_compilation_no_target_runs_a_compiler(version, tmp_path, monkeypatch):
+    def compiled(*_, **__):
+        raise AssertionError("a compiler ran")
+
+    monkeypatch.setattr(Compiler, "run", compiled)
+    options = Options(targets=("c", f"fmi{version}"))
+    generate(model(ROBOT), tmp_path / "out", options, compile_c=False)
+    unit = zipfile.ZipFile(tmp_path / "out" / f"{ROBOT}_fmi{version}.fmu").namelist()
+    assert f"sources/{ROBOT}.c" in unit
+    assert not [name for name in unit if name.startswith("binaries/")]
 
 
 @pytest.mark.parametrize("target", ["c", "st"])

@@ -88,7 +88,8 @@ def _emit(functions: Functions, options: Options, version: int) -> dict[str, byt
     files |= {f"sources/{k}": v for k, v in sources.items()}
     if version == 3:
         files["sources/buildDescription.xml"] = rendered("fmi/build.xml.j2")
-    files |= _binary(name, sources, version)
+    if options.binaries:
+        files |= _binary(name, sources, version)
     return {f"{name}_fmi{version}.fmu": zipped(files)}
 
 
