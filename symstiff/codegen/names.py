@@ -19,7 +19,7 @@ LOADS_MEANING = {
 }
 _CONTEXT = {
     "time": ("s, since the start of the measurements", 0.0),
-    "temperature": ("degC", 20.0),
+    "temperature": ("degC, as in the measurements' column of that name", 20.0),
     "branch": ("+1 while the load grows, -1 while it falls", 1.0),
 }
 _COARSE = 2.0**22
