@@ -303,6 +303,38 @@ def test_the_header_tells_the_shape_of_a_law_with_units(name: str, unit: str) ->
     assert f"reference load 1350 {unit}, two slopes that meet at it, under a tapering arm of 500 kg" in header
 
 
+def test_every_parameter_of_effects_has_a_meaning_of_its_own() -> None:
+    heavy = heavy_arm()
+    gap = {"width": 20.0}
+    for effect in (
+        EffectInstance("backlash", {"joint": 1}, gap),
+        EffectInstance("backlash", {"joint": 2}, {**gap, "weights": 0.0}),
+        EffectInstance("transmission_error", {"joint": 2, "harmonics": [3]}),
+        EffectInstance("geometric_error", {"link": 1}),
+        EffectInstance("payload_error", {"load": "payload"}),
+    ):
+        heavy = heavy.with_effect(effect)
+    header = emit_c(Functions(heavy), Options())[f"{heavy.robot.name}.h"].decode()
+    told = {n: re.search(rf"{n}; /\* (.*) \*/", header)[1] for n in (e.name for e in heavy.effect_parameters)}
+    assert len(set(told.values())) == len(told)
+    assert told["backlash_2_gap"].endswith("turning over within +- 20 N*m, links' weight left out")
+    assert "weight" not in told["backlash_1_gap"]
+    assert told["transmission_error_2_a3"].endswith(": of sin(3*q2)")
+    assert told["transmission_error_2_b3"].endswith(": of cos(3*q2)")
+    assert told["geometric_error_1_ry"].endswith(
+        ": turned about y of the link's elastic frame, x along the beam"
+    )
+    assert told["payload_error_payload_mz"].endswith(": first moment along z of frame 2")
+
+
+def heavy_arm() -> StiffnessModel:
+    """A planar arm whose first link has a mass."""
+    table = to_table(load("planar2r"))
+    joints = [dict(j) for j in table["joint"]]
+    joints[0]["link"] = {**joints[0].get("link", {}), "mass": 12.0, "com": [-0.2, 0.0, 0.0]}
+    return StiffnessModel.of(reduce(from_table(table | {"joint": joints}, "arm.toml"), "wrench"))
+
+
 def test_a_temperature_is_told_in_ascii() -> None:
     warm = {"temperature": 8.0, "reference": 22.0}
     drift = EffectInstance("thermal_drift", {"measurement": "frame"}, warm)

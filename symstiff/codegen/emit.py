@@ -172,12 +172,16 @@ def _numbers(functions: Functions, options: Options) -> dict[str, Any]:
 
 
 def _effect_meaning(model: StiffnessModel, name: str) -> str:
-    """Effect, place and shape of a parameter, in ASCII."""
+    """Effect, place, shape and its own part of a parameter, in ASCII."""
     for effect, realised in zip(model.effects, model.realisations, strict=True):
-        if name in {p.name for p in realised.parameters}:
+        for p in (p for p in realised.parameters if p.name == name):
             place = ", ".join(f"{k} {v}" for k, v in effect.where.items())
             told = "".join(f", {phrase}" for phrase in effect.shape_phrases(model.robot))
-            text = f"{find(effect.effect).title.lower()} ({place}){told}"
+            # where masses are known, two laws of a joint may differ by this alone
+            heavy = any(link.mass for link in model.robot.links)
+            told += ", links' weight left out" if heavy and effect.shape.get("weights") == 0 else ""
+            own = f": {p.meaning}" if p.meaning else ""
+            text = f"{find(effect.effect).title.lower()} ({place}){told}{own}"
             text = text.replace("±", "+-").replace("·", "*").replace("°C", "degC")
             return text.encode("ascii", "replace").decode().replace("*/", "* /")
     return "parameter of an effect"

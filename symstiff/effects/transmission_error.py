@@ -26,7 +26,8 @@ def _realise(robot: Robot, where: Where, shape: Shape) -> Realisation:
         order = exact(n) if float(n) % 1 else sp.Integer(int(n))
         label = str(order).replace("/", "o")
         for what, function in (("a", sp.sin), ("b", sp.cos)):
-            p = parameter(NAME, where, f"{what}{label}", "rad", -5e-3, 5e-3, 1e-4)
+            meant = f"of {function.__name__}({order}*q{j})"
+            p = parameter(NAME, where, f"{what}{label}", "rad", -5e-3, 5e-3, 1e-4, meant)
             parameters.append(p)
             terms.append(Term(p.name, actuated_joint(j), function(order * q(j))))
     return Realisation(tuple(parameters), tuple(terms))
