@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import ctypes
+import math
 import re
 import subprocess
 from pathlib import Path
@@ -11,9 +12,12 @@ import mpmath
 import numpy as np
 import pytest
 
-from symstiff.codegen.batch import always_finite, small_arguments
+from symstiff.codegen.batch import SizeAlgebra, always_finite, small_arguments
 from symstiff.codegen.functions import Functions
+from symstiff.codegen.generate import generate
+from symstiff.codegen.options import Options
 from symstiff.codegen.sincos import DOUBLE, FLOAT
+from symstiff.effects.base import EffectInstance
 from symstiff.symbolic.program import Emit
 from tests.generated_c import STRICT, compiler, model, poses, shared_library, written
 
@@ -339,3 +343,15 @@ def test_the_header_promises_no_other_place_for_outputs():
         in text
     )
     assert re.search(r"A is neither q nor w\.[^*]*\*/ #define UR10_TILE", text)
+
+
+@pytest.mark.parametrize("precision", ["double", "float"])
+def test_a_law_of_a_high_power_is_generated_and_its_overflow_found(tmp_path, precision):
+    m = model("planar2r").with_effect(
+        EffectInstance("nonlinear_stiffness", {"joint": 2}, {"load": 5.0, "power": 5.0})
+    )
+    assert SizeAlgebra([]).sum([(1, 1e308), (-1, 1e308)]) == math.inf
+    compiler()
+    made = generate(m, tmp_path / "code", Options(precision=precision, targets=("c",)))
+    assert not always_finite(m.deflection_program, precision == "float")
+    assert made.verification.max_relative_error < (1e-12 if precision == "double" else 2e-5)

@@ -236,3 +236,13 @@ def test_generate_says_that_a_stated_compliance_without_a_place_is_no_default(ru
     assert done.code == 0, done.err
     assert "warning: c2: the file's 2e-06 is left out of the values" in " ".join(done.out.split())
     assert not any(json.loads(Path("code/manifest.json").read_text())["default_parameters"])
+
+
+def test_a_compiler_is_advised_only_where_one_was_wanted(
+    run: Run, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    where = ("generate", "planar2r", "--targets", "c", "-o")
+    assert "not compiled: not wanted\n" in run(*where, tmp_path / "a", "--no-compile").out
+    monkeypatch.setattr("symstiff.codegen.generate.find_compiler", lambda: None)
+    lacking = " ".join(run(*where, tmp_path / "b").out.split())
+    assert "no C compiler was found (pip install symstiff[compiler] brings a compiler)" in lacking

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import math
+import re
 from pathlib import Path
 
 import numpy as np
@@ -80,6 +81,9 @@ def test_code_and_compensation_say_it(run: Run, tmp_path: Path) -> None:
     assert "q2 = -1, q3 = 1.2 (rad, m), and hold there alone" in (folder / "ur10.h").read_text()
     assert "q2 = -1, q3 = 1.2 (rad, m) alone" in (folder / "README.md").read_text()
     assert json.loads((folder / "manifest.json").read_text())["options"]["fixed"] == {"q2": -1.0, "q3": 1.2}
+    example = re.search(r"q\[UR10_N_JOINTS\] = \{(.*)\};", (folder / "main.c").read_text())
+    assert example is not None
+    assert [float(x) for x in example[1].split(",")][1:3] == [-1.0, 1.2]
     model = load_model(folder / "model.toml")
     model.with_values(dict.fromkeys(model.parameters, 1e-8)).save(tmp_path / "m.toml")
     head = ",".join(f"q{k}[rad]" for k in range(1, 7))

@@ -90,6 +90,9 @@ def test_units_causalities_and_defaults_are_declared(fmu):
     for name in m.parameters:
         v = by_name[name]
         assert (v.causality, v.unit, float(v.start)) == ("parameter", m.units[name], m.values[name])
+    assert {p.name: by_name[p.name].description for p in m.compliances} == {
+        p.name: p.meaning for p in m.compliances
+    }
     assert {by_name[f"wrench[{k}]"].unit for k in (4, 5, 6)} == {"N*m"}
     assert by_name["q[3]"].unit == ("m" if m.robot.joint[2].prismatic else "rad")
     assert by_name["deflection[1]"].causality == by_name["q_cmd[1]"].causality == "output"
@@ -193,6 +196,10 @@ UNITS = [
     ("m/N", {"kg": -1, "s": 2}),
     ("1", {}),
     ("N", {"kg": 1, "m": 1, "s": -2}),
+    ("rad/(N*m)^2", {"rad": 1, "kg": -2, "m": -4, "s": 4}),
+    ("rad/(N*m)^3", {"rad": 1, "kg": -3, "m": -6, "s": 6}),
+    ("m/N^3", {"kg": -3, "m": -2, "s": 6}),
+    ("m/(N*m", None),
     ("1/N^2", {"kg": -2, "m": -2, "s": 4}),
     ("furlong", None),
 ]

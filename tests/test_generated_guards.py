@@ -3,14 +3,24 @@
 from __future__ import annotations
 
 import ctypes
+import re
+import subprocess
+from collections.abc import Iterator
+from functools import cache
+from pathlib import Path
 
 import numpy as np
 import pytest
 
 from symstiff.codegen.compiler import find_compiler
+from symstiff.codegen.emit import emit_c
 from symstiff.codegen.functions import Functions
+from symstiff.codegen.options import Options
 from symstiff.codegen.reference import cases, plausible_values
-from symstiff.codegen.verify import build_library, c_errors
+from symstiff.codegen.verify import build_library, c_errors, verify
+from symstiff.effects.base import EffectInstance
+from symstiff.files import write_tree
+from symstiff.model import StiffnessModel
 from tests.generated_c import compiler, model, shared_library, written
 
 ROBOT = "scara"
@@ -56,3 +66,113 @@ def test_a_library_that_gives_no_command_where_there_is_one_is_not_verified(tmp_
     library = build_library(folder, scratch, ROBOT, cc)
     with pytest.raises(RuntimeError, match="scara_compensate returned -5 instead of 0"):
         c_errors(library, functions, found, values, False)
+
+
+@pytest.mark.parametrize("precision", ["double", "float"])
+@pytest.mark.parametrize(
+    ("function", "right", "wrong"),
+    [
+        ("deflection", "deflection_block(p, q, w, dt);", "deflection_block(p, q, w, dt); dt[1] += dt[1];"),
+        ("observation", "observation_block(q, w, A);", "observation_block(w, w, A);"),
+        ("observation", "*tile = &A[begin * 42U]", "*tile = &A[0]"),
+    ],
+)
+def test_functions_for_many_poses_are_verified_too(tmp_path, precision, function, right, wrong):
+    cc = find_compiler()
+    if cc is None:
+        pytest.skip("no C compiler")
+    functions, options = Functions(model(ROBOT)), Options(precision=precision, targets=("c",))
+    written(tmp_path, ROBOT, precision)
+    proof = verify(tmp_path, functions, cc, options)
+    assert 0.0 < proof.bounds[f"{function}_batch"] < 3e-6
+    source = tmp_path / f"{ROBOT}_batch.c"
+    before, body, after = source.read_text().rpartition(f"static int {function}_poses(")
+    assert right in after
+    source.write_text(before + body + after.replace(right, wrong, 1))
+    with pytest.raises(RuntimeError, match=f"{function} of many poses is wrong"):
+        verify(tmp_path, functions, cc, options)
+
+
+@pytest.mark.parametrize("spoilt", ["deflection", "observation", "jacobian", "compliance", "forward"])
+def test_every_function_that_casadi_loads_is_verified(tmp_path, spoilt):
+    ca = pytest.importorskip("casadi")
+    functions, options = Functions(model(ROBOT)), Options(targets=("casadi",))
+    written(tmp_path, ROBOT, "double", ("casadi",))
+    assert verify(tmp_path, functions, None, options).errors["casadi"] < 1e-13
+    path = str(tmp_path / f"{ROBOT}_{spoilt}.casadi")
+    function = ca.Function.load(path)
+    inputs = [ca.SX.sym(f"i{k}", function.size1_in(k)) for k in range(function.n_in())]
+    ca.Function(function.name(), inputs, [1.001 * function(*inputs)]).save(path)
+    with pytest.raises(RuntimeError, match="CasADi's functions are wrong by"):
+        verify(tmp_path, functions, None, options)
+
+
+LAWS = (
+    EffectInstance("backlash", {"joint": 1}, {"width": 0.2}),
+    EffectInstance("hysteresis", {"joint": 2}, {"width": 0.3}),
+    EffectInstance("nonlinear_stiffness", {"joint": 1}, {"load": 0.6, "knee": 1.0}),
+    EffectInstance("nonlinear_stiffness", {"joint": 4}, {"load": 0.15, "saturation": 1.0}),
+)
+
+
+@cache
+def lawful() -> StiffnessModel:
+    """A model with laws that bend far below the loads of a robot, and values for all that it has."""
+    m = model(ROBOT)
+    for law in LAWS:
+        m = m.with_effect(law)
+    return m.with_values(dict(m.values) | {e.name: 0.75 * e.typical for e in m.effect_parameters})
+
+
+def selftest_status(folder: Path, text: str) -> int:
+    """What the self-test's program returns with another text of the functions."""
+    (folder / f"{ROBOT}.c").write_text(text)
+    sources = [f"{ROBOT}.c", f"{ROBOT}_selftest.c", f"test_{ROBOT}.c"]
+    command = [compiler(), "-O0", "-I.", *sources, "-o", "selftest", "-lm"]
+    subprocess.run(command, cwd=folder, check=True)
+    return subprocess.run([folder / "selftest"], capture_output=True, check=False).returncode
+
+
+def literals(text: str, part: slice, pattern: str) -> Iterator[re.Match[str]]:
+    """What a part of the text has of a pattern."""
+    return re.compile(pattern).finditer(text, part.start, part.stop)
+
+
+def replaced(text: str, found: re.Match[str], factor: float) -> str:
+    """The text with a literal of C so many times greater."""
+    literal = f"{factor * float(found[0].rstrip('f')):.9g}"
+    literal += "" if "." in literal or "e" in literal else ".0"
+    return text[: found.start()] + literal + "f" * found[0].endswith("f") + text[found.end() :]
+
+
+@pytest.mark.parametrize("precision", ["double", "float"])
+def test_the_selftest_sees_where_laws_bend_and_what_the_defaults_are(tmp_path, precision):
+    functions = Functions(lawful())
+    write_tree(tmp_path, emit_c(functions, Options(precision=precision, targets=("c",))))
+    text = (tmp_path / f"{ROBOT}.c").read_text()
+    assert selftest_status(tmp_path, text) == 0
+    core = slice(text.index("void deflection_core("), text.index("void observation_core("))
+    bends = list(literals(text, core, r"(?<![\d.])[1-6]\.\d+f?(?=\*t)"))
+    table = slice(first := text.index("default_params = {"), text.index("};", first))
+    defaults = list(literals(text, table, r"\d+\.\d+(?:e-?\d+)?f?"))
+    assert (len(bends), len(defaults)) == (len(LAWS), len(lawful().parameters) + 1)
+    for found in bends:
+        assert selftest_status(tmp_path, replaced(text, found, 1.3)) != 0, found
+    for found in defaults[:-1]:  # the last is no parameter but the branch
+        assert selftest_status(tmp_path, replaced(text, found, 1.01)) != 0, found
+
+
+@pytest.mark.parametrize("precision", ["double", "float"])
+def test_many_poses_are_verified_where_laws_bend(tmp_path, precision):
+    cc = find_compiler()
+    if cc is None:
+        pytest.skip("no C compiler")
+    functions, options = Functions(lawful()), Options(precision=precision, targets=("c",))
+    write_tree(tmp_path, emit_c(functions, options))
+    assert verify(tmp_path, functions, cc, options).configurations > 64
+    source = tmp_path / f"{ROBOT}_batch.c"
+    text = source.read_text()
+    (knee,) = literals(text, slice(0, text.index("void observation_block(")), r"(?<![\d.])1\.66\d*f?(?=\*t)")
+    source.write_text(replaced(text, knee, 1.1))
+    with pytest.raises(RuntimeError, match="deflection of many poses is wrong"):
+        verify(tmp_path, functions, cc, options)

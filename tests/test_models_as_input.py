@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from pathlib import Path
 
 import numpy as np
@@ -76,6 +77,17 @@ def test_a_misspelt_key_of_a_shape_is_refused(run: Run, tmp_path: Path) -> None:
     scara().with_effect(late).save(tmp_path / "model.toml")
     mistake = run("generate", "scara", "--model", tmp_path / "model.toml", "-o", tmp_path / "out")
     assert_users_mistake(mistake, "model.toml", "backlash", "widht")
+
+
+@pytest.mark.parametrize("harmonics", ["-1", "0", "1, 1", ""])
+def test_harmonics_that_are_none_are_refused(run: Run, tmp_path: Path, harmonics: str) -> None:
+    path = tmp_path / "model.toml"
+    scara().with_effect(EffectInstance("transmission_error", {"joint": 2, "harmonics": [3]})).save(path)
+    text, place = path.read_text(), re.compile(r"harmonics = \[\s*3,?\s*\]")
+    assert place.search(text)
+    path.write_text(place.sub(f"harmonics = [{harmonics}]", text))
+    mistake = run("generate", "scara", "--model", path, "-o", tmp_path / "out", "--no-compile")
+    assert_users_mistake(mistake, "model.toml", "transmission_error", "give different numbers above zero")
 
 
 def test_a_stiffness_among_a_models_compliances_is_refused(run: Run, tmp_path: Path) -> None:

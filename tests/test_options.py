@@ -6,10 +6,12 @@ import ast
 import itertools
 import re
 import zipfile
+from io import BytesIO
 from xml.etree import ElementTree
 
 import pytest
 
+from symstiff.codegen.compiler import Compiler
 from symstiff.codegen.emit import emit_c
 from symstiff.codegen.functions import Functions
 from symstiff.codegen.generate import generate
@@ -180,7 +182,7 @@ def test_whatever_a_title_says_every_target_stays_what_it_is(title, tmp_path):
         with zipfile.ZipFile(folder / f"planar2r_fmi{version}.fmu") as archive:
             root = ElementTree.fromstring(archive.read("modelDescription.xml"))
             code = archive.read(f"sources/planar2r_fmi{version}.c").decode()
-        assert root.get("description") == f"Stiffness model of {title}"
+        assert root.get("description").startswith(f"Stiffness model of {title}. Results hold for loads")
         assert "/*" not in code[2 : code.index("*/")]
     assert after_comment((folder / "FB_planar2r.st").read_text()).startswith("FUNCTION_BLOCK FB_planar2r")
     assert not set("@$#\\") & set((folder / "planar2r.pc.in").read_text().splitlines()[5])
@@ -224,6 +226,61 @@ def test_the_header_says_that_measured_positions_do_not_tell_rotations():
     )
 
 
+@pytest.mark.parametrize("target", ["st", "python", "cpp", "fmi2", "fmi3"])
+@pytest.mark.parametrize("limited", [True, False])
+def test_every_target_that_stands_alone_says_where_a_reduced_model_holds(target, limited):
+    asked = ("force", "position", {2: 0.5}) if limited else ("wrench", "pose", {})
+    functions = Functions(StiffnessModel.of(reduce(load("scara"), *asked)))
+    (content,) = TARGETS[target].emitter()(functions, Options(targets=("c", target))).values()
+    if target.startswith("fmi"):
+        with zipfile.ZipFile(BytesIO(content)) as unit:
+            content = ElementTree.fromstring(unit.read("modelDescription.xml")).get("description").encode()
+    text = " ".join(content.decode().replace("//", "").split())
+    for said in (
+        "joints that stand still, q2 = 0.5 (rad, m), and hold there alone",
+        'hold for loads of the class "force" only: any force at the tool centre point, no moment.',
+        "translations hold. The rotation, which the compensated joint command takes too, holds only as far as",
+    ):
+        assert (said in text) == limited
+
+
+@pytest.mark.parametrize("version", [2, 3])
+def test_without_compilation_no_target_runs_a_compiler(version, tmp_path, monkeypatch):
+    def compiled(*_, **__):
+        raise AssertionError("a compiler ran")
+
+    monkeypatch.setattr(Compiler, "run", compiled)
+    options = Options(targets=("c", f"fmi{version}"))
+    generate(model(ROBOT), tmp_path / "out", options, compile_c=False)
+    unit = zipfile.ZipFile(tmp_path / "out" / f"{ROBOT}_fmi{version}.fmu").namelist()
+    assert f"sources/{ROBOT}.c" in unit
+    assert not [name for name in unit if name.startswith("binaries/")]
+
+
+@pytest.mark.parametrize("target", ["c", "st"])
+def test_the_meaning_of_default_parameters_is_told(target, tmp_path):
+    known = StiffnessModel.of(reduce(load("ur10"), "gravity"))
+    assert any(known.values.values())
+    known.save(tmp_path / "model.toml")
+    of_file = "what the robot file knows; others are zero until they are identified."
+    other = dict.fromkeys(known.parameters, 1e-07)
+    gap = known.with_effect(EffectInstance("backlash", {"joint": 2}, {"width": 5.0}))
+    for m, said in (
+        (known, of_file),
+        (load_model(tmp_path / "model.toml"), of_file),
+        (known.with_values(dict.fromkeys(known.parameters, 0.0)), of_file),
+        (gap, of_file),
+        (known.with_values(other), "given with the model."),
+        (gap.with_values({**known.values, "backlash_2_gap": 1e-4}), "given with the model."),
+        (known.with_values(other, dict.fromkeys(other, 1e-9)), "identified from measurements."),
+    ):
+        files = TARGETS[target].emitter()(Functions(m), Options(targets=(target,)))
+        told = [f for f, text in files.items() if b"Default parameters: " in text]
+        assert told == {"c": ["ur10.h", "README.md"], "st": ["FB_ur10.st"]}[target]
+        for file in told:
+            assert f"Default parameters: {said}" in files[file].decode()
+
+
 def test_angles_without_a_name_and_with_a_negative_cosine_are_compiled(tmp_path):
     rows = [(0.4, 2.5, 0.3, 0), (0.5, -3.0, 0.1, 2.2), (0.3, 1.0, 0.2, -2.0)]
     joints = [dict(zip(("a", "alpha", "d", "theta"), row, strict=True)) for row in rows]
@@ -244,6 +301,38 @@ def test_the_header_tells_the_shape_of_a_law_with_units(name: str, unit: str) ->
     grown = StiffnessModel.of(reduce(load(name), "force", "position")).with_effect(gear)
     header = emit_c(Functions(grown), Options())[f"{name}.h"].decode()
     assert f"reference load 1350 {unit}, two slopes that meet at it, under a tapering arm of 500 kg" in header
+
+
+def test_every_parameter_of_effects_has_a_meaning_of_its_own() -> None:
+    heavy = heavy_arm()
+    gap = {"width": 20.0}
+    for effect in (
+        EffectInstance("backlash", {"joint": 1}, gap),
+        EffectInstance("backlash", {"joint": 2}, {**gap, "weights": 0.0}),
+        EffectInstance("transmission_error", {"joint": 2, "harmonics": [3]}),
+        EffectInstance("geometric_error", {"link": 1}),
+        EffectInstance("payload_error", {"load": "payload"}),
+    ):
+        heavy = heavy.with_effect(effect)
+    header = emit_c(Functions(heavy), Options())[f"{heavy.robot.name}.h"].decode()
+    told = {n: re.search(rf"{n}; /\* (.*) \*/", header)[1] for n in (e.name for e in heavy.effect_parameters)}
+    assert len(set(told.values())) == len(told)
+    assert told["backlash_2_gap"].endswith("turning over within +- 20 N*m, links' weight left out")
+    assert "weight" not in told["backlash_1_gap"]
+    assert told["transmission_error_2_a3"].endswith(": of sin(3*q2)")
+    assert told["transmission_error_2_b3"].endswith(": of cos(3*q2)")
+    assert told["geometric_error_1_ry"].endswith(
+        ": turned about y of the link's elastic frame, x along the beam"
+    )
+    assert told["payload_error_payload_mz"].endswith(": first moment along z of frame 2")
+
+
+def heavy_arm() -> StiffnessModel:
+    """A planar arm whose first link has a mass."""
+    table = to_table(load("planar2r"))
+    joints = [dict(j) for j in table["joint"]]
+    joints[0]["link"] = {**joints[0].get("link", {}), "mass": 12.0, "com": [-0.2, 0.0, 0.0]}
+    return StiffnessModel.of(reduce(from_table(table | {"joint": joints}, "arm.toml"), "wrench"))
 
 
 def test_a_temperature_is_told_in_ascii() -> None:

@@ -82,6 +82,12 @@ MISTAKES = [
     ('name = "two_link"', 'name = "sin"', "name: 'sin' is a function of the C library"),
     ('name = "two_link"', 'name = "m"', "name: 'm' is a system's library"),
     ('name = "two_link"', 'name = "main"', "name: 'main' is a file or a target of the generated build"),
+    (
+        'name = "two_link"',
+        'name = "my__arm"',
+        "two underscores together, which C++, Structured Text and CasADi do not have: use e.g. my_arm",
+    ),
+    ('name = "two_link"', 'name = "arm_"', "name: 'arm_' gives names with two underscores together"),
     ('name = "two_link"', 'name = "x_rls"', "name: 'x_rls' is what files of a robot 'x' are called"),
     ('name = "two_link"', 'name = "2link"', "name: '2link' is no identifier: use [a-z][a-z0-9_]"),
     ('name = "two_link"', 'name = "two-link"', "name: 'two-link' is no identifier"),

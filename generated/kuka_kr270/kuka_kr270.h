@@ -132,7 +132,9 @@ int kuka_kr270_observation_strided(size_t n, const double *q, const size_t q_str
 #define KUKA_KR270_TILE 8
 int kuka_kr270_observation_tiles(size_t n, const double *q, const size_t q_stride[2], const double *w, const size_t w_stride[2], double *A);
 
-/* Evaluates stored cases against 50-digit reference values; writes the greatest relative error (may be NULL). */
+/* Evaluates stored cases, by the functions for one pose, against 50-digit reference values; writes the greatest
+ * relative error (may be NULL). kuka_kr270_batch.c is not needed for it: symstiff holds the functions for many poses against
+ * such values where it compiles the code. */
 int kuka_kr270_selftest(double *max_relative_error);
 
 #ifdef __cplusplus

@@ -134,7 +134,9 @@ int ur10_observation_strided(size_t n, const double *q, const size_t q_stride[2]
 #define UR10_TILE 8
 int ur10_observation_tiles(size_t n, const double *q, const size_t q_stride[2], const double *w, const size_t w_stride[2], double *A);
 
-/* Evaluates stored cases against 50-digit reference values; writes the greatest relative error (may be NULL). */
+/* Evaluates stored cases, by the functions for one pose, against 50-digit reference values; writes the greatest
+ * relative error (may be NULL). ur10_batch.c is not needed for it: symstiff holds the functions for many poses against
+ * such values where it compiles the code. */
 int ur10_selftest(double *max_relative_error);
 
 #ifdef __cplusplus

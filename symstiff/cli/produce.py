@@ -91,8 +91,8 @@ def _report(out: Console, result: Generated) -> None:
     if proof.compiled:
         out.print(f"compiled by {proof.compiler} without a warning, self-test passed")
     elif "c" in result.manifest["options"]["targets"].split(","):
-        why = proof.reason or "not wanted"
-        out.print(f"not compiled: {why} (pip install symstiff[compiler] brings a compiler)")
+        advice = f"{proof.reason} (pip install symstiff[compiler] brings a compiler)"
+        out.print(f"not compiled: {advice if proof.reason else 'not wanted'}")
     if proof.max_relative_error is not None:
         out.print(f"greatest relative error against 50-digit values: {proof.max_relative_error:.1e}")
     if ignored():

@@ -44,15 +44,20 @@ class SizeAlgebra:
 
     def sum(self, terms: Sequence[tuple[int, float]]) -> float:
         """Magnitudes add."""
-        return math.fsum(x for _, x in terms)
+        return sum(x for _, x in terms)
 
     def product(self, factors: Sequence[float]) -> float:
         """Magnitudes multiply; nothing is known of zero times infinity."""
         return math.inf if math.inf in factors else math.prod(factors)
 
     def power(self, base: float, exponent: sp.Expr) -> float:
-        """Positive whole powers only."""
-        return base ** int(exponent) if exponent.is_Integer and exponent > 0 else math.inf
+        """Positive whole powers only; beyond all bounds where a double is."""
+        if not (exponent.is_Integer and exponent > 0):
+            return math.inf
+        try:
+            return base ** int(exponent)
+        except OverflowError:
+            return math.inf
 
     def call(self, function: str, arguments: Sequence[float]) -> float:
         """At most one for the bounded functions."""

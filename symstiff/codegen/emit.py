@@ -6,13 +6,22 @@ from collections.abc import Sequence
 from functools import cache
 from importlib import resources
 from pathlib import Path
+from textwrap import wrap
 from typing import Any
 
 from symstiff import __version__
 from symstiff.codegen.batch import batch_context, block_size
 from symstiff.codegen.compact import Compact, compact
 from symstiff.codegen.functions import Functions
-from symstiff.codegen.names import LOADS_MEANING, SUMMARIES, check_single, meaning, moments
+from symstiff.codegen.names import (
+    LOADS_MEANING,
+    SUMMARIES,
+    check_single,
+    fixed_joints,
+    limits,
+    meaning,
+    moments,
+)
 from symstiff.codegen.options import Options
 from symstiff.codegen.quoting import FILTERS
 from symstiff.codegen.reference import (
@@ -22,6 +31,7 @@ from symstiff.codegen.reference import (
     cases,
     configurations,
     plausible_values,
+    tolerance,
     turning_length,
     unit_length,
 )
@@ -116,8 +126,10 @@ def _identity(functions: Functions, options: Options) -> dict[str, Any]:
         "loads": model.loads,
         "measure": model.measure,
         "loads_meaning": LOADS_MEANING[model.loads],
-        "fixed": ", ".join(f"{name} = {value:.9g}" for name, value in model.fixed_by_name.items()),
-        "defaults_meaning": _defaults_meaning(model.deviations),
+        "fixed": fixed_joints(model),
+        "limits": " ".join(limits(model)),
+        "limit_lines": wrap(" ".join(limits(model)), 112, break_long_words=False, break_on_hyphens=False),
+        "defaults_meaning": _defaults_meaning(functions),
         "compensation_meaning": _compensation_meaning(robot.dof, unit_length(model)),
         **{key: _triple(value) for key, value in _places(robot).items()},
         "options": [("loads", model.loads), ("measure", model.measure), *options.table().items()],
@@ -160,12 +172,16 @@ def _numbers(functions: Functions, options: Options) -> dict[str, Any]:
 
 
 def _effect_meaning(model: StiffnessModel, name: str) -> str:
-    """Effect, place and shape of a parameter, in ASCII."""
+    """Effect, place, shape and its own part of a parameter, in ASCII."""
     for effect, realised in zip(model.effects, model.realisations, strict=True):
-        if name in {p.name for p in realised.parameters}:
+        for p in (p for p in realised.parameters if p.name == name):
             place = ", ".join(f"{k} {v}" for k, v in effect.where.items())
             told = "".join(f", {phrase}" for phrase in effect.shape_phrases(model.robot))
-            text = f"{find(effect.effect).title.lower()} ({place}){told}"
+            # where masses are known, two laws of a joint may differ by this alone
+            heavy = any(link.mass for link in model.robot.links)
+            told += ", links' weight left out" if heavy and effect.shape.get("weights") == 0 else ""
+            own = f": {p.meaning}" if p.meaning else ""
+            text = f"{find(effect.effect).title.lower()} ({place}){told}{own}"
             text = text.replace("±", "+-").replace("·", "*").replace("°C", "degC")
             return text.encode("ascii", "replace").decode().replace("*/", "* /")
     return "parameter of an effect"
@@ -210,10 +226,12 @@ def _compliances_propagate(functions: Functions) -> bool:
     return not model.effects and all(parameter_symbol(n) in used for n in model.stiffness_parameters)
 
 
-def _defaults_meaning(deviations: Any) -> str:
-    if deviations:
+def _defaults_meaning(functions: Functions) -> str:
+    if functions.model.deviations:
         return "Default parameters: identified from measurements."
-    return "Default parameters: what the robot file knows; others are zero until they are identified."
+    if functions.defaults_known:
+        return "Default parameters: what the robot file knows; others are zero until they are identified."
+    return "Default parameters: given with the model."
 
 
 def _places(robot: Robot) -> dict[str, Sequence[Any]]:
@@ -308,6 +326,7 @@ def _selftest(functions: Functions, options: Options) -> dict[str, Any]:
     model, algebra = functions.model, CAlgebra(options.single)
     values = plausible_values(model)
     found = cases(functions, values, single=options.single)
+    overflows = any(c.overflows for c in found)
     stiffness = len(model.stiffness_parameters)
     parameters = [algebra.literal(values[n]) for n in model.parameters]
 
@@ -317,14 +336,16 @@ def _selftest(functions: Functions, options: Options) -> dict[str, Any]:
 
     def members(c: Case) -> list[str]:
         condition = algebra.literal(round(c.condition) + 1.0 if c.K is not None else c.condition)
-        given = (c.q, c.w, c.dt, *([c.A] if stiffness else []), c.J, c.T, c.K or [0.0] * 36)
+        default = () if overflows else (c.dt_default, c.default_sizes)
+        given = (c.q, c.w, c.dt, *default, *([c.A] if stiffness else []), c.J, c.T, c.K or [0.0] * 36)
         arrays = [literals(x) for x in given]
         expected = 1 if c.compensation is None else c.compensation
         return [*arrays, condition, literals(c.q_cmd), str(expected)]
 
     return {
         "cases": [members(c) for c in found],
-        "tolerance": algebra.literal(2e-5 if options.single else 1e-12),
+        "defaults_tested": not overflows,
+        "tolerance": algebra.literal(tolerance(options.single)),
         "beyond": algebra.literal(1e30),
         "test_parameters": parameters[:stiffness],
         "test_effect_parameters": parameters[stiffness:]
@@ -333,9 +354,11 @@ def _selftest(functions: Functions, options: Options) -> dict[str, Any]:
 
 
 def _example(functions: Functions, literal: Any) -> dict[str, Any]:
-    (q, _) = configurations(functions, 1, seed=11)[0]
+    """A pose and a load for main.c, where the model holds."""
+    (drawn, _), fixed = configurations(functions, 1, seed=11)[0], functions.model.fixed
+    q = [fixed.get(j, round(x, 3)) for j, x in enumerate(drawn, start=1)]
     w = [0.0, 0.0, -1000.0, 0.0, 0.0, 0.0]
-    return {"example_q": [literal(round(x, 3)) for x in q], "example_w": [literal(x) for x in w]}
+    return {"example_q": [literal(float(x)) for x in q], "example_w": [literal(x) for x in w]}
 
 
 __all__ = [

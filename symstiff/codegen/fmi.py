@@ -88,7 +88,8 @@ def _emit(functions: Functions, options: Options, version: int) -> dict[str, byt
     files |= {f"sources/{k}": v for k, v in sources.items()}
     if version == 3:
         files["sources/buildDescription.xml"] = rendered("fmi/build.xml.j2")
-    files |= _binary(name, sources, version)
+    if options.binaries:
+        files |= _binary(name, sources, version)
     return {f"{name}_fmi{version}.fmu": zipped(files)}
 
 
@@ -97,7 +98,11 @@ def fmu_context(functions: Functions, options: Options, version: int) -> dict[st
     model = functions.model
     base = base_context(functions, options)
     literal = CAlgebra(False).literal
-    values = [{"name": n, "start": literal(float(model.values.get(n, 0.0)))} for n in model.parameters]
+    meanings = {p["name"]: p["meaning"] for p in (*base["parameters"], *base["effect_parameters"])}
+    values = [
+        {"name": n, "start": literal(float(model.values.get(n, 0.0))), "meaning": meanings[n]}
+        for n in model.parameters
+    ]
     every = moments(model, functions.deflection)
     moment = [m for m in every if m.name != "time"]
     variables = _variables(functions, values, moment)
@@ -125,7 +130,7 @@ def _variables(
     for k, unit in enumerate(_WRENCH, 1):
         found.append((f"wrench[{k}]", "load at the tool centre point, base axes", "input", unit, "0.0"))
     for v in values:
-        found.append((v["name"], "compliance or effect", "parameter", model.units[v["name"]], v["start"]))
+        found.append((v["name"], v["meaning"], "parameter", model.units[v["name"]], v["start"]))
     for m in moment:
         found.append((m.name, m.meaning, "input", _MOMENT_UNITS[m.name], CAlgebra(False).literal(m.default)))
     for k, unit in enumerate(joints, 1):
@@ -147,12 +152,12 @@ def _base(unit: str) -> list[tuple[str, float]]:
 
 
 def base_unit(unit: str) -> dict[str, int] | None:
-    """Exponents of the SI base units of a product or quotient such as ``rad/(N*m)``; None where it is not known."""
-    match = re.fullmatch(r"([^/()]+)(?:/\(?([^/()]+)\)?)?", unit)
+    """Exponents of the SI base units of a product or quotient such as ``rad/(N*m)^2``; None where it is not known."""
+    match = re.fullmatch(r"([^/()]+)(?:/(?:([^/()]+)|\(([^/()]+)\)(?:\^([0-9]+))?))?", unit)
     if match is None:
         return None
     total: dict[str, int] = {}
-    for part, sign in ((match[1], 1), (match[2] or "1", -1)):
+    for part, sign in ((match[1], 1), (match[2] or match[3] or "1", -int(match[4] or 1))):
         for factor in part.split("*"):
             symbol, _, power = factor.partition("^")
             if symbol not in _BASE or not (power or "1").isdigit():

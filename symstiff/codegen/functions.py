@@ -4,8 +4,11 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
+from math import isclose
 
 from symstiff.model import StiffnessModel
+from symstiff.reduction import reduce
+from symstiff.reduction.complete import known_values
 from symstiff.symbolic.algebras import count
 from symstiff.symbolic.program import Program
 from symstiff.symbolic.programs import forward_program, jacobian_program
@@ -52,3 +55,14 @@ class Functions:
     def operations(self) -> dict[str, dict[str, int]]:
         """Additions, multiplications, sign changes and sines/cosines of every function."""
         return {p.name: count(p) for p in self.all}
+
+    @cached_property
+    def defaults_known(self) -> bool:
+        """Whether the model's values are those that its robot file states, zero where it states none."""
+        model = self.model
+        values = {n: model.values[n] for n in model.parameters if model.values.get(n)}
+        if not values:
+            return True
+        known = known_values(reduce(model.robot, model.loads, model.measure, model.fixed))
+        stated = {n: known[n] for n in model.parameters if known.get(n)}
+        return values.keys() == stated.keys() and all(isclose(x, stated[n]) for n, x in values.items())

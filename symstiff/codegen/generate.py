@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -47,9 +47,10 @@ def generate(
 
     Effects of the measurement (a device that drifts, a bad pose) are no laws of the robot and are left out.
 
+    compile_c: compile and verify the C code; without it FMUs have no binary either.
     footprint: measure code, stack and instructions too, on every machine that the tools at hand can show.
     """
-    options = options or Options()
+    options = replace(options or Options(), binaries=compile_c)
     whole, model = model, model.of_robot()
     left_out = tuple(e.effect for e in whole.effects if e not in model.effects)
     if not model.parameters:

@@ -19,7 +19,7 @@ LOADS_MEANING = {
 }
 _CONTEXT = {
     "time": ("s, since the start of the measurements", 0.0),
-    "temperature": ("degC", 20.0),
+    "temperature": ("degC, as in the measurements' column of that name", 20.0),
     "branch": ("+1 while the load grows, -1 while it falls", 1.0),
 }
 _COARSE = 2.0**22
@@ -53,6 +53,29 @@ def moments(model: StiffnessModel, program: Program) -> list[Moment]:
         if name == "time" and default:
             told = f"s, by the clock of the measurements, which began at {default:.15g}"
         found.append(Moment(name, told, default, default if name == "branch" else default + 1.0))
+    return found
+
+
+def fixed_joints(model: StiffnessModel) -> str:
+    """The joints that stood still when a model was reduced, with their values; empty where none did."""
+    return ", ".join(f"{name} = {value:.9g}" for name, value in model.fixed_by_name.items())
+
+
+def limits(model: StiffnessModel) -> list[str]:
+    """Sentences on where a reduced model holds, for files that stand alone."""
+    found = []
+    if fixed := fixed_joints(model):
+        found.append(
+            f"The parameters were reduced for joints that stand still, {fixed} (rad, m), and hold there alone."
+        )
+    if model.loads != "wrench":
+        meant = LOADS_MEANING[model.loads]
+        found.append(f'Results hold for loads of the class "{model.loads}" only: {meant}.')
+    if model.measure == "position":
+        found.append(
+            "The parameters were reduced to what measured positions identify: translations hold. The rotation, which "
+            "the compensated joint command takes too, holds only as far as these parameters tell it."
+        )
     return found
 
 

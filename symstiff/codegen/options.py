@@ -17,11 +17,13 @@ class Options:
     """precision: ``double`` or ``float``; targets: what is emitted; layout: ``unrolled`` or ``compact`` C.
 
     compact: loops over the parameters, about half the code of ``observation`` for 1.8 times its instructions.
+    binaries: whether an FMU gets one for this machine; the sources are the same.
     """
 
     precision: str = "double"
     layout: str = "unrolled"
     targets: tuple[str, ...] = ("c", "casadi")
+    binaries: bool = True
 
     def __post_init__(self) -> None:
         for key, allowed in CHOICES.items():
@@ -46,8 +48,9 @@ class Options:
         return [*own, *(c for t in self.targets for c in TARGETS[t].files(name, ".c"))]
 
     def table(self) -> dict[str, str]:
-        """Options as text, in order."""
-        return {k: ",".join(v) if isinstance(v, tuple) else str(v) for k, v in asdict(self).items()}
+        """Options that change the sources as text, in order."""
+        told = {k: v for k, v in asdict(self).items() if k != "binaries"}
+        return {k: ",".join(v) if isinstance(v, tuple) else str(v) for k, v in told.items()}
 
     def model_hash(self, structure_hash: str, values: dict[str, float]) -> str:
         """SHA-256 of the model, its default values and these options."""

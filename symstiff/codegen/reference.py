@@ -15,6 +15,7 @@ import mpmath
 import numpy as np
 import sympy as sp
 
+from symstiff.codegen.bending import Input, bending
 from symstiff.codegen.functions import Functions
 from symstiff.codegen.names import moments
 from symstiff.codegen.text import context_names
@@ -27,7 +28,7 @@ LARGEST_CORRECTION = 0.25  # rad, m: a compensation that moves a joint further i
 OK, SINGULAR, RANGE = 0, -3, -5  # what the generated functions return
 _SIZES = {"m/N": 5e-8, "rad/N": 5e-8, "rad/(N*m)": 5e-7}
 _DEFICIENT = 1e-8
-Input = tuple[tuple[float, ...], tuple[float, ...]]
+_OVERFLOW = 1e30  # m, rad: defaults that give more are in no self-test
 
 
 @dataclass(frozen=True)
@@ -36,6 +37,8 @@ class Case:
 
     K is None where the compliance has no inverse; condition is 0 there, and −1 where rounding decides whether it has.
     compensation: what ``compensate`` returns, None where rounding decides that; q_cmd is q where it is an error.
+    dt_default: the deflection by the model's own values; default_sizes: what it is added up from, translation and
+    rotation, so that values which cancel each other are held to what rounding leaves of them.
     """
 
     q: tuple[float, ...]
@@ -49,6 +52,13 @@ class Case:
     condition: float
     q_cmd: list[Any]
     compensation: int | None
+    dt_default: list[Any]
+    default_sizes: tuple[float, float]
+
+    @property
+    def overflows(self) -> bool:
+        """Whether the model's own values are absurd: their deflections might not be finite."""
+        return not max(self.default_sizes) < _OVERFLOW
 
 
 def unit_length(model: StiffnessModel) -> float:
@@ -59,6 +69,11 @@ def unit_length(model: StiffnessModel) -> float:
 def turning_length(model: StiffnessModel) -> float:
     """Metres that weigh as much as a radian where a compliance is inverted: a quarter of the reach."""
     return round(0.25 * model.robot.reach, 4) or 0.01
+
+
+def tolerance(single: bool) -> float:
+    """Greatest relative error of a correct function at a regular pose, some hundred roundings."""
+    return 2e-5 if single else 1e-12
 
 
 def plausible_values(model: StiffnessModel, seed: int = 7) -> dict[str, float]:
@@ -105,8 +120,16 @@ def _drawn(robot: Any, rng: random.Random) -> Input:
 def cases(
     functions: Functions, values: Mapping[str, float], n: int = 3, seed: int = 3, single: bool = False
 ) -> list[Case]:
-    """Evaluate n random configurations with 50 digits, all at once; ``single``: for functions in single precision."""
+    """Evaluate n random configurations with 50 digits, all at once, and those that a model's laws need beside them.
+
+    single: for functions in single precision.
+    """
     model, found = functions.model, configurations(functions, n, seed)
+    if model.effects:
+        rounding = tolerance(single) / float(np.finfo(np.float32 if single else float).eps) / 20
+        found = found + bending(model, values, found, configurations(functions, 48, seed + 1), rounding)
+    known = {name: float(model.values.get(name, 0.0)) for name in model.parameters}
+    known = {name: float(np.float32(x)) for name, x in known.items()} if single else known
     with mpmath.workdps(DIGITS):
         inputs = {
             "p": [mpmath.mpf(values[name]) for name in model.parameters],
@@ -118,32 +141,48 @@ def cases(
         J = _evaluated(functions.jacobian, inputs, len(found))
         T = _evaluated(functions.forward, inputs, len(found))
         C = _evaluated(functions.compliance, inputs, len(found))
-        p = np.array(inputs["p"][: len(model.stiffness_parameters)], dtype=object)
-        if model.effects:
-            dt = _evaluated(model.deflection_program, inputs, len(found))
-        else:
-            dt = (A.reshape(len(found), 6, -1) * p).sum(-1)
+        dt = _deflections(model, A, inputs)
+        default = _deflections(model, A, inputs | {"p": [mpmath.mpf(x) for x in known.values()]})
+        sizes = _sizes(model, known, found)
         return [
-            _case(model, *found[i], *(list(x[i]) for x in (dt, A, J, T, C)), single=single)
+            _case(model, found[i], [list(x[i]) for x in (dt, A, J, T, C, default)], sizes[i], single)
             for i in range(len(found))
         ]
 
 
 def _case(
-    model: StiffnessModel,
-    q: tuple[float, ...],
-    w: tuple[float, ...],
-    dt: list[Any],
-    A: list[Any],
-    J: list[Any],
-    T: list[Any],
-    C: list[Any],
-    *,
-    single: bool,
+    model: StiffnessModel, given: Input, evaluated: Sequence[list[Any]], sizes: np.ndarray, single: bool
 ) -> Case:
+    (q, w), (dt, A, J, T, C, default) = given, evaluated
     K, condition = _inverse(C, turning_length(model), 1e-4 if single else 1e-8)
     q_cmd, compensation = _compensated(q, J, dt, unit_length(model))
-    return Case(q, w, dt, A, J, T, C, K, condition, q_cmd, compensation)
+    both = (float(f"{sizes[0]:.3g}"), float(f"{sizes[1]:.3g}"))  # the same on every machine
+    return Case(q, w, dt, A, J, T, C, K, condition, q_cmd, compensation, default, both)
+
+
+def _deflections(model: StiffnessModel, A: np.ndarray, inputs: Mapping[str, Any]) -> np.ndarray:
+    """(N, 6) 50-digit deflections: by columns, or by the program where there are other laws."""
+    if model.effects:
+        return _evaluated(model.deflection_program, inputs, len(A))
+    p = np.array(inputs["p"], dtype=object)
+    dt: np.ndarray = (A.reshape(len(A), 6, -1) * p).sum(-1)
+    return dt
+
+
+def _sizes(model: StiffnessModel, values: Mapping[str, float], found: Sequence[Input]) -> np.ndarray:
+    """Greatest sums, (N, 2), of what each parameter alone gives to translations and to rotations."""
+    program, n, m = model.deflection_program, len(found), len(values)
+    given = {
+        "p": np.tile(np.diag(list(values.values())), (n, 1)),
+        "q": np.repeat([q for q, _ in found], m, axis=0),
+        "w": np.repeat([w for _, w in found], m, axis=0),
+        "context": np.tile([x.tested for x in moments(model, program)], (n * m, 1)),
+    }
+    with np.errstate(all="ignore"):
+        dt = evaluate_numpy(program, **{v.name: given[v.name] for v in program.inputs})["dt"]
+        total = np.abs(dt.reshape(n, m, 6)).sum(axis=1)
+    sizes: np.ndarray = total.reshape(n, 2, 3).max(axis=2)
+    return sizes
 
 
 def _compensated(

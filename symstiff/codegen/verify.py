@@ -14,15 +14,20 @@ from typing import Any
 
 import numpy as np
 
+from symstiff.codegen.batch import block_size
 from symstiff.codegen.compiler import STRICT, Compiler
 from symstiff.codegen.functions import Functions
 from symstiff.codegen.names import moments
 from symstiff.codegen.options import Options
-from symstiff.codegen.reference import Case, cases, plausible_values
+from symstiff.codegen.reference import Case, cases, plausible_values, tolerance
 from symstiff.errors import UserError
 
-CONFIGURATIONS = 64  # random ones over the joint range that the bounds of a compiled library are measured at
+CONFIGURATIONS = (
+    64  # random ones over the joint range that the bounds of a compiled library are measured at; laws of
+)
+# effects add those where they bend
 TWIST = (slice(0, 3), slice(3, 6))
+Errors = dict[str, float]
 
 
 @dataclass(frozen=True)
@@ -30,14 +35,16 @@ class Verification:
     """What was compiled and seen: greatest relative errors by function, against 50-digit values.
 
     reason: why nothing was compiled, "" where it was or nobody wanted it.
-    errors: CasADi's and C's greatest; bounds: C's by function, the stiffness matrix's divided by its condition
-    number, the compensated joint variables' absolute [rad, m]; footprint: code, stack, instructions by machine.
+    errors: CasADi's and C's greatest; bounds: C's by function over so many configurations, the stiffness matrix's
+    divided by its condition number, the compensated joint variables' absolute [rad, m]; footprint: code, stack,
+    instructions by machine.
     """
 
     compiled: bool
     compiler: str = ""
     reason: str = ""
     selftest: float | None = None
+    configurations: int = 0
     errors: dict[str, float] = field(default_factory=dict)
     bounds: dict[str, float] = field(default_factory=dict)
     footprint: dict[str, Any] = field(default_factory=dict)
@@ -57,7 +64,7 @@ class Verification:
             "max_relative_error": self.max_relative_error,
             "selftest_error": self.selftest,
             "errors": self.errors,
-            "bounds": {"configurations": CONFIGURATIONS, **self.bounds} if self.bounds else {},
+            "bounds": {"configurations": self.configurations, **self.bounds} if self.bounds else {},
             "footprint": self.footprint,
         }
 
@@ -78,10 +85,15 @@ def verify(
     if "c" not in options.targets:
         compiler = None
     values = plausible_values(functions.model)
-    found = cases(functions, values, CONFIGURATIONS if compiler else 4, 23, options.single)
+    drawn = CONFIGURATIONS if compiler else 4
+    found = cases(functions, values, drawn, 23, options.single)
     errors: dict[str, float] = {}
     if "casadi" in options.targets:
-        errors["casadi"] = _casadi_error(folder, functions, found[:4], values)
+        errors["casadi"] = _casadi_error(folder, functions, [*found[:4], *found[drawn:]], values)
+        if not errors["casadi"] <= 100 * tolerance(single=False):
+            raise RuntimeError(
+                f"CasADi's functions are wrong by {errors['casadi']:.2g} of their greatest value"
+            )
     if compiler is None:
         return Verification(False, reason=reason, errors=errors)
     with tempfile.TemporaryDirectory() as scratch:
@@ -90,13 +102,15 @@ def verify(
         worst = _run_selftest(folder, Path(scratch), name, compiler, objects)
         library = _linked(Path(scratch) / f"lib{name}.so", objects, compiler)
         bounds = c_errors(library, functions, found, values, options.single)
+        bounds |= batch_errors(library, functions, found, values, options.single)
+    _check_batches(bounds, options.single, compiler)
     errors["c"] = max(bounds.values())
     measured: dict[str, Any] = {}
     if footprint:
         from symstiff.codegen.footprint import measure
 
         measured = measure(folder, functions, options.single)
-    return Verification(True, compiler.name, "", worst, errors, bounds, measured)
+    return Verification(True, compiler.name, "", worst, len(found), errors, bounds, measured)
 
 
 def _objects(folder: Path, scratch: Path, sources: Sequence[str], compiler: Compiler) -> list[str]:
@@ -123,12 +137,27 @@ def _run_selftest(
     run = subprocess.run([str(program)], capture_output=True, text=True, check=False, timeout=60)
     match = re.search(r"error ([-+.0-9e]+)", run.stdout)
     if run.returncode != 0 or match is None:
-        if os.environ.get("CC"):
-            raise UserError(
-                f"$CC ({compiler.name}) makes code that fails its self-test: leave out what changes arithmetic"
-            )
-        raise RuntimeError(f"the self-test failed: {run.stdout}{run.stderr}")
+        raise _wrong(compiler, f"the self-test failed: {run.stdout}{run.stderr}")
     return float(match.group(1))
+
+
+def _wrong(compiler: Compiler, what: str) -> Exception:
+    """Whose fault wrong numbers are: the user's where the user chose compiler and flags."""
+    if os.environ.get("CC"):
+        return UserError(
+            f"$CC ({compiler.name}) makes code that fails its self-test: leave out what changes arithmetic"
+        )
+    return RuntimeError(what)
+
+
+def _check_batches(bounds: Mapping[str, float], single: bool, compiler: Compiler) -> None:
+    """Raise where a function for many poses differs from the one for a single pose by more than rounding."""
+    for function in ("deflection", "observation"):
+        error, scalar = bounds.get(f"{function}_batch", 0.0), bounds.get(function, 0.0)
+        if not error <= tolerance(single) + 10 * scalar:
+            raise _wrong(
+                compiler, f"{function} of many poses is wrong by {error:.2g}, that of one by {scalar:.2g}"
+            )
 
 
 def _linked(library: Path, objects: Sequence[str], compiler: Compiler) -> Path:
@@ -151,6 +180,7 @@ def relative(x: Sequence[float] | np.ndarray, reference: Sequence[Any], blocks: 
     for block in blocks:
         size = np.abs(b[block]).max(initial=0.0)
         error = np.abs(a[block] - b[block]).max(initial=0.0)
+        error = error if np.isfinite(error) else np.inf
         worst = max(worst, float(error / size) if size else float(error))
     return worst
 
@@ -164,8 +194,8 @@ def c_errors(
     real: Any = ctypes.c_float if single else ctypes.c_double
     n, m = model.robot.dof, len(model.stiffness_parameters)
     p = struct_values(functions, values, real)
-    rows, whole = [slice(r * m, (r + 1) * m) for r in range(6)], [slice(None)]
-    worst: dict[str, float] = {}
+    rows, whole = _rows(m), [slice(None)]
+    worst: Errors = {}
 
     def called(function: str, size: int, *inputs: Any) -> list[float]:
         output = (real * size)()
@@ -200,6 +230,65 @@ def c_errors(
     return worst
 
 
+def batch_errors(
+    library: Path, functions: Functions, found: Sequence[Case], values: Mapping[str, float], single: bool
+) -> Errors:
+    """Greatest errors of the functions for many poses over an odd number of configurations, in every layout.
+
+    Odd: the last block of poses is never full. ``deflection_batch`` and ``observation_batch`` stand for the strided
+    functions and tiles too.
+    """
+    found = found[: len(found) - 1 + len(found) % 2]
+    loaded, prefix, real = (
+        ctypes.CDLL(str(library)),
+        functions.model.robot.name,
+        np.float32 if single else float,
+    )
+    m = len(functions.model.stiffness_parameters)
+    p = struct_values(functions, values, ctypes.c_float if single else ctypes.c_double)
+    q, w, n = np.array([c.q for c in found], real), np.array([c.w for c in found], real), len(found)
+    by_component = np.ascontiguousarray(q.T), np.ascontiguousarray(w.T)
+
+    def layouts(function: str, size: int, *fixed: Any) -> list[np.ndarray]:
+        """What the function gives, (poses, size), for one array a component and for poses one after the other."""
+        first, inputs = (*fixed, ctypes.c_size_t(n)), (_at(q), _strides(q), _at(w), _strides(w))
+        columns, poses = np.zeros((size, n), real), np.zeros((n, size), real)
+        called(f"{function}_batch", *first, _at(by_component[0]), _at(by_component[1]), _at(columns))
+        called(f"{function}_strided", *first, *inputs, _at(poses), _strides(poses))
+        if function != "observation":
+            return [columns.T, poses]
+        tile = block_size(size, single)
+        tiles = np.zeros((-(-n // tile), size, tile), real)
+        called(f"{function}_tiles", *first, *inputs, _at(tiles))
+        return [columns.T, poses, tiles.transpose(0, 2, 1).reshape(-1, size)[:n]]
+
+    def called(function: str, *arguments: Any) -> None:
+        if status := getattr(loaded, f"{prefix}_{function}")(*arguments):
+            raise RuntimeError(f"{prefix}_{function} returned error {status} at a regular pose")
+
+    def worst(results: Sequence[np.ndarray], expected: Sequence[list[Any]], blocks: Sequence[slice]) -> float:
+        return max(relative(x, y, blocks) for r in results for x, y in zip(r, expected, strict=True))
+
+    errors = {"deflection_batch": worst(layouts("deflection", 6, p), [c.dt for c in found], TWIST)}
+    if m:
+        errors["observation_batch"] = worst(layouts("observation", 6 * m), [c.A for c in found], _rows(m))
+    return errors
+
+
+def _at(array: np.ndarray) -> Any:
+    return array.ctypes.data_as(ctypes.c_void_p)
+
+
+def _strides(poses: np.ndarray) -> Any:
+    """Strides of an array with one pose after the other: of a component, of a pose."""
+    return (ctypes.c_size_t * 2)(1, poses.shape[1])
+
+
+def _rows(m: int) -> list[slice]:
+    """The six rows of an observation matrix of m columns."""
+    return [slice(r * m, (r + 1) * m) for r in range(6)]
+
+
 def struct_values(functions: Functions, values: Mapping[str, float], real: Any) -> Any:
     """The C struct of parameters as an array, with what holds at the moment as tested."""
     model = functions.model
@@ -214,21 +303,18 @@ def _greatest_difference(x: Sequence[float], reference: Sequence[Any]) -> float:
 def _casadi_error(
     folder: Path, functions: Functions, found: Sequence[Case], values: dict[str, float]
 ) -> float:
+    """The greatest error of all functions that CasADi loads."""
     import casadi as ca
 
     model, name = functions.model, functions.model.robot.name
-    deflection = ca.Function.load(str(folder / f"{name}_deflection.casadi"))
-    m = len(model.stiffness_parameters)
-    observation = ca.Function.load(str(folder / f"{name}_observation.casadi")) if m else None
+    blocks = {"deflection": TWIST, "observation": _rows(len(model.stiffness_parameters))}
     worst = 0.0
-    for case in found:
-        context = [[m.tested for m in moments(model, functions.deflection)]] if deflection.n_in() > 3 else []
-        dt = np.array(deflection(model.vector(values), case.q, case.w, *context)).ravel()
-        worst = max(worst, relative(dt, case.dt, TWIST))
-        if observation is not None:
-            extra = (
-                [[x.tested for x in moments(model, functions.observation)]] if observation.n_in() > 2 else []
-            )
-            A = np.array(observation(case.q, case.w, *extra)).ravel()
-            worst = max(worst, relative(A, case.A, [slice(r * m, (r + 1) * m) for r in range(6)]))
+    for program in functions.all:
+        function = ca.Function.load(str(folder / f"{name}_{program.name}.casadi"))
+        moment = [m.tested for m in moments(model, program)]
+        for c in found:
+            given = {"p": model.vector(values), "q": c.q, "w": c.w, "context": moment}
+            expected = {"dt": c.dt, "A": c.A, "J": c.J, "C": c.C, "T": c.T}[program.outputs[0][0]]
+            result = np.array(function(*(given[v.name] for v in program.inputs))).ravel()
+            worst = max(worst, relative(result, expected, blocks.get(program.name, [slice(None)])))
     return worst

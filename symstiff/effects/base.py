@@ -44,13 +44,14 @@ class Move:
 
 @dataclass(frozen=True)
 class EffectParameter:
-    """A linear parameter of an effect: full name, SI unit, physically plausible range, typical size."""
+    """A linear parameter of an effect: full name, SI unit, physically plausible range, typical size, its part."""
 
     name: str
     unit: str
     low: float
     high: float
     typical: float
+    meaning: str = ""
 
 
 @dataclass(frozen=True)

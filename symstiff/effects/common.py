@@ -44,10 +44,17 @@ def compliance_unit(robot: Robot, joint: int) -> str:
 
 
 def parameter(
-    effect: str, where: Where, what: str, unit: str, low: float, high: float, typical: float
+    effect: str,
+    where: Where,
+    what: str,
+    unit: str,
+    low: float,
+    high: float,
+    typical: float,
+    meaning: str = "",
 ) -> EffectParameter:
     """A parameter named ``<effect>_<where>_<what>``."""
-    return EffectParameter(f"{effect}_{place_name(where)}_{what}", unit, low, high, typical)
+    return EffectParameter(f"{effect}_{place_name(where)}_{what}", unit, low, high, typical, meaning)
 
 
 def exact(value: Any) -> sp.Rational:

@@ -17,7 +17,9 @@ def _realise(robot: Robot, where: Where, shape: Shape) -> Realisation:
     parameters, terms = [], []
     for what, at in zip(WHAT, link_axes(int(where["link"])), strict=True):
         unit, high, typical = ("rad", 0.05, 1e-3) if at.rotational else ("m", 0.02, 1e-3)
-        p = parameter(NAME, where, what, unit, -high, high, typical)
+        how = "turned about" if at.rotational else "shifted along"
+        meant = f"{how} {what[-1]} of the link's elastic frame, x along the beam"
+        p = parameter(NAME, where, what, unit, -high, high, typical, meant)
         parameters.append(p)
         terms.append(Term(p.name, at, sp.S.One))
     return Realisation(tuple(parameters), tuple(terms))

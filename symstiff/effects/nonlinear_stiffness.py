@@ -50,8 +50,8 @@ def _realise(robot: Robot, where: Where, shape: Shape) -> Realisation:
     j = int(where["joint"])
     at, unit = actuated_joint(j), compliance_unit(robot, j)
     if "load" not in shape:
-        c2 = parameter(NAME, where, "c2", _per_load(unit, 2), -1e-6, 1e-6, 1e-10)
-        c3 = parameter(NAME, where, "c3", _per_load(unit, 3), -1e-8, 1e-8, 1e-13)
+        c2 = parameter(NAME, where, "c2", _per_load(unit, 2), -1e-6, 1e-6, 1e-10, "of load*|load|")
+        c3 = parameter(NAME, where, "c3", _per_load(unit, 3), -1e-8, 1e-8, 1e-13, "of load^3")
         laws = (lambda x: x * size(x), lambda x: x**3)
         terms = [
             Term(p.name, at, of_total_load(law, robot, j, shape))

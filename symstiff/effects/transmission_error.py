@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from math import inf
+
 import sympy as sp
 
 from symstiff.effects.base import Effect, Realisation, Shape, Where
@@ -20,14 +22,23 @@ def _places(robot: Robot) -> tuple[Where, ...]:
 
 def _realise(robot: Robot, where: Where, shape: Shape) -> Realisation:
     j, parameters, terms = int(where["joint"]), [], []
-    for n in where.get("harmonics", [1]):
+    for n in _orders(where):
         order = exact(n) if float(n) % 1 else sp.Integer(int(n))
         label = str(order).replace("/", "o")
         for what, function in (("a", sp.sin), ("b", sp.cos)):
-            p = parameter(NAME, where, f"{what}{label}", "rad", -5e-3, 5e-3, 1e-4)
+            meant = f"of {function.__name__}({order}*q{j})"
+            p = parameter(NAME, where, f"{what}{label}", "rad", -5e-3, 5e-3, 1e-4, meant)
             parameters.append(p)
             terms.append(Term(p.name, actuated_joint(j), function(order * q(j))))
     return Realisation(tuple(parameters), tuple(terms))
+
+
+def _orders(where: Where) -> list[float]:
+    """The harmonics of a place. Raises ValueError for one that is not above zero, or stands there twice."""
+    orders = list(where.get("harmonics", [1]))
+    if not orders or not all(0 < float(n) < inf for n in orders) or len(set(orders)) < len(orders):
+        raise ValueError(f"harmonics = {orders}: give different numbers above zero, 1 for once a turn")
+    return orders
 
 
 EFFECT = Effect(

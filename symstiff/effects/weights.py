@@ -17,9 +17,21 @@ def weight(effect: str, where: Where, robot: Robot, body: int, lightest: float) 
     upward = [up(body, k) for k in (1, 2, 3)]
     most = heaviest(robot)
     farthest = most * robot.reach / 4
-    mass = parameter(effect, where, "m", "kg", max(lightest, -most), most, 1.0)
+    mass = parameter(effect, where, "m", "kg", max(lightest, -most), most, 1.0, "mass")
     terms = [Term(mass.name, VirtualJoint("body", body, k), -GRAVITY * u) for k, u in enumerate(upward, 1)]
-    moments = [parameter(effect, where, f"m{x}", "kg*m", -farthest, farthest, 0.5) for x in XYZ]
+    moments = [
+        parameter(
+            effect,
+            where,
+            f"m{x}",
+            "kg*m",
+            -farthest,
+            farthest,
+            0.5,
+            f"first moment along {x} of frame {body}",
+        )
+        for x in XYZ
+    ]
     for k, moment in enumerate(moments):
         unit = [int(k == i) for i in range(3)]
         for i, arm in enumerate(couple(unit, upward)):

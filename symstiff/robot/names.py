@@ -39,6 +39,12 @@ def free_name(value: str) -> str:
     for what, words in _TAKEN.items():
         if value in words.split():
             raise UserError(f"{value!r} is {what}, which the generated code needs: use e.g. {value}_robot")
+    if "__" in f"{value}_":
+        first = "_".join(word for word in value.split("_") if word)
+        raise UserError(
+            f"{value!r} gives names with two underscores together, which C++, Structured Text and CasADi do not have: "
+            f"use e.g. {first}"
+        )
     for part in _PARTS:
         if value.endswith(part):
             first = value.removesuffix(part)
