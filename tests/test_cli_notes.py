@@ -228,3 +228,24 @@ def test_a_plan_says_what_it_takes_to_be_measured(run: Run) -> None:
     assert json.loads(Path("plan.json").read_text())["measured"]["sigma_mm"] == 0.06
     said = notes(run, *plan, "--loads", "force", "--measure", "position")
     assert "assumed measured: position of the tool centre point, σ 0.06 mm" in said
+
+
+@pytest.mark.parametrize("columns", [20, 60, 80])
+def test_tables_cut_no_name_and_no_number_on_a_narrow_terminal(
+    run: Run, monkeypatch: pytest.MonkeyPatch, columns: int
+) -> None:
+    monkeypatch.setenv("COLUMNS", str(columns))
+    measured(Path("data.csv"))
+    laws = [EffectInstance("nonlinear_stiffness", {"joint": j}) for j in (1, 2)]
+    arm().with_effects(laws).save("start.toml")
+    done = run(*IDENTIFY[:3], "--start", "start.toml", "--json", "fit.json", "-o", "m.toml")
+    assert done.code == 0, done.err
+    fit = json.loads(Path("fit.json").read_text())["parameters"]
+    assert any(len(name) > 20 for name in fit)
+    rows = [[cell.strip() for cell in line.split("│")[1:-1]] for line in done.out.splitlines()]
+    shown = {row[0]: row[1:] for row in rows if len(row) == 6}
+    for name, p in fit.items():
+        value, std, *_, unit = shown[name]
+        assert float(value) == pytest.approx(p["value"], rel=1e-4)
+        assert (float(std), unit) == (pytest.approx(p["std"], rel=0.05), p["unit"])
+    assert "…" not in done.out
