@@ -238,7 +238,7 @@ def _effects(found: dict[str, list[tuple[Where, Distinction]]]) -> list[dict[str
             "confused_with": list(effect.confused_with), "separated_by": effect.separated_by,
             "places": [
                 {"where": dict(where), "parameters": list(d.parameters), "told": d.gained,
-                 "inside": list(d.inside), "reason": d.reason}
+                 "inside": list(d.inside), "in_model": list(d.held), "reason": d.reason}
                 for where, d in found.get(effect.identifier, [])
             ],
         }  # fmt: skip
