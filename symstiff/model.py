@@ -16,11 +16,12 @@ import numpy.typing as npt
 
 from symstiff.display import html_table
 from symstiff.effects.base import EffectInstance, EffectParameter, Realisation
-from symstiff.errors import UserError
+from symstiff.errors import A_ROBOT, UserError, require
 from symstiff.files import write_file
 from symstiff.reduction.complete import known_values
 from symstiff.reduction.physical import Parameter, terms_of
-from symstiff.robot.frozen import FrozenDict
+from symstiff.reduction.reduce import Reduction, reduce
+from symstiff.robot.frozen import frozen_numbers
 from symstiff.robot.loading import from_table
 from symstiff.robot.schema import Robot
 from symstiff.robot.table import structure_table, to_table
@@ -32,7 +33,6 @@ from symstiff.symbolic.terms import Term
 
 if TYPE_CHECKING:
     from symstiff.codegen.runtime import Evaluator
-    from symstiff.reduction.reduce import Reduction
 
 Context = Mapping[str, npt.ArrayLike]
 _WITHOUT_VALUES = {
@@ -60,12 +60,14 @@ class StiffnessModel:
     fixed: Mapping[int, float] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
-        for name in ("values", "deviations", "fixed"):
-            object.__setattr__(self, name, FrozenDict(getattr(self, name)))
+        require(self.robot, Robot, *A_ROBOT)
+        for name, least in (("values", -np.inf), ("deviations", 0.0), ("fixed", -np.inf)):
+            object.__setattr__(self, name, frozen_numbers(getattr(self, name), name, least))
 
     @classmethod
     def of(cls, reduction: Reduction, values: Mapping[str, float] | None = None) -> StiffnessModel:
         """The model that a reduction leaves; values default to those that the robot file knows. UserError for none."""
+        require(reduction, Reduction, "a reduction", "reduce(robot) gives one")
         reduction.check_any()
         values = known_values(reduction) if values is None else values
         experiment = reduction.experiment
@@ -377,8 +379,6 @@ def joints_only(
 ) -> StiffnessModel:
     """The conventional model of rigid links: one compliance a joint (the seed's J models), reduced for the class."""
     rigid = _without_links(robot)
-    from symstiff.reduction.reduce import reduce
-
     reduction = reduce(rigid, loads, measure, fixed, points=points)
     return replace(StiffnessModel.of(reduction), robot=robot)
 

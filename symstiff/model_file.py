@@ -8,7 +8,7 @@ from typing import Annotated, Any, Literal
 from pydantic import AfterValidator, BaseModel, ConfigDict, StrictInt, StrictStr, ValidationError
 
 from symstiff.effects.base import EffectInstance
-from symstiff.errors import UserError
+from symstiff.errors import UserError, require_path
 from symstiff.model import StiffnessModel
 from symstiff.reduction.physical import physical_stages
 from symstiff.robot.loading import from_table, toml_table
@@ -54,6 +54,7 @@ class ModelFile(_Strict):
 
 def read_model(path: str | Path) -> StiffnessModel:
     """Read model.toml. Raises UserError."""
+    require_path(path, "a model file")
     origin = printable(str(path))
     try:
         data = Path(path).read_bytes()

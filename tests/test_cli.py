@@ -214,6 +214,18 @@ def test_effects_tells_of_every_effect_what_such_data_can_show(run: Run) -> None
     assert next(e for e in absolute if e["effect"] == "joint_offset")["places"][1]["told"] == 1
 
 
+def test_effects_says_of_a_link_that_the_model_has_most_of_it(run: Run) -> None:
+    groups = json.loads(
+        run("inspect", "kuka_kr270", "--loads", "gravity", "--measure", "position", "--json", "-").out
+    )
+    found = run("effects", "kuka_kr270", "--loads", "gravity", "--measure", "position", "--json", "-")
+    (effect,) = (e for e in json.loads(found.out)["effects"] if e["effect"] == "link_compliance")
+    base = next(p for p in effect["places"] if p["where"] == {"link": 0})
+    assert base["in_model"] == [n for n in groups["parameters"] if n.startswith("k0_")]
+    assert base["parameters"] == [n for n in groups["groups"]["G2"] if n.startswith("k0_")]
+    assert base["reason"] == "the model has the others, and no such load moves the rest"
+
+
 def test_effects_says_which_kinds_of_data_there_are(run: Run) -> None:
     assert_users_mistake(run("effects", "planar2r", "--data", "both"), "deflection or absolute")
 

@@ -246,3 +246,24 @@ def test_a_compiler_is_advised_only_where_one_was_wanted(
     monkeypatch.setattr("symstiff.codegen.generate.find_compiler", lambda: None)
     lacking = " ".join(run(*where, tmp_path / "b").out.split())
     assert "no C compiler was found (pip install symstiff[compiler] brings a compiler)" in lacking
+
+
+@pytest.mark.parametrize("columns", [20, 60, 80])
+def test_tables_cut_no_name_and_no_number_on_a_narrow_terminal(
+    run: Run, monkeypatch: pytest.MonkeyPatch, columns: int
+) -> None:
+    monkeypatch.setenv("COLUMNS", str(columns))
+    measured(Path("data.csv"))
+    laws = [EffectInstance("nonlinear_stiffness", {"joint": j}) for j in (1, 2)]
+    arm().with_effects(laws).save("start.toml")
+    done = run(*IDENTIFY[:3], "--start", "start.toml", "--json", "fit.json", "-o", "m.toml")
+    assert done.code == 0, done.err
+    fit = json.loads(Path("fit.json").read_text())["parameters"]
+    assert any(len(name) > 20 for name in fit)
+    rows = [[cell.strip() for cell in line.split("│")[1:-1]] for line in done.out.splitlines()]
+    shown = {row[0]: row[1:] for row in rows if len(row) == 6}
+    for name, p in fit.items():
+        value, std, *_, unit = shown[name]
+        assert float(value) == pytest.approx(p["value"], rel=1e-4)
+        assert (float(std), unit) == (pytest.approx(p["std"], rel=0.05), p["unit"])
+    assert "…" not in done.out

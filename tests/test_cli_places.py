@@ -15,6 +15,8 @@ from pathlib import Path
 import pytest
 from command_line import OBLIQUE, Result, Run, assert_users_mistake, run_command_line  # noqa: F401
 
+from symstiff.cli.plain import plain
+
 POSES = "pose,q1[deg],q2[deg],fx[N],fy[N]\n" + "".join(
     f"a{k},{10 * k},{30 + 7 * k * k},{100 - 10 * k},{50 + 9 * k}\n" for k in range(6)
 )
@@ -171,6 +173,23 @@ def test_characters_that_an_encoding_lacks_stop_no_command(command: tuple[str, .
         )
         assert done.returncode == 0, done.stderr
     assert json.loads(done.stdout)  # the last one: whole in any encoding
+
+
+@pytest.mark.parametrize("encoding", ["ascii", "cp1252", "cp437", "latin-1"])
+def test_signs_and_exponents_are_told_in_every_encoding(encoding: str) -> None:
+    done = subprocess.run(
+        [sys.executable, "-m", "symstiff", "inspect", "kuka_kr270", "--loads", "gravity"],
+        capture_output=True,
+        env={**os.environ, "PYTHONIOENCODING": encoding},
+        check=True,
+    )
+    shown = done.stdout.decode(encoding)
+    assert "(k0_44 + k0_55 - k1_66 - k1_44)/a_1 - a_1*k0_33" in shown.replace("·", "*")
+    assert "?" not in shown
+    text = plain("(2.64 ± 0.11)·10⁻⁷ rad, 1.5·10¹⁵, −τ₁², σ ≤ π, Größe", encoding)
+    written = text.encode(encoding).decode(encoding).replace("·", "*").replace("±", "+-")
+    assert written.startswith("(2.64 +- 0.11)*10^-7 rad, 1.5*10^15, -")
+    assert written.endswith("Gr??e" if encoding == "ascii" else "Größe")
 
 
 @pytest.mark.parametrize(("number", "code"), [(signal.SIGINT, 130), (signal.SIGTERM, 143)])

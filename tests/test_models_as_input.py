@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -10,6 +11,7 @@ import pytest
 import tomli_w
 from command_line import OBLIQUE, Run, assert_users_mistake, run_command_line  # noqa: F401
 
+import symstiff
 from symstiff.calibration.identify import identify
 from symstiff.calibration.kept import seen_in
 from symstiff.calibration.measurements import measurements
@@ -18,7 +20,7 @@ from symstiff.discrepancy.finding import Task
 from symstiff.discrepancy.workflow import run as diagnose
 from symstiff.effects.base import EffectInstance, Scales, catalogue
 from symstiff.errors import UserError
-from symstiff.model import StiffnessModel, load_model
+from symstiff.model import StiffnessModel, joints_only, load_model
 from symstiff.reduction.reduce import reduce
 from symstiff.report.folder import write_folder
 from symstiff.robot import load
@@ -202,3 +204,74 @@ def test_a_weight_that_a_bending_law_would_feel_is_told() -> None:
     plain = StiffnessModel.of(reduce(robot, "force", "position"))
     _, remarks = seen_in(plain.with_effect(EffectInstance("link_weight", {"link": 1})), "deflection")
     assert len(remarks) == 1
+
+
+PLANAR = load("planar2r")
+
+
+@pytest.mark.parametrize(
+    "mistake",
+    [
+        lambda: symstiff.reduce("planar2r"),
+        lambda: symstiff.reduce(PLANAR, fixed={"q1": 0}),
+        lambda: symstiff.reduce(PLANAR, fixed="q1=0"),
+        lambda: symstiff.load(None),
+        lambda: symstiff.load_model(None),
+        lambda: symstiff.load_truth(None),
+        lambda: symstiff.read_table(3),
+        lambda: symstiff.identify("planar2r", "data.csv"),
+        lambda: symstiff.identify(PLANAR, "data.csv"),
+        lambda: symstiff.diagnose("planar2r"),
+        lambda: symstiff.plan("planar2r", symstiff.Goal(5)),
+        lambda: symstiff.simulate("truth.toml", None, 1),
+        lambda: symstiff.compensate("model.toml", [0, 0], [0] * 6),
+        lambda: symstiff.generate("planar2r", "folder"),
+        lambda: symstiff.write_table("data.csv", "data.csv"),
+        lambda: symstiff.write_report("planar2r", "folder"),
+        lambda: symstiff.ElasticChain("planar2r"),
+        lambda: symstiff.observation_matrix(PLANAR),
+        lambda: symstiff.virtual_jacobian("planar2r"),
+        lambda: symstiff.StiffnessModel.of("planar2r"),
+    ],
+)
+def test_an_argument_of_another_type_is_a_users_mistake_of_one_line(mistake: Callable[[], object]) -> None:
+    with pytest.raises(UserError, match=r"^[^\n]*expected[^\n]*found[^\n]*$"):
+        mistake()
+
+
+@pytest.mark.parametrize("value", [np.nan, np.inf, "a", "1e-9", None, [1.0, 2.0]])
+def test_a_model_has_finite_numbers(value: object) -> None:
+    model = joints_only(PLANAR)
+    with pytest.raises(UserError, match="values: c1: expected a finite number"):
+        model.with_values({"c1": value})  # type: ignore[dict-item]
+    with pytest.raises(UserError, match="deviations: c1: expected a finite number"):
+        model.with_values({"c1": 1e-7}, {"c1": value})  # type: ignore[dict-item]
+    with pytest.raises(UserError, match="deviations: c1: expected 0 or more"):
+        model.with_values({"c1": 1e-7}, {"c1": -1e-9})
+
+
+def test_numbers_of_numpy_and_joints_that_it_counts_are_taken() -> None:
+    assert joints_only(PLANAR).with_values({"c1": np.float64(1e-7), "c2": 0}).values == {
+        "c1": 1e-7,
+        "c2": 0.0,
+    }
+    assert (
+        symstiff.reduce(PLANAR, fixed={np.int64(1): 0}).parameters
+        == symstiff.reduce(PLANAR, fixed={1: 0}).parameters
+    )
+
+
+@pytest.mark.parametrize(
+    ("effect", "where"),
+    [
+        ("frame_misalignment", {"measurement": "frame"}),
+        ("force_sensor_bias", {"load": "force_sensor"}),
+        ("link_weight", {"link": 1}),
+    ],
+)
+def test_a_law_at_no_virtual_joint_has_no_column_in_closed_form(
+    effect: str, where: dict[str, object]
+) -> None:
+    terms = joints_only(PLANAR).with_effect(EffectInstance(effect, where)).terms
+    with pytest.raises(UserError, match="no virtual joint of planar2r"):
+        symstiff.observation_matrix(symstiff.ElasticChain(PLANAR), terms=terms)

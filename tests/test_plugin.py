@@ -4,8 +4,10 @@ from __future__ import annotations
 
 import json
 import os
+import re
 import subprocess
 import sys
+import tomllib
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -21,7 +23,8 @@ from symstiff.codegen.compiler import find_compiler
 from symstiff.discrepancy.distinguish import distinction
 from symstiff.discrepancy.finding import Task
 from symstiff.discrepancy.workflow import run
-from symstiff.effects import catalogue
+from symstiff.effects import EffectInstance, catalogue
+from symstiff.errors import UserError
 from symstiff.model import StiffnessModel, load_model
 from symstiff.reduction import reduce
 from symstiff.robot import load
@@ -86,13 +89,18 @@ phase = {PHASE}
 """
 
 
-def install(place: Path) -> None:
+def install(
+    place: Path,
+    module: str = "hose_plugin",
+    text: str = PLUGIN,
+    points: str = "hose_package = hose_plugin:HOSES\nsoft_belt = hose_plugin:BELT\n",
+) -> None:
     """What pip leaves of a distribution: a module, and metadata with the entry points."""
-    (place / "hose_plugin.py").write_text(PLUGIN, encoding="utf-8")
-    info = place / "hose_plugin-1.0.dist-info"
+    (place / f"{module}.py").write_text(text, encoding="utf-8")
+    info = place / f"{module}-1.0.dist-info"
     info.mkdir()
-    (info / "METADATA").write_text("Metadata-Version: 2.1\nName: hose-plugin\nVersion: 1.0\n")
-    points = "hose_package = hose_plugin:HOSES\nsoft_belt = hose_plugin:BELT\n"
+    name = module.replace("_", "-")
+    (info / "METADATA").write_text(f"Metadata-Version: 2.1\nName: {name}\nVersion: 1.0\n")
     (info / "entry_points.txt").write_text(f"[symstiff.effects]\n{points}")
 
 
@@ -213,3 +221,96 @@ def test_the_report_shows_its_term_and_what_it_changed_in_the_code(place: Path) 
     code = page[page.index('id="code"') :]
     assert '<span class="add">' in code
     assert "p-&gt;hose_package_1_2_a" in code
+
+
+# --- the example of the documents, and plugins with mistakes ---------------------------------------------
+
+
+@pytest.fixture
+def path(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
+    """A folder whose distributions are installed in this process."""
+    known = set(sys.modules)
+    monkeypatch.syspath_prepend(str(tmp_path))
+    catalogue.cache_clear()
+    yield tmp_path
+    for module in set(sys.modules) - known:
+        if (tmp_path / f"{module}.py").exists():
+            del sys.modules[module]
+    monkeypatch.undo()
+    catalogue.cache_clear()
+
+
+def test_the_documents_example_is_a_whole_plugin(path: Path) -> None:
+    page = (Path(__file__).parent.parent / "docs" / "plugins.md").read_text(encoding="utf-8")
+    (project,), (module,) = (
+        re.findall(rf"```{kind}\n(.*?)```", page, re.DOTALL) for kind in ("toml", "python")
+    )
+    points = tomllib.loads(project)["project"]["entry-points"]["symstiff.effects"]
+    install(path, "angle_dependent_gear", module, "".join(f"{n} = {at}\n" for n, at in points.items()))
+    command("effects", ROBOT, "--json", path / "effects.json", plugin=path)
+    (listed,) = (
+        e
+        for e in json.loads((path / "effects.json").read_text())["effects"]
+        if e["effect"] == "angle_dependent_gear"
+    )
+    assert [p["told"] for p in listed["places"]] == [2, 2]
+    gear = EffectInstance("angle_dependent_gear", {"joint": 2}, {"order": 3.0})
+    plain = StiffnessModel.of(reduce(load(ROBOT)))
+    grown = plain.with_effect(gear).with_values(
+        dict(plain.values) | {"angle_dependent_gear_2_c": 4e-6, "angle_dependent_gear_2_s": -2e-6}
+    )
+    grown.save(path / "model.toml")
+    q, force = np.array([0.3, 0.8]), np.array([20.0, 50.0, 0.0])
+    added = load_model(path / "model.toml").deflection(q, [*force, 0, 0, 0]) - plain.deflection(
+        q, [*force, 0, 0, 0]
+    )
+    # by hand: the lever from joint 2 to the tool of a planar arm, and the turn about z that its torque makes
+    length = float(load(ROBOT).joint[1].a)
+    lever = length * np.array([np.cos(q.sum()), np.sin(q.sum())])
+    torque = lever[0] * force[1] - lever[1] * force[0]
+    turn = (4e-6 * np.cos(3 * q[1]) - 2e-6 * np.sin(3 * q[1])) * torque
+    by_hand = [-lever[1] * turn, lever[0] * turn, 0, 0, 0, turn]
+    np.testing.assert_allclose(added[0], by_hand, rtol=1e-9, atol=1e-12)
+
+
+BELT = PLUGIN.replace("HOSES = ", "_HOSES = ")
+
+
+@pytest.mark.parametrize(
+    ("text", "says"),
+    [
+        ("import no_such_module", r"cannot load faulty:BELT \(ModuleNotFoundError"),
+        ("BELT = 1 / 0", "ZeroDivisionError"),
+        ("HOSES = 1", "AttributeError"),
+        ("BELT = 3", "is no Effect"),
+        (BELT.replace('"soft_belt"', '"backlash"'), "an effect 'backlash' already"),
+        (BELT.replace('"soft_belt"', '"soft-belt"'), "cannot be called 'soft-belt'"),
+    ],
+)
+def test_a_plugin_that_cannot_be_used_is_named_with_its_package(path: Path, text: str, says: str) -> None:
+    install(path, "faulty", text, "belt = faulty:BELT\n")
+    with pytest.raises(UserError, match=f"^plugin belt of package faulty: .*{says}"):
+        catalogue()
+    install(path, "sound", BELT, "belt = sound:BELT\n")
+    with pytest.raises(UserError, match="of package faulty"):
+        catalogue()
+
+
+def test_two_packages_that_bring_one_effect_are_told(path: Path) -> None:
+    for module in ("belt_a", "belt_b"):
+        install(path, module, BELT, f"{module} = {module}:BELT\n")
+    with pytest.raises(
+        UserError, match="plugin belt_b of package belt-b: there is an effect 'soft_belt' already"
+    ):
+        catalogue()
+
+
+@pytest.mark.parametrize("name", ["soft-belt 1_c", "1_c", "double", "k", "time", "naïve", ""])
+def test_a_parameter_that_c_cannot_hold_is_refused_before_any_code(path: Path, name: str) -> None:
+    install(
+        path, "belt", BELT.replace("""f"soft_belt_{where['joint']}_c\"""", repr(name)), "belt = belt:BELT\n"
+    )
+    with pytest.raises(
+        UserError, match=r"soft_belt at \{'joint': 1\}: an effect's parameter cannot be called"
+    ):
+        EffectInstance("soft_belt", {"joint": 1}).realise(load(ROBOT))

@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 import subprocess
 import sys
+from dataclasses import replace
 from itertools import pairwise
 
 import numpy as np
@@ -21,6 +22,7 @@ from symstiff.symbolic.numeric import kinematics
 from symstiff.symbolic.program import Emit, Program, Vector
 from symstiff.symbolic.programs import observation_program
 from symstiff.symbolic.reading import original_terms, written_out
+from tests.diagnosis_data import HARDENING, ROBOT, measured
 
 ROBOTS = ("planar2r", "scara", "kuka_kr270")
 
@@ -165,3 +167,23 @@ def test_laws_in_latex_keep_their_indices_apart():
     text = StiffnessModel.of(reduce(load("planar2r"), "force", "position"))._repr_latex_()
     assert r"\Delta\theta_{\mathrm{link1,3}} &= k_{1,35} \tau_{\mathrm{link1,5}}" in text
     assert re.search(r"_\{[^}]* ", text) is None
+
+
+def test_tables_fits_plans_and_findings_show_a_line_and_a_table():
+    robot, table = load(ROBOT), measured(HARDENING)
+    fit = symstiff.identify(robot, table)
+    plan = symstiff.plan(fit.model, symstiff.Goal(6), search=symstiff.calibration.plan.Search(200, 1))
+    finding = symstiff.diagnose(symstiff.Task(robot, table))
+    line = f"deflection: {len(table)} rows, {len(table.labels)} poses, 2 joints, points p1 p2 p3"
+    assert repr(table) == f"Measurements({line})"
+    size = 1e3 * np.sqrt(np.mean(np.sum(np.asarray(table.values)[:, :3] ** 2, axis=1)))
+    assert repr(fit).startswith(f"Identification({ROBOT}: {len(fit.fit.names)} parameters, {size:.3f} to ")
+    assert repr(plan) == f"Plan({ROBOT}, criterion D: 6 poses for {len(fit.fit.names)} parameters)"
+    assert repr(finding).startswith(f"Finding({ROBOT}, named: nonlinear stiffness at joint ")
+    assert f"{fit.fit.values[0]:.4g}" in fit._repr_html_()
+    assert "nonlinear stiffness" in finding._repr_html_()
+    assert fit.fit.names[-1] in plan._repr_html_()
+    assert f"and {len(table) - 8} more" in table._repr_html_()
+    assert all(len(repr(x)) < 300 and "\n" not in repr(x) for x in (table, fit, plan, finding))
+    markup = replace(table, labels=("<script>", *table.labels[1:]))
+    assert "<script>" not in markup._repr_html_()

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from symstiff.calibration.measurements import Measurements
-from symstiff.errors import UserError
+from symstiff.errors import A_ROBOT, A_TABLE, UserError, require
 from symstiff.robot import Robot
 
 _SAME_POSE = 1e-3  # rad or m; commanded configurations of one label agree far better than this
@@ -112,6 +112,8 @@ def check_robot(table: Measurements, robot: Robot) -> list[str]:
     limits, the same measurement under two pose labels, compliances that no serial robot has, and sigma of one kind of
     component alone.
     """
+    require(robot, Robot, *A_ROBOT)
+    require(table, Measurements, *A_TABLE)
     if table.dof != robot.dof:
         raise UserError(
             f"{table.place(0)}: {table.dof} joint columns, robot {robot.name} has {robot.dof} joints: "

@@ -78,6 +78,16 @@ class Identification:
         }
         return record
 
+    def __repr__(self) -> str:
+        from symstiff.calibration.reading import identification_line
+
+        return f"Identification({identification_line(self)})"
+
+    def _repr_html_(self) -> str:
+        from symstiff.calibration.reading import identification_html
+
+        return identification_html(self)
+
 
 def start_model(
     robot: Robot, start: str | StiffnessModel, experiment: ExperimentClass

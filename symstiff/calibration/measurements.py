@@ -67,6 +67,16 @@ class Measurements:
                 array.setflags(write=False)
                 object.__setattr__(self, name, array)
 
+    def __repr__(self) -> str:
+        from symstiff.calibration.reading import measurements_line
+
+        return f"Measurements({measurements_line(self)})"
+
+    def _repr_html_(self) -> str:
+        from symstiff.calibration.reading import measurements_html
+
+        return measurements_html(self)
+
     def __len__(self) -> int:
         return len(self.q)
 

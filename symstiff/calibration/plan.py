@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
@@ -23,9 +23,8 @@ from symstiff.calibration.planning import (
     workspace_map,
 )
 from symstiff.calibration.planning.parallel import Progress
-
-if TYPE_CHECKING:
-    from symstiff.model import StiffnessModel
+from symstiff.errors import A_MODEL, require
+from symstiff.model import StiffnessModel
 
 __all__ = [
     "Goal",
@@ -59,6 +58,8 @@ def plan_for(
     [rad].
     ``fixed`` and ``levels`` by joint, 1-based. Raises UserError as ``plan_poses`` does.
     """
+    require(model, StiffnessModel, *A_MODEL)
+    require(goal, Goal, "a goal", "Goal(15) asks for 15 poses")
     robot: Geometry = geometry(model.robot)
     points = tuple(markers) or (("tcp",) if model.measure == "position" else ())
     space = Space(

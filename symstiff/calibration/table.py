@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import csv
 import io
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from pathlib import Path
 from typing import Literal
 
@@ -29,7 +29,7 @@ from symstiff.calibration.measurements import (
 )
 from symstiff.calibration.units import KELVIN
 from symstiff.calibration.writing import write_table
-from symstiff.errors import UserError
+from symstiff.errors import UserError, require
 
 __all__ = [
     "Measurements",
@@ -69,6 +69,7 @@ def _read(paths: Paths, purpose: Literal["measured", "poses"]) -> Measurements:
         paths = [paths]
     if not paths:
         raise UserError("no table given: name at least one CSV file")
+    require(paths, Iterable, "a table's path, or several", "name at least one CSV file")
     for k, path in enumerate(paths):
         if Path(path).resolve() in [Path(other).resolve() for other in paths[:k]]:
             raise UserError(f"{path} is given twice: name each table once")

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from symstiff.calibration.measurements import COMPONENTS, Measurements
-from symstiff.errors import UserError
+from symstiff.errors import A_TABLE, UserError, require
 from symstiff.files import write_file
 
 Column = list[str] | NDArray[np.float64]
@@ -27,6 +27,7 @@ def write_table(table: Measurements, path: str | Path, angle: Literal["rad", "de
 
     Raises UserError where the file cannot be written, or where a component is measured in some rows only.
     """
+    require(table, Measurements, *A_TABLE)
     content = columns(table, angle)
     buffer = io.StringIO()
     writer = csv.writer(buffer, lineterminator="\n")

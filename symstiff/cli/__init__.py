@@ -9,6 +9,8 @@ import sys
 import threading
 from typing import Any
 
+from symstiff.cli.plain import PlainStream
+
 _INTERRUPTED, _CLOSED = 130, 141
 _FULL = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)
 
@@ -53,15 +55,19 @@ def main() -> None:
 
 
 def _prepare() -> None:
-    """Let no character that the terminal's encoding lacks stop a command, and let SIGTERM clean up as an error does.
+    """Write what the terminal's encoding lacks in plain characters, and let SIGTERM clean up as an error does.
 
     Where matplotlib keeps its caches is nobody's concern here.
     """
     logging.getLogger("matplotlib").setLevel(logging.ERROR)
-    for stream in (sys.stdout, sys.stderr):
+    for name in ("stdout", "stderr"):
+        stream = getattr(sys, name)
         reconfigure = getattr(stream, "reconfigure", None)
         if reconfigure is not None:
             reconfigure(errors="replace")
+        encoding = getattr(stream, "encoding", None) or "utf-8"
+        if not (encoding.lower().startswith("utf") or isinstance(stream, PlainStream)):
+            setattr(sys, name, PlainStream(stream))
     if threading.current_thread() is threading.main_thread():
         signal.signal(signal.SIGTERM, _terminated)
 

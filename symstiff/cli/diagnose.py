@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from symstiff.cli.output import check_targets, console, inside, note, stages, write_json
+from symstiff.cli.output import check_targets, console, inside, note, print_table, stages, write_json
 from symstiff.errors import UserError
 from symstiff.files import DIAGNOSIS
 from symstiff.robot import load
@@ -98,6 +98,6 @@ def _print(out: Console, finding: Finding, sentence: str) -> None:
     for row in rows:
         cells = [f"{x:.3f}" for a in shown for x in row.sizes.get(a, (float("nan"),) * 2)]
         table.add_row(row.title, row.parameters, *cells, "" if row.p_left is None else p_text(row.p_left))
-    out.print(table)
+    print_table(out, table, ["step"])
     for remark in finding.remarks:
         note(out, remark)

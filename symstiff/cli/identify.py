@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from symstiff.cli.output import check_targets, console, note, stages, write_json
+from symstiff.cli.output import check_targets, console, note, print_table, stages, write_json
 from symstiff.cli.show import whole
 from symstiff.errors import UserError
 from symstiff.robot import load
@@ -122,7 +122,7 @@ def _print_identification(out: Console, result: Identification) -> None:
             f"{(fit.upper[k] - fit.lower[k]) / 2:.1e}",
             fit.units[k],
         )
-    out.print(table)
+    print_table(out, table)
     print_residuals(out, [("identified poses", result.training), ("held-out poses", result.validation)])
     out.print(str(fit.rank))
     if fit.fit_p is not None:
@@ -172,4 +172,4 @@ def print_residuals(out: Console, parts: list[tuple[str, Any]]) -> None:
             unit = "mrad" if axis.startswith("r") else "mm"
             both = (before, residuals.after[axis])
             table.add_row(f"{axis} [{unit}]", *(milli(x) for s in both for x in (s.max, s.rms)))
-        out.print(table)
+        print_table(out, table)

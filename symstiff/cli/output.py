@@ -6,7 +6,7 @@ import json
 import math
 import os
 import sys
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Collection, Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -17,7 +17,10 @@ if TYPE_CHECKING:
     from collections.abc import Callable
 
     from rich.console import Console
+    from rich.table import Table
 
+_ENDLESS = 10_000
+"""Columns of a terminal that is wide enough for any table."""
 _PICTURES = (".png", ".svg")
 
 
@@ -33,6 +36,24 @@ def note(out: Console, text: str, head: str = "note") -> None:
     from rich.text import Text
 
     out.print(Text.assemble((head, "yellow"), f": {text}"))
+
+
+def print_table(out: Console, table: Table, text: Collection[str] = ()) -> None:
+    """Print a table: ``text`` names the columns that may take several lines, all others stay whole.
+
+    A table that a terminal is too narrow for runs over its edge: a number without its exponent is another number.
+    """
+    from rich.cells import cell_len
+    from rich.measure import Measurement
+
+    for column in table.columns:
+        column.overflow = "fold"
+        if str(column.header) not in text:
+            column.min_width = max(cell_len(str(cell)) for cell in (column.header, *column.cells))
+    least = Measurement.get(out, out.options.update(max_width=_ENDLESS), table).minimum
+    if least > out.width:
+        table.width = least
+    out.print(table, crop=False)
 
 
 def check_targets(

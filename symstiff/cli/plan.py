@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from symstiff.cli.output import check_targets, console, note, stages, write_json
+from symstiff.cli.output import check_targets, console, note, print_table, stages, write_json
 from symstiff.cli.show import parse_fixed, warn_of, whole
 from symstiff.errors import UserError
 from symstiff.robot import load
@@ -253,7 +253,7 @@ def _print_plan(out: Console, plan: Plan, units: dict[str, str]) -> None:
         table.add_column(column, justify="right" if column == "σ" else "left")
     for name, std in zip(plan.parameters, plan.std, strict=True):
         table.add_row(name, f"{std:.2e}", units[name])
-    out.print(table)
+    print_table(out, table)
     out.print(f"as good as {plan.over_random:.2f} times as many random poses (mean of 100 draws)")
     if plan.expected_error is not None:
         out.print(f"expected error after compensation at the test poses: {1e3 * plan.expected_error:.4f} mm")

@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from symstiff.cli.output import check_targets, console, note, stages, write_json
+from symstiff.cli.output import check_targets, console, note, print_table, stages, write_json
 from symstiff.cli.show import parse_fixed, print_stages
 from symstiff.errors import UserError
 from symstiff.files import CODE
@@ -86,7 +86,7 @@ def _report(out: Console, result: Generated) -> None:
         table.add_column(column, justify="left" if column == "function" else "right")
     for name, c in result.manifest["operations"].items():
         table.add_row(name, *(str(c[k]) for k in ("add", "mul", "neg", "trig", "other")))
-    out.print(table)
+    print_table(out, table)
     proof = result.verification
     if proof.compiled:
         out.print(f"compiled by {proof.compiler} without a warning, self-test passed")

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from symstiff.cli.output import check_targets, console, stages, write_json
+from symstiff.cli.output import check_targets, console, print_table, stages, write_json
 from symstiff.cli.show import print_stages
 
 
@@ -46,7 +46,7 @@ def run_reproduce(seed: int, plot: Path | None, json: str | None) -> None:
             "compensated": row.fitted.compensated,
             "fresh_rms_mm": 1e3 * fresh.rms,
         }
-    out.print(table)
+    print_table(out, table)
     out.print(
         "comp.: share of the deflection compensated; fresh RMS: on poses that were not used for the fit"
     )

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
-from symstiff.cli.output import check_targets, console, note, stages, write_json
+from symstiff.cli.output import check_targets, console, note, print_table, stages, write_json
 from symstiff.errors import UserError
 from symstiff.robot import library, load
 from symstiff.robot.exact import Exact, parse_exact
@@ -40,7 +40,7 @@ def show_robots(json: str | None) -> None:
                 "source": robot.source,
             }
         )
-    console(json).print(table)
+    print_table(console(json), table, ["title", "source"])
     write_json(json, rows)
 
 
@@ -112,7 +112,7 @@ def print_stages(out: Console, reduction: Reduction) -> None:
     table.add_column("what")
     for step, n, what in steps(reduction):
         table.add_row(step, str(n), what)
-    out.print(table)
+    print_table(out, table, ["what"])
     warn_of(out, reduction)
 
 
@@ -156,7 +156,7 @@ def _print_couplings(out: Console, couplings: dict[str, dict[str, Any]]) -> None
     table.add_column("= Σ over kept")
     for eliminated, row in couplings.items():
         table.add_row(eliminated, _combination(row))
-    out.print(table)
+    print_table(out, table, ["= Σ over kept"])
 
 
 def _combination(row: dict[str, Any]) -> str:
@@ -209,7 +209,8 @@ def _print_effects(out: Console, title: str, found: dict[str, list[tuple[Where, 
     from symstiff.report.words import places
 
     table = Table(title=title, title_justify="left")
-    for column in ("effect", "where", "told from the complete model", "needs"):
+    columns = ("effect", "where", "told from the complete model", "needs")
+    for column in columns:
         table.add_column(column)
     for effect in catalogue().values():
         alike: dict[str, list[Where]] = {}
@@ -220,7 +221,7 @@ def _print_effects(out: Console, title: str, found: dict[str, list[tuple[Where, 
         for first, (told, wheres) in enumerate((alike or {nowhere: []}).items()):
             head = ("", "") if first else (spoken(effect.identifier), needs)
             table.add_row(head[0], places(wheres) or ("everywhere" if wheres else ""), told, head[1])
-    out.print(table)
+    print_table(out, table, columns)
 
 
 def _told(distinction: Distinction) -> str:
@@ -241,7 +242,7 @@ def _effects(found: dict[str, list[tuple[Where, Distinction]]]) -> list[dict[str
             "confused_with": list(effect.confused_with), "separated_by": effect.separated_by,
             "places": [
                 {"where": dict(where), "parameters": list(d.parameters), "told": d.gained,
-                 "inside": list(d.inside), "reason": d.reason}
+                 "inside": list(d.inside), "in_model": list(d.held), "reason": d.reason}
                 for where, d in found.get(effect.identifier, [])
             ],
         }  # fmt: skip

@@ -16,7 +16,7 @@ from symstiff.codegen.options import Options
 from symstiff.codegen.targets import TARGETS
 from symstiff.codegen.text import context_names
 from symstiff.codegen.verify import Verification, verify
-from symstiff.errors import UserError
+from symstiff.errors import A_MODEL, UserError, require
 from symstiff.files import CODE, new_folder, write_tree
 from symstiff.model import StiffnessModel
 
@@ -50,6 +50,7 @@ def generate(
     compile_c: compile and verify the C code; without it FMUs have no binary either.
     footprint: measure code, stack and instructions too, on every machine that the tools at hand can show.
     """
+    require(model, StiffnessModel, *A_MODEL)
     options = replace(options or Options(), binaries=compile_c)
     whole, model = model, model.of_robot()
     left_out = tuple(e.effect for e in whole.effects if e not in model.effects)

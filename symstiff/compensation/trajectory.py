@@ -9,7 +9,7 @@ import numpy as np
 
 from symstiff.codegen.reference import LARGEST_CORRECTION, unit_length
 from symstiff.codegen.runtime import Evaluator, for_poses
-from symstiff.errors import UserError
+from symstiff.errors import A_MODEL, UserError, require
 from symstiff.model import StiffnessModel
 from symstiff.symbolic.numeric import forward, joint_jacobian
 
@@ -45,6 +45,7 @@ def compensate_online(
     Rows in a singular pose, or that would move a joint by more than 0.25 rad or m, keep their q. The generated code has
     no rank but the number of joints or 6: an arm that nowhere has it is singular everywhere.
     """
+    require(model, StiffnessModel, *A_MODEL)
     model = model.of_robot()
     q = np.atleast_2d(np.asarray(q, dtype=float))
     dt = for_poses(model, len(q)).deflection(q, w, context=context)
@@ -63,6 +64,7 @@ def compensate(
     more than 0.25 rad or m, where a correction of compliance errors has no meaning. Effects of the measurement alone
     are no laws of the robot and move nothing. Raises UserError where a deflection overflows.
     """
+    require(model, StiffnessModel, *A_MODEL)
     model = model.of_robot()
     q = np.atleast_2d(np.asarray(q, dtype=float))
     w = np.broadcast_to(np.asarray(w, dtype=float), (len(q), 6))

@@ -34,14 +34,16 @@ _MOST = 40
 class Distinction:
     """What a class of experiments can tell of an effect.
 
-    ``gained``: independent columns that it adds to the model's; ``inside``: parameters whose own column is
-    a combination of the model's; ``reason``: why nothing can be told, empty where something can.
+    ``parameters``: those that the model does not have; ``gained``: independent columns that they add to the model's;
+    ``inside``: parameters whose own column is a combination of the model's; ``reason``: why nothing can be told, empty
+    where something can; ``held``: the effect's parameters that the model has.
     """
 
     parameters: tuple[str, ...]
     gained: int
     inside: tuple[str, ...]
     reason: str = ""
+    held: tuple[str, ...] = ()
 
     @property
     def distinguishable(self) -> bool:
@@ -82,12 +84,13 @@ def _distinction(known: _Known, effect: str, where: Where, kind: str, shape: Sha
     instance = EffectInstance(effect, where, shape)
     realised = instance.realise(model.robot)
     own = tuple(p.name for p in realised.parameters if p.name not in model.parameters)
+    held = tuple(p.name for p in realised.parameters if p.name in model.parameters)
     if kind not in entry.seen_in:
-        return Distinction(own, 0, own, f"cannot be seen in {kind} data")
+        return Distinction(own, 0, own, f"cannot be seen in {kind} data", held)
     if not own:
-        return Distinction((), 0, (), "the model has all of its parameters")
+        return Distinction((), 0, (), "the model has all of its parameters", held)
     if entry.columns is not None:
-        return Distinction(own, len(own), ())
+        return Distinction(own, len(own), (), held=held)
     columns = known.beside(instance, own)
     total = len(echelon(np.hstack([known.columns, columns]), known.algebra.p)[1])
     inside = tuple(
@@ -95,10 +98,18 @@ def _distinction(known: _Known, effect: str, where: Where, kind: str, shape: Sha
         for k, n in enumerate(own)
         if len(echelon(np.hstack([known.columns, columns[:, [k]]]), known.algebra.p)[1]) == known.rank
     )
-    reason = "" if total > known.rank else "its columns are combinations of the model's"
-    if not columns.any():
-        reason = "no such load moves it"
-    return Distinction(own, total - known.rank, inside, reason)
+    reason = "" if total > known.rank else _reason(bool(columns.any()), bool(held))
+    return Distinction(own, total - known.rank, inside, reason, held)
+
+
+def _reason(moved: bool, held: bool) -> str:
+    """Why the parameters that the model does not have add nothing, and that it has the others where it does."""
+    if held:
+        rest = (
+            "the columns of the rest are combinations of its own" if moved else "no such load moves the rest"
+        )
+        return f"the model has the others, and {rest}"
+    return "its columns are combinations of the model's" if moved else "no such load moves it"
 
 
 @dataclass(frozen=True, eq=False)

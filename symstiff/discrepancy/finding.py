@@ -108,3 +108,13 @@ class Finding:
     def candidates(self) -> tuple[CandidateResult, ...]:
         """The catalogue on the first model."""
         return self.first.candidates
+
+    def __repr__(self) -> str:
+        from symstiff.discrepancy.reading import finding_line
+
+        return f"Finding({finding_line(self)})"
+
+    def _repr_html_(self) -> str:
+        from symstiff.discrepancy.reading import finding_html
+
+        return finding_html(self)

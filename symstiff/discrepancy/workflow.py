@@ -36,7 +36,7 @@ from symstiff.discrepancy.speech import named as named_at
 from symstiff.discrepancy.used import used
 from symstiff.discrepancy.verdict import AMBIGUOUS, NAMED, NOTHING, UNEXPLAINED, UNTESTABLE
 from symstiff.effects.base import EffectInstance
-from symstiff.errors import UserError
+from symstiff.errors import UserError, require
 from symstiff.model import StiffnessModel
 from symstiff.reduction.remarks import reduction_remarks
 
@@ -49,6 +49,7 @@ _UNCONFIRMED = 0.75
 
 def run(task: Task, tell: Tell = lambda stage: None) -> Finding:
     """Diagnose a table. Raises UserError for data that do not fit the robot or hold nothing measured."""
+    require(task, Task, "a task", "Task(robot, table) is one")
     if task.max_effects < 1:
         raise UserError(f"--max-effects {task.max_effects}: 1 or more")
     warnings = check_robot(task.table, task.robot)

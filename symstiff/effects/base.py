@@ -1,11 +1,12 @@
 """The one shape of an effect: where it can be, and its law as terms at virtual joints.
 
 A catalogue file defines one ``Effect``; a plugin registers one under the entry point group
-``symstiff.effects``. No module outside this room knows an effect by name.
+``symstiff.effects`` (docs/plugins.md). No module outside this room knows an effect by name.
 """
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from functools import cache
@@ -16,11 +17,15 @@ from typing import Any, Protocol
 import numpy as np
 
 from symstiff.errors import UserError
+from symstiff.robot.names import C_WORDS
 from symstiff.robot.schema import Robot
 from symstiff.symbolic.terms import Term, VirtualJoint
 
 Where = Mapping[str, Any]
 Shape = Mapping[str, float]
+_NAME = re.compile(r"[A-Za-z][A-Za-z0-9_]*", re.ASCII)
+_MEMBERS = frozenset({"k", "time", "temperature", "branch"})
+"""What the C struct of a model's parameters holds beside those of effects."""
 _DIGITS, _CLOCK = 4, 1e4
 """Digits of a shape's value as told, and from where on it gets all of them, as the time of a clock does."""
 
@@ -52,6 +57,13 @@ class EffectParameter:
     high: float
     typical: float
     meaning: str = ""
+
+    def __post_init__(self) -> None:
+        if not _NAME.fullmatch(self.name) or self.name in C_WORDS | _MEMBERS:
+            raise UserError(
+                f"an effect's parameter cannot be called {self.name!r}: it is a member of a C struct beside k, time, "
+                "temperature and branch: use letters, digits and _, e.g. <effect>_<place>_<what>"
+            )
 
 
 @dataclass(frozen=True)
@@ -205,6 +217,10 @@ class Effect:
     unlikely: Callable[[Robot, Where], str] = _likely
     """Why it is not looked for at one of its places, by what the robot file tells; empty where it is."""
 
+    def __post_init__(self) -> None:
+        if not _NAME.fullmatch(self.identifier):
+            raise UserError(f"an effect cannot be called {self.identifier!r}: use letters, digits and _")
+
 
 @dataclass(frozen=True)
 class EffectInstance:
@@ -221,6 +237,8 @@ class EffectInstance:
             raise UserError(f"{self.effect} cannot be at {dict(self.where)} on {robot.name}")
         try:
             return entry.realise(robot, self.where, self.shape)
+        except UserError as error:
+            raise UserError(f"{self.effect} at {dict(self.where)}: {error}") from error
         except (KeyError, TypeError, ValueError, IndexError) as error:
             raise UserError(
                 f"{self.effect} at {dict(self.where)}: the shape {dict(self.shape)} does not fit: {error}"
@@ -288,11 +306,33 @@ def catalogue() -> dict[str, Effect]:
         if isinstance(effect, Effect):
             found[effect.identifier] = effect
     for point in sorted(metadata.entry_points(group="symstiff.effects"), key=lambda p: p.name):
-        effect = point.load()
-        if not isinstance(effect, Effect):
-            raise UserError(f"plugin {point.name}: {point.value} is no Effect: see symstiff.effects.base")
+        effect = _loaded(point)
+        if effect.identifier in found:
+            raise UserError(
+                f"{_of(point)}: there is an effect {effect.identifier!r} already: give it another identifier, or "
+                "uninstall the package"
+            )
         found[effect.identifier] = effect
     return found
+
+
+def _loaded(point: metadata.EntryPoint) -> Effect:
+    """The effect of a plugin. Raises UserError that names the package where it cannot be had."""
+    try:
+        effect = point.load()
+    except Exception as error:  # whatever another package's module raises
+        raise UserError(
+            f"{_of(point)}: cannot load {point.value} ({type(error).__name__}: {str(error)[:200]}): repair or "
+            "uninstall the package"
+        ) from error
+    if not isinstance(effect, Effect):
+        raise UserError(f"{_of(point)}: {point.value} is no Effect: see symstiff.effects.base")
+    return effect
+
+
+def _of(point: metadata.EntryPoint) -> str:
+    package = f" of package {point.dist.name}" if point.dist is not None else ""
+    return f"plugin {point.name}{package}"
 
 
 def find(identifier: str) -> Effect:

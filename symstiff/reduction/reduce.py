@@ -5,12 +5,13 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
+from numbers import Integral
 from typing import Any
 
 import numpy as np
 import sympy as sp
 
-from symstiff.errors import UserError
+from symstiff.errors import A_ROBOT, UserError, require
 from symstiff.reduction.aggregation import inexact_aggregations
 from symstiff.reduction.physical import Parameter, Stage, physical_stages, terms_of
 from symstiff.reduction.structural import ExactEngine, Experiment, Partition, in_rationals, in_unit_axes
@@ -182,6 +183,7 @@ def reduce(
     ``points`` are markers whose positions are all that is measured.
     Raises UserError for an unknown class, joint or parameter.
     """
+    require(robot, Robot, *A_ROBOT)
     experiment = Experiment(loads, measure, _fixed(robot, fixed or {}), tuple(points))
     stages = physical_stages(robot)
     full = stages[-1].parameters
@@ -212,6 +214,9 @@ def axis_sizes(chain: ElasticChain, parameters: Sequence[Parameter]) -> dict[str
 
 def _fixed(robot: Robot, fixed: Mapping[int, Any]) -> dict[int, sp.Expr]:
     values = {}
+    require(fixed, Mapping, "fixed joints with their values", "write {1: 0} for q1 = 0")
+    for joint in fixed:
+        require(joint, Integral, "the number of a fixed joint", "write {1: 0} for q1 = 0")
     for joint, given in sorted(fixed.items()):
         if not 1 <= joint <= robot.dof:
             raise UserError(f"cannot fix q{joint}: {robot.name} has joints 1 to {robot.dof}")

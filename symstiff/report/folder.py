@@ -17,7 +17,7 @@ from symstiff.calibration.writing import LOADS
 from symstiff.discrepancy.deciding import Choice, Rival, decide_by, experiments_like
 from symstiff.discrepancy.finding import Finding
 from symstiff.discrepancy.separate import TAKEN
-from symstiff.errors import UserError
+from symstiff.errors import UserError, require
 from symstiff.files import DIAGNOSIS, new_folder
 from symstiff.model import StiffnessModel
 from symstiff.report.code import Line, core, difference, excerpt
@@ -40,6 +40,7 @@ class Written:
 
 def write_folder(finding: Finding, folder: Path, tell: Callable[[str], None] = lambda stage: None) -> Written:
     """Write everything that a diagnosis leaves behind. Raises UserError where the place cannot be written."""
+    require(finding, Finding, "a finding", "diagnose(Task(robot, table)) gives one")
     with new_folder(folder, DIAGNOSIS) as temporary:
         verdict = verdict_table(finding)
         tell("code")

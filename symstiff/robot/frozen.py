@@ -2,7 +2,12 @@
 
 from __future__ import annotations
 
+import math
+from collections.abc import Mapping
+from numbers import Real
 from typing import Any, NoReturn, TypeVar
+
+from symstiff.errors import UserError, require
 
 K = TypeVar("K")
 V = TypeVar("V")
@@ -28,3 +33,14 @@ class FrozenDict(dict[K, V]):
 
     def __deepcopy__(self, memo: Any) -> FrozenDict[K, V]:
         return self
+
+
+def frozen_numbers(values: Mapping[K, Any], what: str, least: float = -math.inf) -> FrozenDict[K, float]:
+    """A read-only dict of finite numbers from ``least`` on. Raises UserError that names the entry that is none."""
+    require(values, Mapping, f"{what} by name", "give a dictionary")
+    for name, value in values.items():
+        if not isinstance(value, Real) or not math.isfinite(value):
+            raise UserError(f"{what}: {str(name)[:40]}: expected a finite number, found {str(value)[:40]!r}")
+        if value < least:
+            raise UserError(f"{what}: {str(name)[:40]}: expected {least:g} or more, found {value:g}")
+    return FrozenDict({name: float(value) for name, value in values.items()})

@@ -12,7 +12,7 @@ from typing import Any
 
 from pydantic import ValidationError
 
-from symstiff.errors import UserError
+from symstiff.errors import UserError, require_path
 from symstiff.robot.exact import Decimal
 from symstiff.robot.mistakes import explain, printable
 from symstiff.robot.schema import Robot
@@ -29,6 +29,7 @@ def library() -> tuple[str, ...]:
 
 def load(robot: str | Path) -> Robot:
     """Read a robot from the library by name, or from a file by path. Raises UserError."""
+    require_path(robot, "a robot file")
     name = str(robot)
     if name in library():
         return _library_robot(name)

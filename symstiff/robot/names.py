@@ -26,6 +26,7 @@ _TAKEN = {
     "a system's library": "c crypt dl gcc gomp m pthread rt util",
     "a file or a target of the generated build": "all clean depend edit_cache help install main package test",
 }
+C_WORDS = frozenset(_TAKEN["a word of C or C++"].split())
 _PARTS = (
     "_batch",
     "_params",

@@ -12,6 +12,7 @@ from functools import cached_property
 
 import sympy as sp
 
+from symstiff.errors import A_ROBOT, require
 from symstiff.robot.chain import Elementary, Row, elementary_chain
 from symstiff.robot.exact import Exact
 from symstiff.robot.schema import Robot
@@ -39,6 +40,9 @@ class ElasticChain:
     robot: Robot
     symbolic: bool = False
     unit_axes: bool = field(default=True, repr=False)
+
+    def __post_init__(self) -> None:
+        require(self.robot, Robot, *A_ROBOT)
 
     @cached_property
     def rows(self) -> tuple[Row, ...]:

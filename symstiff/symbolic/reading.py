@@ -11,6 +11,7 @@ from itertools import product
 import sympy as sp
 
 from symstiff.display import html_table
+from symstiff.errors import A_CHAIN, UserError, require
 from symstiff.symbolic.chain import ElasticChain
 from symstiff.symbolic.latex import aligned, latex
 from symstiff.symbolic.program import Builder, Let, Program
@@ -36,6 +37,7 @@ def virtual_jacobian(chain: ElasticChain) -> sp.Matrix:
 
     A translation's column is an axis e, a rotation's is lever arm and axis (e × ρ, e). Units: 1, m, rad.
     """
+    require(chain, ElasticChain, *A_CHAIN)
     return written_out(virtual_jacobian_program(chain))["J"]
 
 
@@ -46,6 +48,7 @@ def observation_matrix(
 
     ``W`` is the wrench at the tool centre point in base axes, w_1 … w_6 where not given [N, N·m]. ``terms`` default to
     those of the original model: all joints, 36 parameters a link. Parameters stand in the order of the terms.
+    Raises UserError for a term of the load, of the measuring device or of a weight, which is at no column of J.
     """
     J = virtual_jacobian(chain)
     wrench = sp.Matrix([w(c) for c in AXES] if W is None else list(W))
@@ -53,6 +56,11 @@ def observation_matrix(
     loads = {tau(v): (j.T * wrench)[0] for v, j in column.items()}
     columns: dict[str, sp.Matrix] = {}
     for term in original_terms(chain) if terms is None else terms:
+        if term.at not in column:
+            raise UserError(
+                f"{term.parameter} acts at {term.at.name}, which is no virtual joint of {chain.robot.name}: leave its "
+                "terms out here; model.observation(q, w) has its column in numbers"
+            )
         part = column[term.at] * term.factor.xreplace(loads)
         columns[term.parameter] = columns.get(term.parameter, sp.zeros(6, 1)) + part
     return sp.Matrix.hstack(*columns.values())

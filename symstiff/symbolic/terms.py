@@ -87,7 +87,10 @@ CONTEXT = (TIME, TEMPERATURE, BRANCH)
 
 @dataclass(frozen=True)
 class Term:
-    """One summand of a law: Δθ_at += parameter · factor, factor in tau, q, w, up, context and shape symbols."""
+    """One summand of a law: Δθ_at += parameter · factor, factor in tau, q, w, up and context symbols.
+
+    Values of a shape stand in the factor as numbers.
+    """
 
     parameter: str
     at: VirtualJoint

@@ -98,6 +98,16 @@ class Plan:
     candidates: int
     seed: int
 
+    def __repr__(self) -> str:
+        from symstiff.calibration.reading import plan_line
+
+        return f"Plan({plan_line(self)})"
+
+    def _repr_html_(self) -> str:
+        from symstiff.calibration.reading import plan_html
+
+        return plan_html(self)
+
     def __len__(self) -> int:
         return len(self.q)
 

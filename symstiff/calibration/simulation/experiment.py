@@ -21,7 +21,7 @@ from symstiff.calibration.simulation.nominal import linear_compliance
 from symstiff.calibration.simulation.phenomena import Additions, build
 from symstiff.calibration.simulation.rehearsal import CONTEXT, followed
 from symstiff.calibration.simulation.truth import Device, Noise, Truth
-from symstiff.errors import UserError
+from symstiff.errors import UserError, require
 
 Kind = Literal["deflection", "absolute"]
 
@@ -75,6 +75,7 @@ def simulate(truth: Truth, design: Measurements, seed: int) -> Measurements:
     """
     from symstiff.calibration.checks import check_robot
 
+    require(truth, Truth, "what is true", "load_truth('truth.toml') gives it")
     check_robot(design, truth.robot)
     kind: Kind = truth.kind or ("absolute" if design.kind == "absolute" else "deflection")
     if kind == "deflection" and not design.w.any():

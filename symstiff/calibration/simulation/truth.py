@@ -56,7 +56,7 @@ from symstiff.calibration.simulation.chain import chain_of
 from symstiff.calibration.simulation.nominal import nominal_truth
 from symstiff.calibration.simulation.phenomena import Effect
 from symstiff.calibration.simulation.rehearsal import rehearse
-from symstiff.errors import UserError
+from symstiff.errors import UserError, require_path
 from symstiff.robot import Robot, library, load
 from symstiff.robot.loading import toml_table
 from symstiff.robot.mistakes import printable
@@ -119,6 +119,7 @@ class Truth:
 
 def load_truth(path: str | Path) -> Truth:
     """Read a TRUTH.toml. Raises UserError in one line: file, key, remedy."""
+    require_path(path, "a truth file")
     origin = str(path)
     try:
         data = Path(path).read_bytes()
