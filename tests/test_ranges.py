@@ -1,23 +1,30 @@
-"""Physical ranges follow the size of an experiment, and are the catalogue's for the arms that it was made for."""
+"""What follows the size of an experiment: physical ranges, the catalogue's for industrial arms, and digits."""
 
 from __future__ import annotations
 
 from dataclasses import replace
 from fractions import Fraction
 from functools import cache
+from io import StringIO
 from typing import Any
 
 import numpy as np
 import pytest
+from rich.console import Console
 
 from symstiff.calibration.experiment.situation import look
+from symstiff.calibration.identify import identify
 from symstiff.calibration.measurements import Measurements, measurements
+from symstiff.calibration.rows import predict
+from symstiff.cli.diagnose import _print
 from symstiff.discrepancy.finding import Finding, Task
 from symstiff.discrepancy.ranges import Extent, at_size, extent_of
 from symstiff.discrepancy.remarks import remarked
 from symstiff.discrepancy.result import Estimate
 from symstiff.discrepancy.workflow import run
 from symstiff.effects.base import Scales, catalogue
+from symstiff.report.html import _steps
+from symstiff.report.residuals import draw_residuals
 from symstiff.robot import load
 from symstiff.robot.loading import from_table
 from symstiff.robot.schema import Robot
@@ -122,3 +129,27 @@ def test_what_would_lead_but_for_its_size_is_said_to(value: float, told: bool) -
     remarks = [r for r in remarked(usual.assembly.situation.view, last) if "would lead" in r]
     assert len(remarks) == told
     assert all("0.0100 rad/(N·m)" in r or "0.01 rad/(N·m)" in r for r in remarks)
+
+
+def test_residuals_of_a_small_arm_are_printed_with_digits() -> None:
+    small = found(0.04, 0.01)
+    printed = StringIO()
+    _print(Console(file=printed, width=200), small, "")
+    last = small.steps[-1].residual
+    view = small.assembly.situation.view
+    seen = np.zeros((len(view.table), 3))
+    seen[view.state, view.component] = last
+    rms = f"{1e3 * np.sqrt(np.mean(np.sum(seen**2, axis=1))):.2g}"
+    assert float(rms) < 0.01
+    assert f" {rms} " in printed.getvalue()
+    assert any(rms in row["cells"] for row in _steps(small)["rows"])
+
+
+def test_the_picture_of_an_identification_tells_small_residuals() -> None:
+    robot, table = at(0.01, 0.01)
+    result = identify(robot, table)
+    left = 1e3 * (table.values - predict(result.model, table))[:, :3]
+    rms = np.sqrt(np.nanmean(left**2, axis=0))
+    assert np.all(rms < 5e-3)
+    titles = [axes.get_title() for axes in draw_residuals(result).axes[:3]]
+    assert titles == [f"{name}: RMS {size:.2g} mm" for name, size in zip("xyz", rms, strict=True)]
