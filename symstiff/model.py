@@ -25,6 +25,7 @@ from symstiff.robot.frozen import frozen_numbers
 from symstiff.robot.loading import from_table
 from symstiff.robot.schema import Robot
 from symstiff.robot.table import structure_table, to_table
+from symstiff.slopes import derivative
 from symstiff.symbolic.algebras import evaluate_numpy
 from symstiff.symbolic.chain import ElasticChain
 from symstiff.symbolic.program import Program
@@ -127,11 +128,11 @@ class StiffnessModel:
 
         An error of the load or of the device changes every compliance's column as well as its own.
         """
-        return () if any(_bilinear(t) for t in self.terms) else self.parameters
+        return () if any(bilinear(t) for t in self.terms) else self.parameters
 
     @cached_property
     def steps(self) -> dict[str, float]:
-        """A size of every parameter that a central difference can step by."""
+        """A usual size of every parameter, from which the steps of a central difference are found."""
         unit = {"m/N": 1e-8, "rad/N": 1e-8}
         steps = {p.name: unit.get(p.unit, 1e-7) for p in self.compliances}
         return steps | {p.name: p.typical for p in self.effect_parameters}
@@ -212,13 +213,7 @@ class StiffnessModel:
         if self.is_linear:
             program = self.linear_program
             return evaluate_numpy(program, q=q, w=w, **_context(program, context, len(q)))["A"]
-        matrix = np.empty((len(q), 6, len(self.parameters)))
-        for k, name in enumerate(self.parameters):  # bilinear but for laws that bend under added loads
-            step = np.zeros(len(p))
-            step[k] = self.steps[name]
-            ahead, behind = (self._deflection(q, w, p + s * step, context) for s in (1, -1))
-            matrix[:, :, k] = (ahead - behind) / (2 * step[k])
-        return matrix
+        return derivative(self, lambda x: self._deflection(q, w, x, context), p)
 
     def _poses(self, q: npt.ArrayLike, w: npt.ArrayLike) -> tuple[np.ndarray, np.ndarray]:
         """q (N, n) and W (N, 6) with as many rows. Raises UserError with the expected and the found shape."""
@@ -334,7 +329,8 @@ class StiffnessModel:
         return f"{self.deviations[name]:.1g}" if name in self.deviations else "–"
 
 
-def _bilinear(term: Term) -> bool:
+def bilinear(term: Term) -> bool:
+    """Whether other parameters' columns change with a term's: an error of the load, or of the device that reads."""
     if term.at.kind in ("load", "body"):
         return True
     return any(s.name.startswith("dt_") for s in term.factor.free_symbols)

@@ -6,8 +6,10 @@ import subprocess
 import sys
 from pathlib import Path
 
+import numpy as np
 import pytest
 
+from symstiff.calibration.table import read_poses
 from symstiff.effects.base import EffectInstance
 from symstiff.model import StiffnessModel, load_model
 from symstiff.reduction import reduce
@@ -142,6 +144,21 @@ def test_bad_input_is_one_line_and_exit_code_2(folder: Path, arguments: tuple[st
     assert says in done.stderr
     assert not (folder / "x.csv").exists()
     assert not (folder / "x.toml").exists()
+
+
+def test_a_planned_moment_is_told_and_can_be_given(tmp_path: Path) -> None:
+    plan = (
+        "plan", "scara", "--poses", "8", "--force", "40", "--candidates", "200", "--no-refine", "-o", "p.csv",
+        "--json", "plan.json",
+    )  # fmt: skip
+    printed = " ".join(succeeded(tmp_path, *plan).split())
+    assert "assumed applied: 40 N and 20 N·m, each in any direction" in printed
+    printed = " ".join(succeeded(tmp_path, *plan, "--moment", "3").split())
+    assert "assumed applied: 40 N and 3 N·m, each in any direction" in printed
+    table = read_poses(tmp_path / "p.csv")
+    np.testing.assert_allclose(np.linalg.norm(table.w[:, 3:], axis=1), 3.0, rtol=1e-2)
+    told = json.loads((tmp_path / "plan.json").read_text())["load"]
+    assert told == {"class": "wrench", "force": 40.0, "moment": 3.0}
 
 
 def test_a_plan_with_load_steps_promises_what_the_fit_to_all_of_them_states(tmp_path: Path) -> None:

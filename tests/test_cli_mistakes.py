@@ -45,6 +45,10 @@ BAD_OPTIONS = [
     (("inspect", "."), ("is a directory",)),
     (("inspect", "planar2r", "--loads", "weight"), ("unknown loads", "wrench, force, gravity")),
     (("plan", "planar2r", "--poses", "5", "--force", "1e12", "-o", "p.csv"), ("1e+12 N", "up to 1e+07")),
+    (
+        ("plan", "planar2r", "--poses", "5", "--loads", "force", "--moment", "3", "-o", "p.csv"),
+        ("--moment has no effect with --loads force", "--loads wrench"),
+    ),
     (("inspect", "planar2r", "--measure", "angle"), ("unknown measure", "pose, position")),
     (("inspect", "planar2r", "--fixed", "q9=0"), ("cannot fix q9",)),
     (("inspect", "planar2r", "--fixed", "q1"), ("--fixed",)),

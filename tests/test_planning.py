@@ -305,6 +305,17 @@ def gram_deflection(q: np.ndarray, w: np.ndarray) -> np.ndarray:
     return THREE_AXES(q, w) @ np.array([1e-6, 2e-6, 3e-6, 1e-7, 1e-7, 2e-7])
 
 
+@pytest.mark.parametrize(
+    ("reach", "moment"), [(3.3, 50.0), (0.81, 50.0), (0.75, 50.0), (0.06, 4.0)]
+)  # 0.5 m times 100 N, or 2/3 of 0.06 m
+def test_the_moment_of_a_wrench_is_half_a_metre_times_the_force_but_no_more_than_an_arm_has_room_for(
+    reach: float, moment: float
+):
+    assert Load("wrench", 100.0).on_arm(reach).magnitudes == pytest.approx((100.0, moment))
+    assert Load("wrench", 100.0, 7.0).on_arm(reach).magnitudes == (100.0, 7.0)
+    assert Load("force", 100.0).on_arm(reach) == Load("force", 100.0)
+
+
 def test_two_processes_give_the_same_bits_as_one():
     rng = np.random.default_rng(0)
     blocks = [(rng.normal(size=(150, 150)), rng.normal(size=(150, 150))) for _ in range(5)]

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -11,18 +11,19 @@ import numpy as np
 from symstiff.calibration.absolute import fit_absolute
 from symstiff.calibration.checks import without_copies, without_zeros
 from symstiff.calibration.constrained import ConstrainedEstimate, constrain
-from symstiff.calibration.estimate import Estimate, estimate
+from symstiff.calibration.estimate import Estimate
 from symstiff.calibration.experiment.readings import ExperimentClass, experiment_of
 from symstiff.calibration.experiment.rounding import without_rounding
+from symstiff.calibration.fitting import fit_model
 from symstiff.calibration.kept import completed, seen_in
 from symstiff.calibration.levels import by_level
 from symstiff.calibration.loading import as_loading
 from symstiff.calibration.markers import left_of_deflections, marker_hint
-from symstiff.calibration.measurements import COMPONENTS, Measurements
-from symstiff.calibration.remarks import axis_remarks, explained, fits, of_loads, of_sag, repeated
+from symstiff.calibration.measurements import Measurements
+from symstiff.calibration.remarks import axis_remarks, explained, fits, of_loads, of_sag, repeated, settled
 from symstiff.calibration.residuals import ResidualTable, places, residual_table, split
-from symstiff.calibration.robust import RobustEstimate, robust_estimate
-from symstiff.calibration.rows import Equations, equations, predict, shared_blocks, weights
+from symstiff.calibration.robust import RobustEstimate
+from symstiff.calibration.rows import Equations, equations, predict
 from symstiff.calibration.soundness import (
     check_beside_geometry,
     check_determined,
@@ -41,8 +42,6 @@ from symstiff.reduction.complete import complete_map
 from symstiff.reduction.remarks import reduction_remarks
 from symstiff.reduction.svd import numeric_partition
 from symstiff.robot.schema import Robot
-
-_ROUNDS = 8
 
 
 @dataclass(frozen=True, eq=False)
@@ -162,7 +161,8 @@ def identify(
     if table.kind == "absolute":
         return _from_absolute(model, reduction, table, remarks)
     train, validation = _split(table, held_out, seed)
-    fitted, e, strong = fit_model(model, train, robust=robust)
+    found = fit_model(model, train, robust=robust)
+    fitted, e = found.estimate, found.equations
     exchanged = marker_hint(train.points, left_of_deflections(model, train))
     remarks += [exchanged] if exchanged else axis_remarks(model, train, e)
     slides = [i for i, joint in enumerate(robot.joint, start=1) if joint.prismatic]
@@ -171,7 +171,7 @@ def identify(
     values, constrained = _values(fitted, behind, physical)
     model = model.with_values(values, _finite(dict(zip(fitted.names, fitted.std.tolist(), strict=True))))
     training = residual_table(_measured(train), predict(model, train))
-    remarks += [*explained(training), *fits(fitted, e), *unlike_file(model, robot)]
+    remarks += [*settled(found), *explained(training), *fits(fitted, e), *unlike_file(model, robot)]
     return Identification(
         completed(model, told),
         reduction,
@@ -179,7 +179,7 @@ def identify(
         e,
         training,
         residual_table(_measured(validation), predict(model, validation)) if validation is not None else None,
-        strong,
+        found.robust,
         constrained,
         tuple(remarks),
         train,
@@ -241,41 +241,6 @@ def _from_absolute(
     return Identification(
         model, reduction, found.fit, found.equations, found.residuals, None, None, None, tuple(remarks), table, None
     )  # fmt: skip
-
-
-def fit_model(
-    model: StiffnessModel, table: Measurements, *, robust: bool = False
-) -> tuple[Estimate, Equations, RobustEstimate | None]:
-    """Fit all parameters jointly; Gauss–Newton where the model is not linear in them."""
-    values = dict(model.values)
-    for _ in range(1 if model.is_linear else _ROUNDS):
-        e = equations(model, table, values)
-        e = replace(e, A=without_rounding(e.A, np.array([model.steps[n] for n in model.parameters])))
-        fit = estimate(
-            e.A, e.y, weights(e), model.parameters, units=[model.units[n] for n in model.parameters],
-            blocks=shared_blocks(e, table), estimated=e.sigma is None,
-        )  # fmt: skip
-        step = fit.values - model.vector(values)
-        values = dict(zip(model.parameters, fit.values.tolist(), strict=True))
-        if np.abs(step / np.where(fit.std > 0, fit.std, 1.0)).max(initial=0.0) < 1e-3:
-            break
-    if not robust:
-        return fit, e, None
-    strong = robust_estimate(
-        e.A,
-        e.y,
-        weights(e),
-        model.parameters,
-        groups=table.pose[e.row],
-        labels=table.labels,
-        row_labels=[
-            f"{table.place(int(r))}, {COMPONENTS[c]}" for r, c in zip(e.row, e.component, strict=True)
-        ],
-        units=[model.units[n] for n in model.parameters],
-        blocks=shared_blocks(e, table),
-        estimated=e.sigma is None,
-    )
-    return strong.estimate, e, strong
 
 
 def data_rank(model: StiffnessModel, table: Measurements) -> int:

@@ -64,7 +64,7 @@ def plan_for(
     points = tuple(markers) or (("tcp",) if model.measure == "position" else ())
     space = Space(
         robot,
-        load or Load(_load_class(model.loads)),
+        (load or Load(_load_class(model.loads))).on_arm(model.robot.reach),
         region or Region(),
         dict(fixed or {}),
         dict(levels or {}),

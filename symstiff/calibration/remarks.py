@@ -8,6 +8,7 @@ import scipy.stats
 from symstiff.calibration.axes import axis_hint_refit
 from symstiff.calibration.estimate import Estimate
 from symstiff.calibration.experiment.situation import has_weights
+from symstiff.calibration.fitting import Fitted
 from symstiff.calibration.measurements import Measurements
 from symstiff.calibration.residuals import ResidualTable
 from symstiff.calibration.rows import Equations, weights
@@ -27,6 +28,16 @@ def explained(residuals: ResidualTable) -> list[str]:
     return [
         f"only {100 * max(residuals.compensated, 0.0):.0f} % of the deflection is explained: do not compensate with "
         "this model, look for what is missing with symstiff diagnose"
+    ]
+
+
+def settled(found: Fitted) -> list[str]:
+    """A warning where the rounds of a fit came to no end."""
+    if found.settled:
+        return []
+    return [
+        "the fit did not settle: other parameters than these may fit as well or better, so do not rely on them; look "
+        "for bad poses (--robust), or fit fewer parameters"
     ]
 
 

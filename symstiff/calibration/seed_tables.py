@@ -12,7 +12,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from symstiff.calibration.identify import data_rank, fit_model
+from symstiff.calibration.fitting import fit_model
+from symstiff.calibration.identify import data_rank
 from symstiff.calibration.levels import by_level
 from symstiff.calibration.measurements import Measurements
 from symstiff.calibration.plan import Goal, Load, Search, plan_for
@@ -94,7 +95,7 @@ def table2(
     rows = []
     for name, model in models(robot, table).items():
         progress(f"fitting {name}")
-        fit, _, _ = fit_model(model, table)
+        fit = fit_model(model, table).estimate
         fitted = model.with_values(dict(zip(fit.names, fit.values.tolist(), strict=True)))
         rows.append(
             Row(

@@ -134,6 +134,12 @@ def plan(
         Path | None, typer.Option(help="Poses at which accuracy matters, for criterion test.")
     ] = None,
     force: Annotated[float | None, typer.Option(help="Magnitude of the load \\[N] (1000).")] = None,
+    moment: Annotated[
+        float | None,
+        typer.Option(
+            help="Magnitude of a wrench's moment \\[N·m] (0.5 m times the force, 2/3 of the reach at most)."
+        ),
+    ] = None,
     steps: Annotated[
         int, typer.Option(help="Steps in which every load comes; several show what is not linear in it.")
     ] = 1,
@@ -170,8 +176,8 @@ def plan(
 
     run_plan(
         PlanRequest(
-            robot, poses, output, loads, measure, criterion, test_poses, force, steps, candidates, sigma,
-            levels,
+            robot, poses, output, loads, measure, criterion, test_poses, force, moment, steps, candidates,
+            sigma, levels,
             _list(markers), fixed, keep_out, floor, separate, seed, refine,
             cluster, plot, json,
         )

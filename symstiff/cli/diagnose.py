@@ -78,7 +78,7 @@ def _more(verdict: dict[str, Any]) -> str:
 def _print(out: Console, finding: Finding, sentence: str) -> None:
     from rich.table import Table
 
-    from symstiff.discrepancy.numbers import p_text
+    from symstiff.discrepancy.numbers import milli, p_text
     from symstiff.report.tables import step_rows
     from symstiff.report.words import headline
 
@@ -96,7 +96,7 @@ def _print(out: Console, finding: Finding, sentence: str) -> None:
         table.add_column(f"{short} RMS", justify="right")
     table.add_column("p left", justify="right")
     for row in rows:
-        cells = [f"{x:.3f}" for a in shown for x in row.sizes.get(a, (float("nan"),) * 2)]
+        cells = [milli(1e-3 * x) for a in shown for x in row.sizes.get(a, (float("nan"),) * 2)]
         table.add_row(row.title, row.parameters, *cells, "" if row.p_left is None else p_text(row.p_left))
     print_table(out, table, ["step"])
     for remark in finding.remarks:

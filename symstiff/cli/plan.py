@@ -14,6 +14,7 @@ from symstiff.robot import load
 if TYPE_CHECKING:
     from rich.console import Console
 
+    from symstiff.calibration.planning.loads import Load
     from symstiff.calibration.planning.plan import Plan
     from symstiff.calibration.planning.region import Region
     from symstiff.robot import Robot
@@ -35,6 +36,7 @@ class PlanRequest:
     criterion: str
     test_poses: Path | None
     force: float | None
+    moment: float | None
     steps: int
     candidates: int | None
     sigma: float | None
@@ -78,6 +80,10 @@ def run_plan(request: PlanRequest) -> None:
     fixed, levels = parse_fixed(request.fixed), _levels(request.levels)
     loads = request.loads or LOADS
     measure, points = _read(request, robot)
+    if request.moment is not None and loads != "wrench":
+        raise UserError(
+            f"--moment has no effect with --loads {loads}: leave it out, or plan for --loads wrench"
+        )
     force, sigma_mm = _given(request.force, Load.force), _given(request.sigma, 1e3 * Measurement.sigma_t)
     out = console(request.json)
     with stages(out) as progress:
@@ -87,6 +93,7 @@ def run_plan(request: PlanRequest) -> None:
         test_q, test_w = _test_poses(request, robot)
         goal = Goal(request.poses, request.criterion, None, test_q, test_w)  # type: ignore[arg-type]
         load_class: Any = loads
+        applied = Load(load_class, force, request.moment).on_arm(robot.reach)
         candidates = CANDIDATES if request.candidates is None else request.candidates
         search = Search(candidates, seed=request.seed, refine=request.refine, cluster=request.cluster)
         sigma = (sigma_mm * 1e-3, sigma_mm * 1e-3 / 0.3)
@@ -95,7 +102,7 @@ def run_plan(request: PlanRequest) -> None:
             sigma[1] / gain_of_steps(request.steps) ** 0.5,
         )
         plan = plan_for(
-            model, goal, Load(load_class, force), request.markers, together, _region(request),
+            model, goal, applied, request.markers, together, _region(request),
             {j: float(v) for j, v in fixed.items()}, levels, search,
             lambda label, share: progress(f"{label} {share:.0%}"),
         )  # fmt: skip
@@ -108,13 +115,15 @@ def run_plan(request: PlanRequest) -> None:
     if request.plot is not None:
         save_figure(draw_plan(plan, geometry), request.plot)
     _print_plan(out, plan, model.units)
+    out.print(_applied(applied))
     out.print(_measured(request, measure, sigma))
     out.print(f"wrote {request.output}")
     measured = {
         "points": list(request.markers), "sigma_mm": sigma_mm, "measure": measure,
         "steps": request.steps,
     }  # fmt: skip
-    write_json(request.json, {**summary(plan), "measured": measured})
+    load_told = {"class": applied.kind, "force": applied.force, "moment": applied.moment}
+    write_json(request.json, {**summary(plan), "load": load_told, "measured": measured})
 
 
 def _read(request: PlanRequest, robot: Robot) -> tuple[str, tuple[str, ...]]:
@@ -129,6 +138,15 @@ def _read(request: PlanRequest, robot: Robot) -> tuple[str, tuple[str, ...]]:
 
 def _given(value: float | None, otherwise: float) -> float:
     return otherwise if value is None else value
+
+
+def _applied(load: Load) -> str:
+    """The loads that the poses were chosen for."""
+    if load.kind == "gravity":
+        return f"assumed applied: {load.force:g} N downwards"
+    if load.moment is None:
+        return f"assumed applied: {load.force:g} N in any direction"
+    return f"assumed applied: {load.force:g} N and {load.moment:g} N·m, each in any direction"
 
 
 def _measured(request: PlanRequest, measure: str, sigma: tuple[float, float]) -> str:
@@ -193,6 +211,7 @@ def _refuse_unused(request: PlanRequest) -> None:
         "--criterion": request.criterion != "D", "--test-poses": request.test_poses, "--steps": request.steps != 1,
         "--levels": request.levels, "--fixed": request.fixed, "--no-refine": not request.refine,
         "--cluster": request.cluster, "--plot": request.plot, "--candidates": request.candidates is not None,
+        "--moment": request.moment is not None,
     }  # fmt: skip
     for option, used in given.items():
         if used:

@@ -13,7 +13,6 @@ import warnings
 from collections.abc import Callable, Mapping
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
-from functools import cached_property
 from itertools import pairwise
 from typing import TYPE_CHECKING, Any
 
@@ -23,6 +22,7 @@ from symstiff.codegen.compiler import find_compiler, why_none
 from symstiff.codegen.library import is_built, library
 from symstiff.codegen.names import moments
 from symstiff.errors import UserError
+from symstiff.slopes import derivative
 from symstiff.symbolic.algebras import evaluate_numpy
 from symstiff.symbolic.program import Program
 
@@ -88,23 +88,11 @@ class Evaluator:
         model = self.model
         if model.is_linear:
             return self._call("observation", q, w, np.zeros(0), context, out)
-        linear = self._call("observation", q, w, np.zeros(0), context)
-        places = self._linear_places
-        matrix = np.empty((len(linear), 6, len(model.parameters))) if out is None else out
-        matrix[:, :, places] = linear
-        p = model.vector(values)
-        for k in sorted(set(range(len(p))) - set(places.tolist())):
-            step = np.zeros(len(p))
-            # bilinear but for laws that bend under added loads
-            step[k] = model.steps[model.parameters[k]]
-            ahead, behind = (self._deflection(q, w, p + s * step, context) for s in (1, -1))
-            matrix[:, :, k] = (ahead - behind) / (2 * step[k])
-        return matrix
-
-    @cached_property
-    def _linear_places(self) -> np.ndarray:
-        names = self.model.parameters
-        return np.array([names.index(n) for n in self.model.linear_parameters], dtype=int)
+        found = derivative(model, lambda x: self._deflection(q, w, x, context), model.vector(values))
+        if out is None:
+            return found
+        out[:] = found
+        return out
 
     def _deflection(
         self,

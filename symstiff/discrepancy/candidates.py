@@ -21,6 +21,7 @@ from symstiff.discrepancy.problem import (
     Problem,
     Shape,
 )
+from symstiff.discrepancy.ranges import Extent, at_size, extent_of
 from symstiff.discrepancy.scan import column_space
 from symstiff.effects.base import Effect, Move, Realisation, Scales, Where
 from symstiff.model import StiffnessModel
@@ -43,7 +44,7 @@ def candidates(
 ) -> Iterator[Candidate]:
     """Every effect at every place, those that the data cannot show with the reason why."""
     table = situation.view.table
-    scales = scales_of(situation.view)
+    scales, extent = scales_of(situation.view), extent_of(situation.view)
     taken = frozenset(model.parameters)
     there = [(e.effect, dict(e.where)) for e in model.effects]
     basis = column_space(problem.A / spread_of(situation.view)[:, None])
@@ -59,7 +60,7 @@ def candidates(
                 reason = reason or "the table does not hold what it depends on"
                 yield _unavailable(effect, where, reason)
                 continue
-            columns = _Columns(situation, effect, where, taken)
+            columns = _Columns(situation, effect, where, taken, extent)
             members = [columns.member(shape) for shape in shapes]
             first = members[0].parameters
             if not first:
@@ -104,11 +105,13 @@ class _Member:
     parameters: tuple[Parameter, ...]
 
 
-def _member(effect: Effect, robot: Robot, where: Where, shape: Shape, taken: frozenset[str]) -> _Member:
+def _member(
+    effect: Effect, robot: Robot, where: Where, shape: Shape, taken: frozenset[str], extent: Extent
+) -> _Member:
     realised = effect.realise(robot, where, shape)
     own = tuple(
         Parameter(p.name, p.unit, p.low, p.high, p.typical)
-        for p in realised.parameters
+        for p in at_size(realised.parameters, extent)
         if p.name not in taken
     )
     return _Member(shape, realised, own)
@@ -129,6 +132,8 @@ class _Columns:
     where: Where
     taken: frozenset[str]
     """Parameters that the model has already."""
+    extent: Extent
+    """Of the experiment, for the parameters' ranges."""
     _made: dict[tuple[tuple[str, float], ...], _Member] = field(default_factory=dict)
     _seen: dict[tuple[tuple[str, float], ...], Array] = field(default_factory=dict)
 
@@ -142,7 +147,7 @@ class _Columns:
         """The effect with a shape."""
         key = tuple(shape.items())
         if key not in self._made:
-            self._made[key] = _member(self.effect, self._robot, self.where, shape, self.taken)
+            self._made[key] = _member(self.effect, self._robot, self.where, shape, self.taken, self.extent)
         return self._made[key]
 
     def parameters(self, shape: Shape) -> tuple[Parameter, ...]:

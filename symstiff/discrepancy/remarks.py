@@ -13,12 +13,13 @@ from symstiff.discrepancy.finding import Found
 from symstiff.discrepancy.noise import CONTRADICTED, NoiseReport
 from symstiff.discrepancy.numbers import p_equals, quantity
 from symstiff.discrepancy.problem import Array, Options
+from symstiff.discrepancy.ranges import CATALOGUE, Extent, at_size, extent_of
 from symstiff.discrepancy.result import Diagnosis, Estimate
 from symstiff.discrepancy.sharing import JOINTS
 from symstiff.discrepancy.speech import named as named_at
 from symstiff.discrepancy.verdict import INSUFFICIENT, NAMED, NOTHING, UNEXPLAINED, UNTESTABLE
 from symstiff.effects.arm import untold_weight
-from symstiff.effects.base import EffectInstance, EffectParameter, find
+from symstiff.effects.base import Effect, EffectInstance, EffectParameter, find
 from symstiff.robot.schema import Robot
 
 LOOSE = 1.35
@@ -47,7 +48,7 @@ def remarked(view: View, last: Diagnosis) -> list[str]:
         return [last.reason]
     return [
         *_of_sigma(noise), *_of_approach(view.table, last), *_of_markers(noise), *_of_poses(view.table, last),
-        *_of_single(last), *_of_proof(last), *_of_rows(view, last), *_of_weights(view, last), *_of_signs(view, last),
+        *_of_single(last), *_of_proof(last), *_of_rows(view, last), *_of_weights(view, last), *_of_sizes(view, last),
         *_of_further(last), *(of_sag(view.robot) if view.table.kind == "absolute" else ()),
     ]  # fmt: skip
 
@@ -193,27 +194,28 @@ def _beside(view: View, residual: Array) -> Array:
     return beside
 
 
-def _of_signs(view: View, last: Diagnosis) -> list[str]:
-    """What leads by far, but for a size of the wrong sign: a column that is the wrong way round."""
+def _of_sizes(view: View, last: Diagnosis) -> list[str]:
+    """What leads by far, but for a size beyond its physical range."""
     leading = next((c for c in last.candidates if c.testable), None)
     if leading is None or leading.plausible is not False or last.verdict not in (UNEXPLAINED, INSUFFICIENT):
         return []
     instance = EffectInstance(leading.effect, dict(leading.where), dict(leading.shape))
-    known = ((p, leading.parameters.get(p.name)) for p in instance.realise(view.robot).parameters)
-    wrong = [
-        _beyond(p, e) for p, e in known if e is not None and p.low == 0.0 and e.value + 2.0 * e.std < p.low
-    ]
-    if leading.p_value > SURE or not wrong:
+    ranges = at_size(instance.realise(view.robot).parameters, extent_of(view))
+    known = [(p, e) for p in ranges if (e := leading.parameters.get(p.name)) is not None]
+    wrong = [(p, e) for p, e in known if p.low == 0.0 and e.value + 2.0 * e.std < p.low]
+    beyond = wrong or [(p, e) for p, e in known if _outside(p, e) > 2.0 * e.std]
+    if leading.p_value > SURE or not beyond:
         return []
-    branch = "branch" in find(leading.effect).needs
-    where = (
-        "are up and down of the column branch exchanged?"
-        if branch
-        else "look at the signs of loads and readings"
-    )
-    return [
-        f"{named_at(leading.effect, leading.where)} would lead, but {'; '.join(wrong)} is physical: {where}"
-    ]
+    told = "; ".join(_beyond(p, e) for p, e in beyond)
+    why = _of_sign(find(leading.effect)) if wrong else "look at the units of loads, readings and lengths"
+    return [f"{named_at(leading.effect, leading.where)} would lead, but {told} is physical: {why}"]
+
+
+def _of_sign(effect: Effect) -> str:
+    """What to look at where a size has the wrong sign: a column that is the wrong way round."""
+    if "branch" in effect.needs:
+        return "are up and down of the column branch exchanged?"
+    return "look at the signs of loads and readings"
 
 
 def _of_weights(view: View, last: Diagnosis) -> list[str]:
@@ -231,10 +233,10 @@ def _of_weights(view: View, last: Diagnosis) -> list[str]:
     ]
 
 
-def astray(effects: Sequence[Found], robot: Robot) -> bool:
+def astray(effects: Sequence[Found], robot: Robot, extent: Extent = CATALOGUE) -> bool:
     """Whether a size is beyond its physical range by more than the range is wide, and not for want of data."""
     for effect in effects:
-        for p in effect.instance.realise(robot).parameters:
+        for p in at_size(effect.instance.realise(robot).parameters, extent):
             found, width = effect.parameters.get(p.name), p.high - p.low
             far = max(width, _DOUBTS * found.std) if found is not None else np.inf
             if found is not None and np.isfinite(width) and _outside(p, found) > far:
@@ -242,11 +244,12 @@ def astray(effects: Sequence[Found], robot: Robot) -> bool:
     return False
 
 
-def out_of_range(effects: Sequence[Found], robot: Robot) -> list[str]:
+def out_of_range(effects: Sequence[Found], robot: Robot, extent: Extent = CATALOGUE) -> list[str]:
     """Remarks on effects with sizes that nobody would believe, though the data allow sizes within the range."""
     out = []
     for effect in effects:
-        known = [(p, effect.parameters.get(p.name)) for p in effect.instance.realise(robot).parameters]
+        ranges = at_size(effect.instance.realise(robot).parameters, extent)
+        known = [(p, effect.parameters.get(p.name)) for p in ranges]
         told = [(p, found) for p, found in known if found is not None and np.isfinite(found.std)]
         odd = [(p, found) for p, found in told if _unbelievable(p, found)]
         if not odd:

@@ -29,8 +29,6 @@ from symstiff.robot.schema import Robot
 if TYPE_CHECKING:
     from symstiff.calibration.planning.region import Region
 
-_LEVER = 0.5
-"""Moment of a wrench for each newton of its force [m]."""
 _TURN = 0.3
 """Distance over which the rotation of a measured body is read from its points [m]."""
 TAKEN = "taken.csv"
@@ -230,7 +228,7 @@ def _experiment(
     nan = float("nan")
     branches = (1.0, -1.0) if any("branch" in e.needs for e in effects) else (nan,)
     components = (0, 1, 2) if markers or measure == "position" else tuple(range(6))
-    loads = np.zeros((1, 6)) if absolute else _cases(load)
+    loads = np.zeros((1, 6)) if absolute else _cases(load.on_arm(robot.reach))
     units = tuple("m" if j.prismatic else "rad" for j in robot.joint)
     kind = "absolute" if absolute else "deflection"
     return Experiment(kind, markers or ("tcp",), components, loads, branches, units)
@@ -242,6 +240,6 @@ def _cases(load: Load) -> Array:
     cases = [several_levels(down)]
     if load.kind != "gravity":
         cases.append(load.force * np.eye(6)[:2])
-    if load.kind == "wrench":
-        cases.append(_LEVER * load.force * np.eye(6)[3:])
+    if load.moment is not None:
+        cases.append(load.moment * np.eye(6)[3:])
     return np.vstack(cases)

@@ -30,6 +30,7 @@ from symstiff.discrepancy.point import find_point
 from symstiff.discrepancy.prepare import at_first
 from symstiff.discrepancy.problem import Options
 from symstiff.discrepancy.proof import FEWEST
+from symstiff.discrepancy.ranges import extent_of
 from symstiff.discrepancy.remarks import astray, out_of_range, remarked
 from symstiff.discrepancy.result import Diagnosis, Estimate, Name, Rms
 from symstiff.discrepancy.speech import named as named_at
@@ -158,7 +159,8 @@ def _finding(
     tell("identification")
     grown = grow(base, [e.instance for e in named if e.set_number == 0])
     after = fit(grown, table)
-    if astray([_as_identified(e, after) for e in named if e.set_number == 0], task.robot):
+    extent = extent_of(assembly.situation.view)
+    if astray([_as_identified(e, after) for e in named if e.set_number == 0], task.robot, extent):
         last = _taken_back(last)
         return _finding(task, table, told, start, base, assembly, first, last, climbed, remarks, tell)
     before = after if grown is start else fit(start, table, after.noise)
@@ -185,12 +187,10 @@ def _finding(
     counted = named if verdict == AMBIGUOUS else tuple(e for e in named if e.set_number == 0)
     assumed = (f"{named_at(e.effect, e.where)}: {a}" for e in counted for a in e.instance.assumptions)
     remarks += dict.fromkeys(assumed)  # several sets may hold one effect
-    ladder = {
-        named_at(e.effect, e.where) for e in climbed
-    }  # what the complete model keeps are sums with signs
-    remarks += dict.fromkeys(
-        out_of_range([e for e in counted if named_at(e.effect, e.where) not in ladder], task.robot)
-    )
+    # what the complete model keeps are sums with signs
+    ladder = {named_at(e.effect, e.where) for e in climbed}
+    alone = [e for e in counted if named_at(e.effect, e.where) not in ladder]
+    remarks += dict.fromkeys(out_of_range(alone, task.robot, extent))
     return Finding(
         task, table, before, after, told, first, last, assembly, verdict if testable else UNEXPLAINED, testable, reason,
         counted, tuple(e for e in named if e not in counted),

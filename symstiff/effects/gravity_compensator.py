@@ -2,9 +2,9 @@
 
 Spring form: anchors at distances a and L from the axis, angle φ = α − q between them, s² = a² + L² +
 2aL·cos φ, M = K_c·(1 − s₀/s)·aL·sin φ, joint stiffness K_j⁰ + ∂M/∂q (derived below, not copied). With k̂ =
-(∂M/∂q)/max the compliance changes by c·k̂/(1 + r·k̂): c is its change at the stiffest angle, r its ratio to
-the joint's own compliance. Angle form (the seed's C2 and J2): the joint's compliance is a polygon over the
-distinct angles of the data set.
+(∂M/∂q)/max|∂M/∂q| and r the spring's largest stiffness over the joint's own, the joint's compliance c₀ becomes
+c₀/(1 + r·k̂): it changes by c·k̂/(1 + r·k̂), where c = −r·c₀ is the slope of that change at k̂ = 0. Angle form (the
+seed's C2 and J2): the joint's compliance is a polygon over the distinct angles of the data set.
 
 Where the robot file tells the anchors, their lengths are kept, and so is α unless the data speak up against it.
 Lengths are the same in every convention, but α depends on where the file's q is zero and which way it counts, in which

@@ -187,7 +187,9 @@ def _steps(finding: Finding) -> dict[str, Any]:
             {
                 "title": r.title,
                 "parameters": r.parameters,
-                "cells": [f"{x:.3f}" for a in axes for x in r.sizes.get(a, (math.nan, math.nan))],
+                "cells": [
+                    numbers.milli(1e-3 * x) for a in axes for x in r.sizes.get(a, (math.nan, math.nan))
+                ],
                 "share": "" if r.share is None else f"{100 * r.share:.1f} %",
                 "p": "" if r.p_left is None else numbers.p_text(r.p_left),
             }

@@ -114,8 +114,8 @@ def draw_histograms(finding: Finding) -> Picture:
                 axes.hist(b, bins=bins, color=AFTER, alpha=0.75, label="after")
             unit = "mm" if k < 3 else "mrad"
             rms = [np.sqrt(np.mean(x**2)) for x in (a, b)]
-            change = f" → {rms[1]:.3f}" if grown else ""
-            axes.set(xlabel=f"{COMPONENTS[k]} [{unit}]", title=f"RMS {rms[0]:.3f}{change} {unit}")
+            change = f" → {milli(1e-3 * rms[1])}" if grown else ""
+            axes.set(xlabel=f"{COMPONENTS[k]} [{unit}]", title=f"RMS {milli(1e-3 * rms[0])}{change} {unit}")
         for axes in grid[len(shown) :]:
             axes.set_visible(False)
         if grown:

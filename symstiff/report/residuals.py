@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from symstiff.calibration.rows import predict
+from symstiff.discrepancy.numbers import milli
 
 if TYPE_CHECKING:
     from symstiff.calibration.identify import Identification
@@ -29,7 +30,7 @@ def draw_residuals(result: Identification) -> Any:
         known = residuals[np.isfinite(residuals[:, k]), k]
         if known.size:
             axes[k].hist(known, bins=21, color="C0")
-            axes[k].set_title(f"{name}: RMS {np.sqrt((known**2).mean()):.3f} mm", fontsize=9)
+            axes[k].set_title(f"{name}: RMS {milli(1e-3 * float(np.sqrt((known**2).mean())))} mm", fontsize=9)
         axes[k].set_xlabel("residual [mm]")
     before = 1e3 * np.linalg.norm(np.nan_to_num(table.values[:, :3]), axis=1)
     after = np.linalg.norm(np.nan_to_num(residuals), axis=1)

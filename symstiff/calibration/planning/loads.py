@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, Literal
 
 import numpy as np
@@ -12,6 +12,8 @@ from symstiff.errors import UserError
 
 Kind = Literal["gravity", "force", "wrench"]
 _LEVER = 0.5  # m; moment of a wrench candidate per newton, where the user gives none
+_SHARE = 2 / 3
+"""The longest such lever as a share of the arm's reach."""
 
 
 @dataclass(frozen=True)
@@ -35,6 +37,12 @@ class Load:
         for case in self.cases:
             if len(case) != 6 or not np.all(np.isfinite(case)) or not any(case):
                 raise UserError(f"load case {case}: six finite numbers (N, N·m), not all zero")
+
+    def on_arm(self, reach: float) -> Load:
+        """The load with its moment told: of a wrench, where none was, 0.5 m times the force, on a small arm less."""
+        if self.kind != "wrench" or self.moment is not None or self.cases:
+            return self
+        return replace(self, moment=min(_LEVER, _SHARE * reach) * self.force)
 
     @property
     def directions(self) -> int:
