@@ -90,6 +90,29 @@ def test_what_a_region_and_a_fixed_joint_cannot_be_is_told_with_its_name(run: Ru
         assert_users_mistake(run("inspect", "ur10", "--fixed", f"q2={value}"), "--fixed: q2")
 
 
+def test_a_simulation_does_not_replace_the_robot_that_its_truth_names(run: Run, place: Path) -> None:
+    arm = place / "arm" / "robot.toml"
+    arm.parent.mkdir()
+    arm.write_text(OBLIQUE)
+    (arm.parent / "truth.toml").write_text(TRUTH.replace("planar2r", "robot.toml"))
+    for target in (("-o", "arm/robot.toml"), ("-o", "x.csv", "--json", "arm/robot.toml")):
+        done = run("simulate", "arm/truth.toml", "--poses", "poses.csv", *target)
+        assert_users_mistake(
+            done, f"arm/robot.toml is read by this command: choose another place with {target[-2]}"
+        )
+    assert arm.read_text() == OBLIQUE
+    assert not (place / "x.csv").exists()
+
+
+def test_deciding_poses_do_not_replace_the_data_beside_their_verdict(run: Run, place: Path) -> None:
+    (place / "out").mkdir()
+    (place / "out" / "verdict.json").write_text("{}")
+    (place / "out" / "taken.csv").write_text(POSES)
+    plan = ("plan", "planar2r", "--poses", "3", "--separate", "out/verdict.json", "-o", "out/taken.csv")
+    assert_users_mistake(run(*plan), "out/taken.csv is read by this command")
+    assert (place / "out" / "taken.csv").read_text() == POSES
+
+
 SEPARATE = [
     ("--criterion", "A"), ("--test-poses", "t.csv"), ("--steps", "2"), ("--levels", "q1=2"), ("--fixed", "q1=0"),
     ("--no-refine",), ("--cluster", "tcp://host:1"), ("--plot", "x.png"), ("--candidates", "5"),

@@ -25,11 +25,13 @@ def run_simulate(
         raise UserError(
             f"--noise {noise:g}: a standard deviation in millimetres, 0 or {LEAST_NOISE:g} to 100"
         )
-    check_targets({"-o": output, "--json": json}, [truth_file, poses])
+    targets = {"-o": output, "--json": json}
+    check_targets(targets, [truth_file, poses])
     out = console(json)
     with stages(out) as progress:
         progress("reading the poses")
         truth, design = load_truth(truth_file), read_poses(poses)
+        check_targets(targets, [] if truth.robot_file is None else [truth.robot_file])
         if not design.w.any() and (truth.kind or design.kind) != "absolute":
             raise UserError(
                 f"{design.place(0)}: every wrench is zero: give the poses loads (fx[N] …), or measure absolute "

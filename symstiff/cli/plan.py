@@ -65,8 +65,8 @@ def run_plan(request: PlanRequest) -> None:
         raise UserError(f"--criterion {request.criterion}: use D, A or test")
     if request.steps < 1:
         raise UserError(f"--steps {request.steps}: 1 or more")
-    inputs = [p for p in (request.robot, request.test_poses, request.separate) if p is not None]
-    check_targets({"-o": request.output, "--plot": request.plot, "--json": request.json}, inputs)
+    targets = {"-o": request.output, "--plot": request.plot, "--json": request.json}
+    check_targets(targets, _inputs(request))
     twice = next((m for k, m in enumerate(request.markers) if m in request.markers[:k]), None)
     if twice is not None:
         raise UserError(f"--markers: {twice} is named twice")
@@ -115,6 +115,16 @@ def run_plan(request: PlanRequest) -> None:
         "steps": request.steps,
     }  # fmt: skip
     write_json(request.json, {**summary(plan), "measured": measured})
+
+
+def _inputs(request: PlanRequest) -> list[str | Path]:
+    """The files that the command reads."""
+    given = [p for p in (request.robot, request.test_poses, request.separate) if p is not None]
+    if request.separate is None:
+        return given
+    from symstiff.discrepancy.separate import TAKEN
+
+    return [*given, request.separate.parent / TAKEN]
 
 
 def _read(request: PlanRequest, robot: Robot) -> tuple[str, tuple[str, ...]]:

@@ -111,6 +111,8 @@ class Truth:
     kind: Literal["deflection", "absolute"] | None = None
     components: Literal["position", "pose"] = "position"
     weights: bool | Literal["before"] = True
+    robot_file: Path | None = None
+    """Where the robot was read from; None for one of the library, or none of a file."""
 
     def with_effects(self, *effects: Effect) -> Truth:
         """Return the same truth with other effects."""
@@ -137,7 +139,8 @@ def truth_from_table(table: Mapping[str, Any], folder: Path | None = None) -> Tr
     _known(table, ("format", "robot", "weights", *sections), "")
     if table.get("format", 1) != 1:
         raise UserError(f"format = {table['format']!r}: this program reads format = 1")
-    robot = _robot(table.get("robot"), folder)
+    file = _robot_file(table.get("robot"), folder)
+    robot = _robot(table.get("robot"), file)
     for name in sections:
         if not isinstance(
             table.get(name, [] if name == "effect" else {}), list if name == "effect" else Mapping
@@ -157,19 +160,27 @@ def truth_from_table(table: Mapping[str, Any], folder: Path | None = None) -> Tr
         kind=_choice(measure.get("kind"), (None, "deflection", "absolute"), "measure.kind"),
         components=_choice(measure.get("components", "position"), ("position", "pose"), "measure.components"),
         weights=_choice(table.get("weights", True), (True, False, "before"), "weights"),
+        robot_file=file,
     )
     for effect in truth.effects:  # every mistake shows on reading, not in the middle of an experiment
         rehearse(effect, chain_of(robot))
     return truth
 
 
-def _robot(given: Any, folder: Path | None) -> Robot:
+def _robot_file(given: Any, folder: Path | None) -> Path | None:
+    """The file that a robot's name stands for: beside the truth, or as it stands; None for one of the library."""
+    if not isinstance(given, str) or given in library():
+        return None
+    beside = (folder or Path()) / given
+    return beside if beside.exists() else Path(given)
+
+
+def _robot(given: Any, file: Path | None) -> Robot:
     if isinstance(given, Robot):
         return given
     if not isinstance(given, str):
         raise UserError(f"robot: name one of the library or a path, e.g. {library()[0]!r}")
-    beside = (folder or Path()) / given
-    return load(beside) if given not in library() and beside.exists() else load(given)
+    return load(given if file is None else file)
 
 
 def _compliance(table: Mapping[str, Any], robot: Robot) -> dict[str, float]:
