@@ -222,6 +222,56 @@ def test_a_stopped_command_leaves_nothing_behind(tmp_path: Path, number: signal.
     assert list(tmp_path.iterdir()) == []
 
 
+@pytest.mark.parametrize(
+    ("arguments", "written"),
+    [
+        (("generate", "planar2r", "--no-compile", "-o", "out"), "out"),
+        (("identify", "planar2r", "data.csv", "--start", "joints", "-o", "out"), "out"),
+        (("diagnose", "planar2r", "data.csv", "--start", "joints", "-o", "out"), "out"),
+        (("plan", "planar2r", "--poses", "9", "--candidates", "128", "-o", "out"), "out"),
+        (("simulate", "truth.toml", "--poses", "poses.csv", "-o", "out"), "out"),
+        (("compensate", "model.toml", "poses.csv", "-o", "out"), "out"),
+        (("inspect", "planar2r"), "j.json"),
+        (("robots",), "j.json"),
+        (("targets",), "j.json"),
+    ],
+    ids=lambda a: a[0],
+)
+def test_a_reader_that_goes_away_costs_no_file(
+    run: Run, place: Path, arguments: tuple[str, ...], written: str
+) -> None:
+    if arguments[0] == "compensate":
+        assert run(*IDENTIFY[:-1], "model.toml").code == 0
+    code, err = without_reader(place, *arguments, "--json", "j.json")
+    assert (code, err) == (141, "")
+    assert (place / written).exists()
+    assert json.loads((place / "j.json").read_text())
+
+
+@pytest.mark.parametrize("arguments", [("robots", "--json", "-"), ("--help",), ("plan", "--help")])
+def test_a_reader_that_goes_away_is_no_fault_of_ours(tmp_path: Path, arguments: tuple[str, ...]) -> None:
+    code, err = without_reader(tmp_path, *arguments)
+    assert code == 141
+    assert "symstiff:" not in err
+    assert "Error" not in err
+
+
+def without_reader(folder: Path, *arguments: str) -> tuple[int, str]:
+    """Exit code and standard error of a command that writes into a pipe which nobody reads."""
+    read, write = os.pipe()
+    os.close(read)
+    done = subprocess.run(
+        [sys.executable, "-m", "symstiff", *arguments],
+        cwd=folder,
+        stdout=write,
+        stderr=subprocess.PIPE,
+        text=True,
+        check=False,
+    )
+    os.close(write)
+    return done.returncode, done.stderr
+
+
 def test_targets_and_simulate_have_json(run: Run, place: Path) -> None:
     assert {t["target"] for t in json.loads(run("targets", "--json", "-").out)} >= {"c", "casadi"}
     found = run("simulate", "truth.toml", "--poses", "poses.csv", "-o", "x.csv", "--json", "-")

@@ -75,11 +75,11 @@ def run_identify(request: IdentifyRequest) -> None:
     if complete is not None:
         write_json(str(request.reconstruct), complete.to_dict())
     result.model.save(request.output)
+    write_json(request.json, result.as_dict())
     _print_identification(out, result)
     if complete is not None:
         out.print(f"complete link matrices: {complete}; wrote {request.reconstruct}")
     out.print(f"wrote {request.output}")
-    write_json(request.json, result.as_dict())
 
 
 def _check(request: IdentifyRequest) -> None:

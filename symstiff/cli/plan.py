@@ -99,7 +99,6 @@ def run_plan(request: PlanRequest) -> None:
             {j: float(v) for j, v in fixed.items()}, levels, search,
             lambda label, share: progress(f"{label} {share:.0%}"),
         )  # fmt: skip
-    warn_of(out, reduction)
     geometry = robot_of(model)
     table = poses_table(plan, geometry)
     if request.markers:
@@ -107,14 +106,15 @@ def run_plan(request: PlanRequest) -> None:
     write_table(in_steps(table, request.steps) if request.steps > 1 else table, request.output, "deg")
     if request.plot is not None:
         save_figure(draw_plan(plan, geometry), request.plot)
-    _print_plan(out, plan, model.units)
-    out.print(_measured(request, measure, sigma))
-    out.print(f"wrote {request.output}")
     measured = {
         "points": list(request.markers), "sigma_mm": sigma_mm, "measure": measure,
         "steps": request.steps,
     }  # fmt: skip
     write_json(request.json, {**summary(plan), "measured": measured})
+    warn_of(out, reduction)
+    _print_plan(out, plan, model.units)
+    out.print(_measured(request, measure, sigma))
+    out.print(f"wrote {request.output}")
 
 
 def _inputs(request: PlanRequest) -> list[str | Path]:
@@ -179,6 +179,13 @@ def _separate(request: PlanRequest) -> None:
             "the whole pose (--measure pose)"
         )
     write_table(table, request.output, "deg")
+    write_json(
+        request.json,
+        {
+            "explanations": names, "poses": table.labels, "separation": list(found.separation),
+            "measured": {"points": list(means.experiment.points), "sigma_mm": 1e3 * float(means.sigma[0])},
+        },
+    )  # fmt: skip
     out.print(f"{len(found.poses)} poses that best tell apart: " + " | ".join(names))
     out.print(
         f"they reach {reach(found.separation[-1])}: the squared distance of the predictions, in units of the noise "
@@ -188,13 +195,6 @@ def _separate(request: PlanRequest) -> None:
     if found.separation[-1] < DECIDES:
         note(out, "these loads do not tell them apart: other loads, or more force")
     out.print(f"wrote {request.output}")
-    write_json(
-        request.json,
-        {
-            "explanations": names, "poses": table.labels, "separation": list(found.separation),
-            "measured": {"points": list(means.experiment.points), "sigma_mm": 1e3 * float(means.sigma[0])},
-        },
-    )  # fmt: skip
 
 
 def _refuse_unused(request: PlanRequest) -> None:
