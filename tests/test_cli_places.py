@@ -141,6 +141,19 @@ def test_options_for_deflections_are_refused_for_absolute_positions(
     assert not (place / "m.toml").exists()
 
 
+def test_rotations_alone_have_no_share_of_the_deflection(run: Run, place: Path) -> None:
+    (place / "truth.toml").write_text(TRUTH + 'sigma_mrad = 0.01\n[measure]\ncomponents = "pose"\n')
+    assert run("simulate", "truth.toml", "--poses", "poses.csv", "-o", "data.csv").code == 0
+    rows = list(csv.reader(io.StringIO((place / "data.csv").read_text())))
+    kept = [k for k, header in enumerate(rows[0]) if not header.endswith("[mm]")]
+    text = "".join(",".join(row[k] for k in kept) + "\n" for row in rows)
+    (place / "data.csv").write_text(text)
+    done = run(*IDENTIFY)
+    assert done.code == 0, done.err
+    assert "rz [mrad]" in done.out
+    assert "nan" not in done.out
+
+
 def test_a_missing_joint_column_is_said_as_simulate_says_it(run: Run, place: Path) -> None:
     rows = list(csv.reader(io.StringIO((place / "data.csv").read_text())))
     short = [

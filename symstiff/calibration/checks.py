@@ -28,6 +28,12 @@ def check_rows(table: Measurements) -> None:
         )
 
 
+def check_measured(table: Measurements) -> None:
+    """Refuse deflections that are 0 in every row: no robot is as stiff as that, nothing was measured."""
+    if table.kind == "deflection" and not np.any(np.nan_to_num(table.values)):
+        raise UserError(f"{table.place(0)}: every deflection is 0: the columns hold no measurement")
+
+
 def _one_configuration_a_label(table: Measurements) -> None:
     same = same_configuration(table.pose, len(table.labels), table.q)
     if not same.all():
