@@ -325,6 +325,71 @@ def test_a_mistake_in_a_truth_is_one_line_with_the_file(tmp_path, change, messag
     assert not (tmp_path / "data.csv").exists()
 
 
+@pytest.mark.parametrize(
+    ("effect", "says"),
+    [
+        (
+            '"link_compliance"\nwhere = {link = 1}\nentries = 1e-9',
+            r"entries: expected a table .*, found 1e-09",
+        ),
+        ('"link_compliance"\nwhere = {link = 1}\nentries = {}', "entries: expected a table"),
+        (
+            '"link_compliance"\nwhere = {link = 1}\nentries = {11 = [1e-9]}',
+            r"entries.11: expected a finite number",
+        ),
+        ('"backlash"\nwhere = {joint = 2}\ngap = {joints = [1]}', "gap: expected a finite number, found {"),
+        (
+            '"backlash"\nwhere = {joint = 2}\ngap = [1e-4, 2e-4]',
+            r"gap: expected a finite number, found \[0.0001, 0",
+        ),
+        (
+            '"force_sensor_bias"\nbias = [1, 2, 3]',
+            r"bias: expected 6 numbers, or one for all, found \[1, 2, 3\]",
+        ),
+        (
+            '"link_weight"\nwhere = {link = 1}\nmass = 5\ncom = [0.1]',
+            "com: expected 3 numbers, or one for all",
+        ),
+        ('"transmission_error"\nwhere = {joint = 1}\na = []', r"a: expected a list of numbers, found \[\]"),
+        (
+            '"bad_poses"\nposes = ["p1"]\nshift = {x = 1e-3}',
+            "shift: expected 3 numbers, or one for all, found {",
+        ),
+        ('"bad_poses"\nposes = "p1"\nshift = 1e-3', "poses: expected a list of labels .*, found 'p1'"),
+        ('"bad_poses"\nshift = 1e-3', "poses: expected a list of labels"),
+    ],
+)
+def test_a_size_of_another_form_is_told_with_what_would_be_right(tmp_path, effect, says):
+    (tmp_path / "truth.toml").write_text(f'format = 1\nrobot = "planar2r"\n[[effect]]\neffect = {effect}\n')
+    with pytest.raises(UserError, match=says) as error:
+        load_truth(tmp_path / "truth.toml")
+    assert "truth.toml: effect " in str(error.value)
+
+
+def test_a_number_stands_for_each_number_of_a_list():
+    alike = [
+        responses(
+            BARE.with_effects(Effect("link_weight", {"link": 2}, values={"mass": 50, "com": com})), "absolute"
+        )
+        for com in (0.1, [0.1, 0.1, 0.1])
+    ]
+    np.testing.assert_array_equal(*alike)
+
+
+@pytest.mark.filterwarnings("error")
+@pytest.mark.parametrize(
+    "effect",
+    [
+        Effect("force_sensor_bias", values={"bias": 1e30}),
+        Effect("backlash", {"joint": 2}, values={"gap": 1e308}),
+        Effect("joint_compliance", {"joint": 2}, values={"c": 1e30}),
+    ],
+)
+def test_sizes_beyond_all_measure_have_no_equilibrium(effect):
+    with pytest.raises(UserError, match="no static equilibrium"):
+        simulate(BARE.with_effects(effect), design(2), 1)
+
+
 def test_a_truth_can_be_built_without_a_file():
     a = truth_from_table(tomllib.loads(TRUTH))
     assert a.compliance["k2_12"] == 1e-9

@@ -45,7 +45,6 @@ out. Joints and links by number as in parameter names.
 
 from __future__ import annotations
 
-import math
 import re
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
@@ -53,13 +52,13 @@ from pathlib import Path
 from typing import Any, Literal
 
 from symstiff.calibration.simulation.chain import chain_of
+from symstiff.calibration.simulation.forms import number
 from symstiff.calibration.simulation.nominal import nominal_truth
 from symstiff.calibration.simulation.phenomena import Effect
 from symstiff.calibration.simulation.rehearsal import rehearse
 from symstiff.errors import UserError
 from symstiff.robot import Robot, library, load
 from symstiff.robot.loading import toml_table
-from symstiff.robot.mistakes import printable
 
 _TERM = re.compile(r"^(?:c(\d+)|k(\d+)_([1-6])([1-6]))$")
 Triple = tuple[float, float, float]
@@ -199,7 +198,7 @@ def _compliance(table: Mapping[str, Any], robot: Robot) -> dict[str, float]:
             raise UserError(
                 f"compliance.{name}: write the row first: k{link}_{match.group(4)}{match.group(3)}"
             )
-        values[name] = _number(value, f"compliance.{name}")
+        values[name] = number(value, f"compliance.{name}")
         if values[name] < 0 and match.group(3) == match.group(4):
             raise UserError(
                 f"compliance.{name} = {values[name]:g}: what gives way has no negative compliance"
@@ -228,23 +227,13 @@ def _section(defaults: Any, table: Mapping[str, Any], name: str) -> Any:
             items = value if isinstance(value, list | tuple) else [value] * 3
             if len(items) != 3:
                 raise UserError(f"{label}: three numbers expected, found {value!r}")
-            values[key] = tuple(_number(item, label) for item in items)
+            values[key] = tuple(number(item, label) for item in items)
         else:
-            values[key] = _number(value, label)
+            values[key] = number(value, label)
         smallest = values[key] if isinstance(values[key], float) else min(values[key])
         if name in ("noise", "environment") and smallest < 0 and key not in ("temperature", "warming"):
             raise UserError(f"{label}: not negative, found {value!r}")
     return replace(defaults, **values)
-
-
-def _number(value: Any, label: str) -> float:
-    try:
-        number = math.nan if isinstance(value, bool) or not isinstance(value, int | float) else float(value)
-    except OverflowError:  # an integer of hundreds of digits
-        number = math.inf
-    if not math.isfinite(number):
-        raise UserError(f"{label}: expected a finite number, found {printable(repr(value), 40)}")
-    return number
 
 
 def _choice(value: Any, allowed: tuple[Any, ...], label: str) -> Any:
