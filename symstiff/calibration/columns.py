@@ -25,6 +25,8 @@ _WIDEST_ANGLE = 12.6  # rad; joints that turn further than two turns each way do
 _LONGEST_STROKE = 100.0
 _LARGEST_DEFLECTION = 1.0  # m, and rad
 _FARTHEST_POINT = 1000.0
+_LATEST = 1e11  # s; the years since 1970 are 2e9
+_HOTTEST = 1000.0  # degC, K
 
 
 @dataclass(frozen=True)
@@ -130,7 +132,9 @@ def _plausible(name: str, quantity: str, unit: str) -> tuple[float, str]:
         return limit, f"{unit} is too large for {name}: looks like another unit, e.g. {name}[{smaller}]"
     if quantity in ("force", "moment"):
         return LARGEST_LOAD, f"{unit} is no load a robot carries: correct the value or the unit"
-    return inf, ""
+    if quantity == "time":
+        return _LATEST, f"{unit} is no time of a measurement: correct the value or the unit"
+    return _HOTTEST, f"{unit} is no temperature that a robot has: correct the value or the unit"
 
 
 def _joints(named: dict[str, Column], place: str) -> tuple[str, ...]:

@@ -28,6 +28,7 @@ from symstiff.calibration.measurements import (
     measurements,
 )
 from symstiff.calibration.units import KELVIN
+from symstiff.calibration.writing import columns as columns_of
 from symstiff.calibration.writing import write_table
 from symstiff.errors import UserError
 
@@ -75,6 +76,26 @@ def _read(paths: Paths, purpose: Literal["measured", "poses"]) -> Measurements:
     table = concatenate([read_file(Path(path), purpose) for path in paths])
     check_rows(table)
     return table
+
+
+def check_limits(table: Measurements) -> None:
+    """Refuse a table that holds a number which would not be read back. Raises UserError with column and row."""
+    content = columns_of(table)
+    header = read_header(list(content), "table", "poses" if table.kind == "none" else "measured")
+    for column in header.named.values():
+        title = header.headers[column.index]
+        cells = content[title]
+        if not isinstance(cells, np.ndarray):
+            continue
+        sizes = np.abs(cells * column.factor)
+        low = _SMALLEST_SIGMA if title.startswith("sigma_") else 0.0
+        fits = np.isnan(cells) | ((sizes >= low) & (sizes <= column.limit) & np.isfinite(sizes))
+        if not fits.all():
+            row = int(np.argmin(fits))
+            raise UserError(
+                f"row {row + 1}: {title} would be {cells[row]:g}, which no table holds: look at the sizes of "
+                "effects, noise and [environment]"
+            )
 
 
 def read_file(path: Path, purpose: Literal["measured", "poses"]) -> Measurements:
@@ -224,7 +245,8 @@ class _Reader:
             raise self._fail(
                 rows[k], name, f"{cells[k].strip()!r} is no finite number: correct or drop the row"
             )
-        values = raw * column.factor
+        with np.errstate(over="ignore"):
+            values = raw * column.factor
         too_large = np.abs(values) > column.limit
         if too_large.any():
             k = int(np.argmax(too_large))

@@ -18,6 +18,7 @@ from symstiff.calibration.simulation.chain import Chain, Floats
 from symstiff.calibration.simulation.equilibrium import Law, States, Torque, Weight, Wrench
 from symstiff.calibration.simulation.forms import Form, form_of_option, form_of_size, formed
 from symstiff.errors import UserError
+from symstiff.robot.mistakes import printable
 
 Reading = Callable[[States, Floats, str], Floats]
 """``reading(states, values, kind)``: what the device makes of values (M, 6), deflections or absolute."""
@@ -154,6 +155,7 @@ def build(effect: Effect, chain: Chain, compliance: Floats) -> Additions:
         if name not in effect.values and name not in shape.defaults:
             raise UserError(f"{label}: missing {name}: give its size")
     where = _where(effect.where, shape.place, chain, label)
+    _check_keys(effect.where, shape, label)
     values = {
         name: formed(value, shape.forms[name], f"{label}: {name}")
         for name, value in {**shape.defaults, **effect.values}.items()
@@ -162,6 +164,18 @@ def build(effect: Effect, chain: Chain, compliance: Floats) -> Additions:
         return shape.build(Site(chain, where, compliance), values)
     except UserError as error:
         raise UserError(f"{label}: {error}") from error
+
+
+def _check_keys(where: Any, shape: Shape, label: str) -> None:
+    """Refuse a place that the shape does not look at: the effect would sit elsewhere, unseen."""
+    if where is not None and not isinstance(where, Mapping):
+        raise UserError(f"{label}: where: expected a table, found {printable(repr(where), 40)}")
+    strange = next((key for key in where or () if key != shape.place), None)
+    if strange is None:
+        return
+    others = [s.shape for s in SHAPES.values() if s.effect == shape.effect and s.place == strange]
+    remedy = f"name a shape that has one ({', '.join(others)})" if others else "leave it out"
+    raise UserError(f"{label}: where: {printable(str(strange), 40)} is no place of this shape: {remedy}")
 
 
 def _where(where: Any, place: str, chain: Chain, label: str) -> Any:
@@ -174,7 +188,8 @@ def _where(where: Any, place: str, chain: Chain, label: str) -> Any:
     fits = all(isinstance(k, int) and not isinstance(k, bool) and low <= k <= high for k in numbers)
     if not fits or (place == "joints" and len(numbers) != 2):
         raise UserError(
-            f"{label}: where = {{{place} = {expected}}} with {low} to {high} expected, found {where!r}"
+            f"{label}: where = {{{place} = {expected}}} with {low} to {high} expected, "
+            f"found {printable(repr(where), 60)}"
         )
     return tuple(numbers) if place == "joints" else given
 

@@ -59,6 +59,7 @@ from symstiff.calibration.simulation.rehearsal import rehearse
 from symstiff.errors import UserError
 from symstiff.robot import Robot, library, load
 from symstiff.robot.loading import toml_table
+from symstiff.robot.mistakes import printable
 
 _TERM = re.compile(r"^(?:c(\d+)|k(\d+)_([1-6])([1-6]))$")
 Triple = tuple[float, float, float]
@@ -136,8 +137,9 @@ def truth_from_table(table: Mapping[str, Any], folder: Path | None = None) -> Tr
     """Build a truth from nested dictionaries as in the file; ``robot`` may be a Robot. Raises UserError."""
     sections = ("measure", "compliance", "effect", "noise", "device", "environment")
     _known(table, ("format", "robot", "weights", *sections), "")
-    if table.get("format", 1) != 1:
-        raise UserError(f"format = {table['format']!r}: this program reads format = 1")
+    stated = table.get("format", 1)
+    if type(stated) is not int or stated != 1:
+        raise UserError(f"format = {printable(repr(stated), 40)}: this program reads format = 1")
     file = _robot_file(table.get("robot"), folder)
     robot = _robot(table.get("robot"), file)
     for name in sections:
