@@ -15,16 +15,43 @@ _STIFFEST = 1e-8  # m/N; machine tools have 1e-8, robots of any size a hundred t
 _SOFTEST = 1e-3  # m/N; the arms that bend most have 1e-4
 _TINY = float(np.radians(6.4))
 _FEW = 3  # configurations that may all be near zero
+_LEAST_LOAD = 1e-20  # N, N·m; far below what rounding leaves of a load that is 0
+_APART = 1e6  # the largest sigma over the smallest; beyond it the weights of rows drown each other's digits
 
 
 def check_rows(table: Measurements) -> None:
-    """Refuse duplicate rows, one label for two configurations, and deflections under no load at all."""
+    """Refuse duplicate rows, one label for two configurations, and numbers that nothing can be computed with.
+
+    These are deflections under no load at all, loads that nothing feels, and sigmas that differ beyond measure.
+    """
     _one_configuration_a_label(table)
     _no_duplicates(table)
+    check_sigmas(table)
+    size = np.abs(table.w).max(axis=1, initial=0.0)
+    unfelt = (size > 0.0) & (size < _LEAST_LOAD)
+    if unfelt.any():
+        row = int(np.argmax(unfelt))
+        raise UserError(
+            f"{table.place(row)}: nothing feels a load of {size[row]:g} N: write 0, or correct the unit"
+        )
     if table.kind == "deflection" and not table.w.any():
         raise UserError(
             f"{table.place(0)}: every wrench is zero: deflection data need their loads: "
             "give columns fx[N] … mz[N*m]"
+        )
+
+
+def check_sigmas(table: Measurements) -> None:
+    """Refuse standard deviations of which one is a million times another, of a metre or a radian alike."""
+    known = np.isfinite(table.sigma)
+    if not known.any():
+        return
+    low, high = np.where(known, table.sigma, np.inf), np.where(known, table.sigma, 0.0)
+    if high.max() > _APART * low.min():
+        small, large = int(np.argmin(low.min(axis=1))), int(np.argmax(high.max(axis=1)))
+        raise UserError(
+            f"{table.place(small)}: a sigma of {low.min():g} m or rad, and one of {high.max():g} at "
+            f"{table.place(large)}: they differ by more than {_APART:g}: correct them, or drop the columns"
         )
 
 

@@ -15,7 +15,7 @@ from typing import Literal
 
 import numpy as np
 
-from symstiff.calibration.checks import check_robot, check_rows
+from symstiff.calibration.checks import check_robot, check_rows, check_sigmas
 from symstiff.calibration.columns import Columns, read_header
 from symstiff.calibration.measurements import (
     COMPONENTS,
@@ -80,6 +80,7 @@ def _read(paths: Paths, purpose: Literal["measured", "poses"]) -> Measurements:
 
 def check_limits(table: Measurements) -> None:
     """Refuse a table that holds a number which would not be read back. Raises UserError with column and row."""
+    check_sigmas(table)
     content = columns_of(table)
     header = read_header(list(content), "table", "poses" if table.kind == "none" else "measured")
     for column in header.named.values():
