@@ -188,6 +188,44 @@ def test_a_mistake_is_refused_with_file_and_line(tmp_path, old, new, line, says)
     assert says in message
 
 
+LONG = "\x1b]0;" + "x" * 5000
+
+
+@pytest.mark.parametrize(
+    ("old", "new"),
+    [
+        ("dx[mm]", f"dx[m{LONG}]"),
+        ("dx[mm]", LONG),
+        ("repeat", f"repeat[{LONG}]"),
+        ("q1[deg]", f"q{'1' * 5000}[deg]"),
+        ("dx[mm]", f"[{LONG}"),
+        ("fx[N]", "fx[\x1cN\x1c],fx[N]"),
+        ("down", LONG),
+        ("1.1,2100", f"{LONG},2100"),
+        ("1.1,2100", f"{'0' * 5000}inf,2100"),
+        ("1.1,2100", f"1{'0' * 300},2100"),
+        ("1.4,0.01,2,294.15,1,up,2", f"1.4,0.01,2,-{'1' * 300},1,up,2"),
+    ],
+)
+def test_a_message_repeats_no_control_codes_and_no_long_text_of_a_table(tmp_path, old, new):
+    assert old in GOOD
+    message = refusal(tmp_path, GOOD.replace(old, new, 1))
+    assert message.isprintable()
+    assert len(message.replace(str(tmp_path), "")) < 300
+
+
+def test_a_message_repeats_no_long_label(tmp_path):
+    label = "y" * 5000
+    moved = GOOD.replace("\na,", f"\n{label},").replace(
+        f"{label},90,0.5,10,-2.5,3,p2", f"{label},90,0.6,10,-2.5,3,p2"
+    )
+    assert len(refusal(tmp_path, moved)) < 300 + 2 * len(str(tmp_path))
+    strange = read_measurements(save(tmp_path, GOOD.replace("p2", label)))
+    with pytest.raises(UserError, match=r"no marker 'yyy.*[.]{3}'") as error:
+        check_robot(strange, from_table(TWO))
+    assert len(str(error.value)) < 300 + len(str(tmp_path))
+
+
 @pytest.mark.parametrize(
     ("text", "says"),
     [

@@ -4,9 +4,11 @@ from __future__ import annotations
 
 import numpy as np
 
+from symstiff.calibration.columns import SHOWN
 from symstiff.calibration.measurements import Measurements
 from symstiff.errors import UserError
 from symstiff.robot import Robot
+from symstiff.robot.mistakes import printable
 
 _SAME_POSE = 1e-3  # rad or m; commanded configurations of one label agree far better than this
 _FAR_OUTSIDE = 0.1  # of the joint's range
@@ -68,7 +70,7 @@ def _one_configuration_a_label(table: Measurements) -> None:
         label = table.labels[table.pose[row]]
         first = _first_rows(table.pose, len(table.labels))
         raise UserError(
-            f"{table.place(row)}: pose {label!r} has other joint values than at "
+            f"{table.place(row)}: pose {printable(label, SHOWN)!r} has other joint values than at "
             f"{table.place(int(first[table.pose[row]]))}: give each configuration its own label"
         )
 
@@ -160,7 +162,7 @@ def check_robot(table: Measurements, robot: Robot) -> list[str]:
         rows = np.flatnonzero(table.point == index)
         if name not in known and rows.size:
             raise UserError(
-                f"{table.place(int(rows[0]))}: robot {robot.name} has no marker {name!r}: "
+                f"{table.place(int(rows[0]))}: robot {robot.name} has no marker {printable(name, SHOWN)!r}: "
                 f"use one of {', '.join(sorted(known))}, or add a [[marker]] to the robot file"
             )
     return (

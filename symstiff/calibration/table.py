@@ -16,7 +16,7 @@ from typing import Literal
 import numpy as np
 
 from symstiff.calibration.checks import check_robot, check_rows, check_sigmas
-from symstiff.calibration.columns import Columns, read_header
+from symstiff.calibration.columns import SHOWN, Columns, read_header
 from symstiff.calibration.measurements import (
     COMPONENTS,
     CONTEXT,
@@ -31,6 +31,7 @@ from symstiff.calibration.units import KELVIN
 from symstiff.calibration.writing import columns as columns_of
 from symstiff.calibration.writing import write_table
 from symstiff.errors import UserError
+from symstiff.robot.mistakes import printable
 
 __all__ = [
     "Measurements",
@@ -160,6 +161,11 @@ def _cells(text: str, origin: str) -> tuple[list[int], list[list[str]]]:
     return lines, rows
 
 
+def _shown(cell: str) -> str:
+    """A cell as a message repeats it."""
+    return printable(cell.strip(), SHOWN)
+
+
 class _Reader:
     """Turns the text columns of one file into arrays."""
 
@@ -209,7 +215,7 @@ class _Reader:
         )
 
     def _fail(self, row: int | np.intp, name: str, what: str) -> UserError:
-        header = self.columns.headers[self.columns.named[name].index]
+        header = printable(self.columns.headers[self.columns.named[name].index], SHOWN)
         return UserError(f"{self.origin}: line {self.lines[row]}: column {header}: {what}")
 
     def _names(self, name: str) -> tuple[tuple[str, ...], np.ndarray]:
@@ -244,14 +250,14 @@ class _Reader:
         if not np.isfinite(raw).all():
             k = int(np.argmin(np.isfinite(raw)))
             raise self._fail(
-                rows[k], name, f"{cells[k].strip()!r} is no finite number: correct or drop the row"
+                rows[k], name, f"{_shown(cells[k])!r} is no finite number: correct or drop the row"
             )
         with np.errstate(over="ignore"):
             values = raw * column.factor
         too_large = np.abs(values) > column.limit
         if too_large.any():
             k = int(np.argmax(too_large))
-            raise self._fail(rows[k], name, f"{cells[k].strip()} {column.complaint}")
+            raise self._fail(rows[k], name, f"{_shown(cells[k])} {column.complaint}")
         return np.asarray(values)
 
     def _bad_cell(self, name: str, cells: Sequence[str], rows: Ints) -> UserError:
@@ -261,8 +267,9 @@ class _Reader:
             try:
                 float(cell.replace("_", "?"))
             except ValueError:
-                shown = cell.strip() if len(cell) <= 30 else cell.strip()[:27] + "..."
-                return self._fail(row, name, f"{shown!r} is no number: use a point as decimal mark, no units")
+                return self._fail(
+                    row, name, f"{_shown(cell)!r} is no number: use a point as decimal mark, no units"
+                )
         return self._fail(0, name, "cannot be read as numbers")
 
     def _sigma(self, name: str) -> Floats:
@@ -287,7 +294,7 @@ class _Reader:
             signs = {"up": 1.0, "loading": 1.0, "down": -1.0, "unloading": -1.0}
             for row in known:
                 if cells[row].lower() not in signs:
-                    raise self._fail(row, name, f"{cells[row]!r} is no branch: write up or down")
+                    raise self._fail(row, name, f"{_shown(cells[row])!r} is no branch: write up or down")
                 values[row] = signs[cells[row].lower()]
             return values
         values[known] = self._numbers(name, known)
@@ -298,6 +305,6 @@ class _Reader:
             raise self._fail(
                 cold,
                 name,
-                f"{cells[cold]} {column.unit} is below absolute zero: correct the value or the unit",
+                f"{_shown(cells[cold])} {column.unit} is below absolute zero: correct the value or the unit",
             )
         return values
