@@ -417,6 +417,8 @@ def test_a_place_or_a_scale_that_a_shape_does_not_use_is_refused(tmp_path, effec
             r"row 1: dx\[mm\] would be",
         ),
         (replace(BARE, noise=Noise(sigma_mm=(1e4,) * 3, quantum_mm=1.0)), r"row 1: dx\[mm\] would be"),
+        (replace(BARE, noise=Noise(sigma_mm=(1e308,) * 3)), r"row 1: dx\[mm\] would be"),
+        (replace(BARE, noise=Noise(sigma_mm=(1e-5, 100.0, 100.0))), "differ by more than 1e\\+06"),
         (replace(BARE, noise=Noise(sigma_mm=(1e-12,) * 3)), r"row 1: sigma_x\[mm\] would be 1e-12"),
     ],
 )

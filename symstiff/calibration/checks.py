@@ -49,7 +49,7 @@ def check_sigmas(table: Measurements) -> None:
     if not known.any():
         return
     low, high = np.where(known, table.sigma, np.inf), np.where(known, table.sigma, 0.0)
-    if high.max() > _APART * low.min():
+    if low.min() < high.max() / _APART:
         small, large = int(np.argmin(low.min(axis=1))), int(np.argmax(high.max(axis=1)))
         raise UserError(
             f"{table.place(small)}: a sigma of {low.min():g} m or rad, and one of {high.max():g} at "

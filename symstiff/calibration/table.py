@@ -81,7 +81,6 @@ def _read(paths: Paths, purpose: Literal["measured", "poses"]) -> Measurements:
 
 def check_limits(table: Measurements) -> None:
     """Refuse a table that holds a number which would not be read back. Raises UserError with column and row."""
-    check_sigmas(table)
     content = columns_of(table)
     header = read_header(list(content), "table", "poses" if table.kind == "none" else "measured")
     for column in header.named.values():
@@ -98,6 +97,7 @@ def check_limits(table: Measurements) -> None:
                 f"row {row + 1}: {title} would be {cells[row]:g}, which no table holds: look at the sizes of "
                 "effects, noise and [environment]"
             )
+    check_sigmas(table)
 
 
 def read_file(path: Path, purpose: Literal["measured", "poses"]) -> Measurements:

@@ -20,7 +20,7 @@ from symstiff.calibration.simulation.equilibrium import (
 from symstiff.calibration.simulation.nominal import linear_compliance
 from symstiff.calibration.simulation.phenomena import Additions, build
 from symstiff.calibration.simulation.rehearsal import CONTEXT, followed
-from symstiff.calibration.simulation.truth import Device, Environment, Noise, Truth
+from symstiff.calibration.simulation.truth import Device, Noise, Truth
 from symstiff.errors import UserError
 
 Kind = Literal["deflection", "absolute"]
@@ -68,6 +68,7 @@ def _link_weights(truth: Truth) -> tuple[Weight, ...]:
     )
 
 
+@np.errstate(all="ignore")  # what is not finite is refused in the end
 def simulate(truth: Truth, design: Measurements, seed: int) -> Measurements:
     """Return what an experiment at the rows of ``design`` would have measured; the same seed, the same data.
 
@@ -97,8 +98,7 @@ def simulate(truth: Truth, design: Measurements, seed: int) -> Measurements:
     values += deviation * noise.standard_normal(values.shape)
     if truth.noise.quantum_mm > 0:
         quantum = truth.noise.quantum_mm * 1e-3
-        with np.errstate(all="ignore"):  # what is not finite is refused below
-            values[:, :3] = np.round(values[:, :3] / quantum) * quantum
+        values[:, :3] = np.round(values[:, :3] / quantum) * quantum
     sigma = np.where(deviation > 0, deviation * truth.noise.stated, np.nan)
     if truth.noise.stated <= 0:
         sigma[:] = np.nan
@@ -207,18 +207,11 @@ def _in_environment(truth: Truth, table: Measurements) -> Measurements:
     plan = truth.environment
     if plan is None:
         return table
-    with np.errstate(all="ignore"):  # what is not finite is refused in the end
-        time, warmth = _clock(plan, table)
+    time = np.where(np.isnan(table.time), plan.start + plan.interval * np.arange(len(table)), table.time)
+    warmth = plan.temperature - plan.warming * np.expm1(-time / max(plan.T, 1e-9))
     return replace(
         table, time=time, temperature=np.where(np.isnan(table.temperature), warmth, table.temperature)
     )
-
-
-def _clock(plan: Environment, table: Measurements) -> tuple[Floats, Floats]:
-    """Time [s] and temperature [degC] of each row (M,) by the schedule, where the design does not tell the time."""
-    time = np.where(np.isnan(table.time), plan.start + plan.interval * np.arange(len(table)), table.time)
-    warmth = plan.temperature - plan.warming * np.expm1(-time / max(plan.T, 1e-9))
-    return time, warmth
 
 
 def _deviation(noise: Noise, device: Device, chain: Chain, table: Measurements) -> Floats:
