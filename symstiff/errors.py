@@ -7,10 +7,13 @@ from typing import Any
 
 
 class UserError(ValueError):
-    """Input that cannot be used: the message names place, cause and remedy in one line."""
+    """Input that cannot be used: the message names place, cause and remedy in one line of printable text."""
 
     def __init__(self, message: str) -> None:
-        super().__init__(" ".join(message.split()))
+        line = " ".join(message.split())
+        super().__init__(
+            "".join(c if c.isprintable() else "?" for c in line)
+        )  # no control codes for a terminal
 
 
 A_ROBOT = ("a robot", "load('kuka_kr270') gives one")

@@ -92,6 +92,29 @@ def test_what_a_region_and_a_fixed_joint_cannot_be_is_told_with_its_name(run: Ru
         assert_users_mistake(run("inspect", "ur10", "--fixed", f"q2={value}"), "--fixed: q2")
 
 
+def test_a_simulation_does_not_replace_the_robot_that_its_truth_names(run: Run, place: Path) -> None:
+    arm = place / "arm" / "robot.toml"
+    arm.parent.mkdir()
+    arm.write_text(OBLIQUE)
+    (arm.parent / "truth.toml").write_text(TRUTH.replace("planar2r", "robot.toml"))
+    for target in (("-o", "arm/robot.toml"), ("-o", "x.csv", "--json", "arm/robot.toml")):
+        done = run("simulate", "arm/truth.toml", "--poses", "poses.csv", *target)
+        assert_users_mistake(
+            done, f"arm/robot.toml is read by this command: choose another place with {target[-2]}"
+        )
+    assert arm.read_text() == OBLIQUE
+    assert not (place / "x.csv").exists()
+
+
+def test_deciding_poses_do_not_replace_the_data_beside_their_verdict(run: Run, place: Path) -> None:
+    (place / "out").mkdir()
+    (place / "out" / "verdict.json").write_text("{}")
+    (place / "out" / "taken.csv").write_text(POSES)
+    plan = ("plan", "planar2r", "--poses", "3", "--separate", "out/verdict.json", "-o", "out/taken.csv")
+    assert_users_mistake(run(*plan), "out/taken.csv is read by this command")
+    assert (place / "out" / "taken.csv").read_text() == POSES
+
+
 SEPARATE = [
     ("--criterion", "A"), ("--test-poses", "t.csv"), ("--steps", "2"), ("--levels", "q1=2"), ("--fixed", "q1=0"),
     ("--no-refine",), ("--cluster", "tcp://host:1"), ("--plot", "x.png"), ("--candidates", "5"),
@@ -118,6 +141,19 @@ def test_options_for_deflections_are_refused_for_absolute_positions(
     done = run("identify", "planar2r", "positions.csv", "-o", "m.toml", *option)
     assert_users_mistake(done, option[0], "absolute positions: leave it out")
     assert not (place / "m.toml").exists()
+
+
+def test_rotations_alone_have_no_share_of_the_deflection(run: Run, place: Path) -> None:
+    (place / "truth.toml").write_text(TRUTH + 'sigma_mrad = 0.01\n[measure]\ncomponents = "pose"\n')
+    assert run("simulate", "truth.toml", "--poses", "poses.csv", "-o", "data.csv").code == 0
+    rows = list(csv.reader(io.StringIO((place / "data.csv").read_text())))
+    kept = [k for k, header in enumerate(rows[0]) if not header.endswith("[mm]")]
+    text = "".join(",".join(row[k] for k in kept) + "\n" for row in rows)
+    (place / "data.csv").write_text(text)
+    done = run(*IDENTIFY)
+    assert done.code == 0, done.err
+    assert "rz [mrad]" in done.out
+    assert "nan" not in done.out
 
 
 def test_a_missing_joint_column_is_said_as_simulate_says_it(run: Run, place: Path) -> None:
@@ -216,6 +252,56 @@ def test_a_stopped_command_leaves_nothing_behind(tmp_path: Path, number: signal.
     assert job.returncode == code
     assert err.strip() == ("symstiff: interrupted" if number == signal.SIGINT else "")
     assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize(
+    ("arguments", "written"),
+    [
+        (("generate", "planar2r", "--no-compile", "-o", "out"), "out"),
+        (("identify", "planar2r", "data.csv", "--start", "joints", "-o", "out"), "out"),
+        (("diagnose", "planar2r", "data.csv", "--start", "joints", "-o", "out"), "out"),
+        (("plan", "planar2r", "--poses", "9", "--candidates", "128", "-o", "out"), "out"),
+        (("simulate", "truth.toml", "--poses", "poses.csv", "-o", "out"), "out"),
+        (("compensate", "model.toml", "poses.csv", "-o", "out"), "out"),
+        (("inspect", "planar2r"), "j.json"),
+        (("robots",), "j.json"),
+        (("targets",), "j.json"),
+    ],
+    ids=lambda a: a[0],
+)
+def test_a_reader_that_goes_away_costs_no_file(
+    run: Run, place: Path, arguments: tuple[str, ...], written: str
+) -> None:
+    if arguments[0] == "compensate":
+        assert run(*IDENTIFY[:-1], "model.toml").code == 0
+    code, err = without_reader(place, *arguments, "--json", "j.json")
+    assert (code, err) == (141, "")
+    assert (place / written).exists()
+    assert json.loads((place / "j.json").read_text())
+
+
+@pytest.mark.parametrize("arguments", [("robots", "--json", "-"), ("--help",), ("plan", "--help")])
+def test_a_reader_that_goes_away_is_no_fault_of_ours(tmp_path: Path, arguments: tuple[str, ...]) -> None:
+    code, err = without_reader(tmp_path, *arguments)
+    assert code == 141
+    assert "symstiff:" not in err
+    assert "Error" not in err
+
+
+def without_reader(folder: Path, *arguments: str) -> tuple[int, str]:
+    """Exit code and standard error of a command that writes into a pipe which nobody reads."""
+    read, write = os.pipe()
+    os.close(read)
+    done = subprocess.run(
+        [sys.executable, "-m", "symstiff", *arguments],
+        cwd=folder,
+        stdout=write,
+        stderr=subprocess.PIPE,
+        text=True,
+        check=False,
+    )
+    os.close(write)
+    return done.returncode, done.stderr
 
 
 def test_targets_and_simulate_have_json(run: Run, place: Path) -> None:

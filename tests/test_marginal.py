@@ -120,8 +120,8 @@ def of_hidden(effect: Effect, robot_name: str = "ur10", *known: str) -> tuple[As
 @pytest.mark.parametrize(
     ("effect", "law"),
     [
-        (Effect("load_product", {"joints": [2, 3], "joint": 2}, "product", {"c": 1e-9}), "tau*tau3"),
-        (Effect("load_product", {"joints": [2, 3], "joint": 2}, "magnitude", {"c": 1e-9}), "tau*|tau3|"),
+        (Effect("load_product", {"joints": [2, 3]}, "product", {"c": 1e-9}), "tau*tau3"),
+        (Effect("load_product", {"joints": [2, 3]}, "magnitude", {"c": 1e-9}), "tau*|tau3|"),
         (Effect("force_sensor_gain", None, "axes", {"gain": [0.01, 0, 0, 0, 0, 0]}), "gain"),
         (Effect("device_scale", None, "axes", {"scale": [0.0, 0.01, 0.0]}), "gain"),
     ],

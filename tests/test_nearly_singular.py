@@ -11,7 +11,7 @@ from symstiff.codegen.compiler import find_compiler
 from symstiff.codegen.functions import Functions
 from symstiff.codegen.generate import generate
 from symstiff.codegen.options import Options
-from symstiff.codegen.reference import cases, plausible_values
+from symstiff.codegen.reference import cases, configurations, plausible_values
 from symstiff.compensation import compensate, compensate_online
 from symstiff.effects import EffectInstance
 from symstiff.model import StiffnessModel
@@ -92,3 +92,11 @@ def test_a_stiffness_that_single_precision_cannot_tell_is_no_reference_for_it(se
     assert any(
         a.K is not None and b.K is None and b.condition == -1.0 for a, b in zip(double, single, strict=True)
     )
+
+
+@pytest.mark.filterwarnings("error")
+def test_a_robot_without_reach_is_tested_where_its_tool_turns() -> None:
+    robot = arm("zero", [(0, "0", 0), (0, "0", 0)], "[0, 0, 0]")
+    assert robot.reach == 0
+    functions = Functions(StiffnessModel.of(reduce(robot, "wrench", "pose")))
+    assert len({q for q, _ in configurations(functions, 3)}) == 3

@@ -218,11 +218,13 @@ def test_a_sigma_that_is_far_too_small_is_named_as_what_speaks_against_the_model
     assert _unnamed(found) is None
 
 
-def test_deflections_of_zero_alone_are_refused(run: Run, tmp_path: Path) -> None:
+@pytest.mark.parametrize("command", ["identify", "diagnose"])
+def test_deflections_of_zero_alone_are_refused(run: Run, tmp_path: Path, command: str) -> None:
     table = measured()
     saved(replace(table, values=np.where(np.isnan(table.values), np.nan, 0.0)), tmp_path / "data.csv")
-    mistake = run("diagnose", ROBOT, tmp_path / "data.csv", "-o", tmp_path / "out")
-    assert_users_mistake(mistake, "every deflection is 0")
+    mistake = run(command, ROBOT, tmp_path / "data.csv", "-o", tmp_path / "out")
+    assert_users_mistake(mistake, "data.csv: line 2: every deflection is 0")
+    assert not (tmp_path / "out").exists()
 
 
 def test_few_poses_give_no_sure_names() -> None:

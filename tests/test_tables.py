@@ -138,6 +138,26 @@ def test_tables_cannot_be_changed_behind_a_callers_back(tmp_path):
         ("1.5,0.02,4", "1.5,1e-300,4", 5, "no device reads as finely"),
         ("down", "sideways", 5, "up or down"),
         ("1.4,0.01,2,294.15,1,up,2", "1.4,0.01,2,-1,1,up,2", 3, "-1 K is below absolute zero"),
+        (
+            "1.4,0.01,2,294.15,1,up,2",
+            "1.4,0.01,2,1e308,1,up,2",
+            3,
+            "1e308 K is no temperature that a robot has",
+        ),
+        (
+            "1.4,0.01,2,294.15,1,up,2",
+            "1.4,0.01,1e308,294.15,1,up,2",
+            3,
+            "1e308 min is no time of a measurement",
+        ),
+        (
+            "1.4,0.01,2,294.15,1,up,2",
+            "1.4,0.01,1e10,294.15,1,up,2",
+            3,
+            "1e10 min is no time of a measurement",
+        ),
+        ("1.4,0.01,2,294.15,1,up,2", "1.4,1e-9,2,294.15,1,up,2", 3, "differ by more than 1e+06"),
+        ("a,90,0.5,10,-2.5,3,p2", "a,90,0.5,1e-200,0,0,p2", 4, "nothing feels a load of 1e-200 N: write 0"),
         ("1.4,0.01,2,294.15,1,up,2", "1.4,0.01,2,294.15,1,up,1", 3, "duplicate"),
         ("a,90,0.5,10,-2.5,3,p2", "a,90,0.6,10,-2.5,3,p2", 4, "label"),
         ("-0.0031", "-3.1", 3, "unit"),
@@ -160,11 +180,50 @@ def test_tables_cannot_be_changed_behind_a_callers_back(tmp_path):
         ("pose,", "name,", 1, "unknown column"),
     ],
 )
+@pytest.mark.filterwarnings("error")
 def test_a_mistake_is_refused_with_file_and_line(tmp_path, old, new, line, says):
     assert old in GOOD
     message = refusal(tmp_path, GOOD.replace(old, new, 1))
     assert line_of(message) == line
     assert says in message
+
+
+LONG = "\x1b]0;" + "x" * 5000
+
+
+@pytest.mark.parametrize(
+    ("old", "new"),
+    [
+        ("dx[mm]", f"dx[m{LONG}]"),
+        ("dx[mm]", LONG),
+        ("repeat", f"repeat[{LONG}]"),
+        ("q1[deg]", f"q{'1' * 5000}[deg]"),
+        ("dx[mm]", f"[{LONG}"),
+        ("fx[N]", "fx[\x1cN\x1c],fx[N]"),
+        ("down", LONG),
+        ("1.1,2100", f"{LONG},2100"),
+        ("1.1,2100", f"{'0' * 5000}inf,2100"),
+        ("1.1,2100", f"1{'0' * 300},2100"),
+        ("1.4,0.01,2,294.15,1,up,2", f"1.4,0.01,2,-{'1' * 300},1,up,2"),
+    ],
+)
+def test_a_message_repeats_no_control_codes_and_no_long_text_of_a_table(tmp_path, old, new):
+    assert old in GOOD
+    message = refusal(tmp_path, GOOD.replace(old, new, 1))
+    assert message.isprintable()
+    assert len(message.replace(str(tmp_path), "")) < 300
+
+
+def test_a_message_repeats_no_long_label(tmp_path):
+    label = "y" * 5000
+    moved = GOOD.replace("\na,", f"\n{label},").replace(
+        f"{label},90,0.5,10,-2.5,3,p2", f"{label},90,0.6,10,-2.5,3,p2"
+    )
+    assert len(refusal(tmp_path, moved)) < 300 + 2 * len(str(tmp_path))
+    strange = read_measurements(save(tmp_path, GOOD.replace("p2", label)))
+    with pytest.raises(UserError, match=r"no marker 'yyy.*[.]{3}'") as error:
+        check_robot(strange, from_table(TWO))
+    assert len(str(error.value)) < 300 + len(str(tmp_path))
 
 
 @pytest.mark.parametrize(
@@ -299,6 +358,7 @@ def test_what_is_written_is_read_back(tmp_path_factory, data):
     values = data.draw(numbers((rows, 6), 0.1))
     values[:, data.draw(st.integers(1, 6)) :] = np.nan
     w = data.draw(numbers((rows, 6), 1e4))
+    w[np.abs(w) < 1e-20] = 0.0  # nothing feels less, and no table has it
     w[0, 0] = 1.0
     table = measurements(
         data.draw(numbers((rows, dof), 3.0)),

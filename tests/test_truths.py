@@ -12,6 +12,7 @@ from symstiff.calibration.measurements import measurements
 from symstiff.calibration.simulation import (
     SHAPES,
     Effect,
+    Environment,
     Noise,
     Truth,
     clean_response,
@@ -323,6 +324,138 @@ def test_a_mistake_in_a_truth_is_one_line_with_the_file(tmp_path, change, messag
     assert "truth.toml" in str(error.value)
     assert "\n" not in str(error.value)
     assert not (tmp_path / "data.csv").exists()
+
+
+@pytest.mark.parametrize(
+    ("effect", "says"),
+    [
+        (
+            '"link_compliance"\nwhere = {link = 1}\nentries = 1e-9',
+            r"entries: expected a table .*, found 1e-09",
+        ),
+        ('"link_compliance"\nwhere = {link = 1}\nentries = {}', "entries: expected a table"),
+        (
+            '"link_compliance"\nwhere = {link = 1}\nentries = {11 = [1e-9]}',
+            r"entries.11: expected a finite number",
+        ),
+        ('"backlash"\nwhere = {joint = 2}\ngap = {joints = [1]}', "gap: expected a finite number, found {"),
+        (
+            '"backlash"\nwhere = {joint = 2}\ngap = [1e-4, 2e-4]',
+            r"gap: expected a finite number, found \[0.0001, 0",
+        ),
+        (
+            '"force_sensor_bias"\nbias = [1, 2, 3]',
+            r"bias: expected 6 numbers, or one for all, found \[1, 2, 3\]",
+        ),
+        (
+            '"link_weight"\nwhere = {link = 1}\nmass = 5\ncom = [0.1]',
+            "com: expected 3 numbers, or one for all",
+        ),
+        ('"transmission_error"\nwhere = {joint = 1}\na = []', r"a: expected a list of numbers, found \[\]"),
+        (
+            '"bad_poses"\nposes = ["p1"]\nshift = {x = 1e-3}',
+            "shift: expected 3 numbers, or one for all, found {",
+        ),
+        ('"bad_poses"\nposes = "p1"\nshift = 1e-3', "poses: expected a list of labels .*, found 'p1'"),
+        ('"bad_poses"\nshift = 1e-3', "poses: expected a list of labels"),
+    ],
+)
+def test_a_size_of_another_form_is_told_with_what_would_be_right(tmp_path, effect, says):
+    (tmp_path / "truth.toml").write_text(f'format = 1\nrobot = "planar2r"\n[[effect]]\neffect = {effect}\n')
+    with pytest.raises(UserError, match=says) as error:
+        load_truth(tmp_path / "truth.toml")
+    assert "truth.toml: effect " in str(error.value)
+
+
+@pytest.mark.filterwarnings("error")
+@pytest.mark.parametrize(
+    ("effect", "says"),
+    [
+        ('"thermal_drift"\nshape = "time"\nwhere = {link = 1}\nrate = 1e-4', "link is no place .*(link_time"),
+        (
+            '"force_sensor_bias"\nwhere = {joint = 1}\nbias = 1',
+            "joint is no place of this shape: leave it out",
+        ),
+        ('"force_sensor_bias"\nwhere = 3\nbias = 1', "where: expected a table, found 3"),
+        (
+            '"backlash"\nwhere = {joint = 1, foo = 2}\ngap = 1e-4',
+            "foo is no place of this shape: leave it out",
+        ),
+        (
+            '"backlash"\nwhere = {joint = 1}\nshape = "ramp"\ngap = 1e-4\nknee = -5',
+            "knee: expected a .*than 0",
+        ),
+        (
+            '"backlash"\nwhere = {joint = 1}\nshape = "ramp"\ngap = 1e-4\nknee = 0',
+            "knee: expected a .*than 0",
+        ),
+        (
+            '"nonlinear_stiffness"\nwhere = {joint = 1}\nshape = "tanh"\na = 1\ntau0 = 0',
+            "tau0: expected a .*than 0",
+        ),
+        ('"creep"\nwhere = {joint = 1}\nc = 1e-7\nT = 0', "T: expected a number greater than 0, found 0"),
+    ],
+)
+def test_a_place_or_a_scale_that_a_shape_does_not_use_is_refused(tmp_path, effect, says):
+    (tmp_path / "truth.toml").write_text(f'format = 1\nrobot = "planar2r"\n[[effect]]\neffect = {effect}\n')
+    with pytest.raises(UserError, match=says.replace("(", r"\(")):
+        load_truth(tmp_path / "truth.toml")
+
+
+@pytest.mark.filterwarnings("error")
+@pytest.mark.parametrize(
+    ("truth", "says"),
+    [
+        (replace(BARE, environment=Environment(interval=1e308)), r"row 2: time\[s\] would be 1e\+308"),
+        (replace(BARE, environment=Environment(interval=1e12)), r"row 2: time\[s\] would be 1e\+12"),
+        (
+            replace(BARE, environment=Environment(temperature=1e9)),
+            r"row 1: temperature\[degC\] would be 1e\+09",
+        ),
+        (
+            BARE.with_effects(Effect("bad_poses", values={"poses": ["p1"], "shift": 2.0})),
+            r"row 1: dx\[mm\] would be",
+        ),
+        (replace(BARE, noise=Noise(sigma_mm=(1e4,) * 3, quantum_mm=1.0)), r"row 1: dx\[mm\] would be"),
+        (replace(BARE, noise=Noise(sigma_mm=(1e308,) * 3)), r"row 1: dx\[mm\] would be"),
+        (replace(BARE, noise=Noise(sigma_mm=(1e-5, 100.0, 100.0))), "differ by more than 1e\\+06"),
+        (replace(BARE, noise=Noise(sigma_mm=(1e-12,) * 3)), r"row 1: sigma_x\[mm\] would be 1e-12"),
+    ],
+)
+def test_no_table_is_made_that_would_not_be_read(truth, says):
+    with pytest.raises(UserError, match=says):
+        simulate(truth, design(2), 1)
+
+
+@pytest.mark.parametrize("stated", ["true", "1.0", '"1"', "2"])
+def test_another_format_of_a_truth_is_refused(tmp_path, stated):
+    (tmp_path / "truth.toml").write_text(f'format = {stated}\nrobot = "planar2r"\n')
+    with pytest.raises(UserError, match="this program reads format = 1"):
+        load_truth(tmp_path / "truth.toml")
+
+
+def test_a_number_stands_for_each_number_of_a_list():
+    alike = [
+        responses(
+            BARE.with_effects(Effect("link_weight", {"link": 2}, values={"mass": 50, "com": com})), "absolute"
+        )
+        for com in (0.1, [0.1, 0.1, 0.1])
+    ]
+    np.testing.assert_array_equal(*alike)
+
+
+@pytest.mark.filterwarnings("error")
+@pytest.mark.parametrize(
+    "effect",
+    [
+        Effect("force_sensor_bias", values={"bias": 1e30}),
+        Effect("backlash", {"joint": 2}, values={"gap": 1e308}),
+        Effect("joint_compliance", {"joint": 2}, values={"c": 1e30}),
+    ],
+)
+def test_sizes_beyond_all_measure_have_no_equilibrium(effect):
+    with pytest.raises(UserError, match="no static equilibrium"):
+        simulate(BARE.with_effects(effect), design(2), 1)
 
 
 def test_a_truth_can_be_built_without_a_file():

@@ -4,9 +4,11 @@ from __future__ import annotations
 
 import numpy as np
 
+from symstiff.calibration.columns import SHOWN
 from symstiff.calibration.measurements import Measurements
 from symstiff.errors import A_ROBOT, A_TABLE, UserError, require
 from symstiff.robot import Robot
+from symstiff.robot.mistakes import printable
 
 _SAME_POSE = 1e-3  # rad or m; commanded configurations of one label agree far better than this
 _FAR_OUTSIDE = 0.1  # of the joint's range
@@ -15,17 +17,50 @@ _STIFFEST = 1e-8  # m/N; machine tools have 1e-8, robots of any size a hundred t
 _SOFTEST = 1e-3  # m/N; the arms that bend most have 1e-4
 _TINY = float(np.radians(6.4))
 _FEW = 3  # configurations that may all be near zero
+_LEAST_LOAD = 1e-20  # N, N·m; far below what rounding leaves of a load that is 0
+_APART = 1e6  # the largest sigma over the smallest; beyond it the weights of rows drown each other's digits
 
 
 def check_rows(table: Measurements) -> None:
-    """Refuse duplicate rows, one label for two configurations, and deflections under no load at all."""
+    """Refuse duplicate rows, one label for two configurations, and numbers that nothing can be computed with.
+
+    These are deflections under no load at all, loads that nothing feels, and sigmas that differ beyond measure.
+    """
     _one_configuration_a_label(table)
     _no_duplicates(table)
+    check_sigmas(table)
+    size = np.abs(table.w).max(axis=1, initial=0.0)
+    unfelt = (size > 0.0) & (size < _LEAST_LOAD)
+    if unfelt.any():
+        row = int(np.argmax(unfelt))
+        raise UserError(
+            f"{table.place(row)}: nothing feels a load of {size[row]:g} N: write 0, or correct the unit"
+        )
     if table.kind == "deflection" and not table.w.any():
         raise UserError(
             f"{table.place(0)}: every wrench is zero: deflection data need their loads: "
             "give columns fx[N] … mz[N*m]"
         )
+
+
+def check_sigmas(table: Measurements) -> None:
+    """Refuse standard deviations of which one is a million times another, of a metre or a radian alike."""
+    known = np.isfinite(table.sigma)
+    if not known.any():
+        return
+    low, high = np.where(known, table.sigma, np.inf), np.where(known, table.sigma, 0.0)
+    if low.min() < high.max() / _APART:
+        small, large = int(np.argmin(low.min(axis=1))), int(np.argmax(high.max(axis=1)))
+        raise UserError(
+            f"{table.place(small)}: a sigma of {low.min():g} m or rad, and one of {high.max():g} at "
+            f"{table.place(large)}: they differ by more than {_APART:g}: correct them, or drop the columns"
+        )
+
+
+def check_measured(table: Measurements) -> None:
+    """Refuse deflections that are 0 in every row: no robot is as stiff as that, nothing was measured."""
+    if table.kind == "deflection" and not np.any(np.nan_to_num(table.values)):
+        raise UserError(f"{table.place(0)}: every deflection is 0: the columns hold no measurement")
 
 
 def _one_configuration_a_label(table: Measurements) -> None:
@@ -35,7 +70,7 @@ def _one_configuration_a_label(table: Measurements) -> None:
         label = table.labels[table.pose[row]]
         first = _first_rows(table.pose, len(table.labels))
         raise UserError(
-            f"{table.place(row)}: pose {label!r} has other joint values than at "
+            f"{table.place(row)}: pose {printable(label, SHOWN)!r} has other joint values than at "
             f"{table.place(int(first[table.pose[row]]))}: give each configuration its own label"
         )
 
@@ -129,7 +164,7 @@ def check_robot(table: Measurements, robot: Robot) -> list[str]:
         rows = np.flatnonzero(table.point == index)
         if name not in known and rows.size:
             raise UserError(
-                f"{table.place(int(rows[0]))}: robot {robot.name} has no marker {name!r}: "
+                f"{table.place(int(rows[0]))}: robot {robot.name} has no marker {printable(name, SHOWN)!r}: "
                 f"use one of {', '.join(sorted(known))}, or add a [[marker]] to the robot file"
             )
     return (

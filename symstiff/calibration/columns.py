@@ -11,6 +11,7 @@ from typing import Literal
 from symstiff.calibration.measurements import COMPONENTS, CONTEXT, Kind
 from symstiff.calibration.units import FACTORS, LARGEST_LOAD, dimensions, parse_header
 from symstiff.errors import UserError
+from symstiff.robot.mistakes import printable
 
 _LOADS = {"fx": "force", "fy": "force", "fz": "force", "mx": "moment", "my": "moment", "mz": "moment"}
 _MEASURED = {c: ("angle" if c.startswith("r") else "length") for c in COMPONENTS}
@@ -18,13 +19,17 @@ _DEFLECTIONS = {f"d{c}": kind for c, kind in _MEASURED.items()}
 _SIGMAS = {f"sigma_{c}": kind for c, kind in _MEASURED.items()}
 _TEXT = ("pose", "point", "branch")
 _COUNTS = ("load_step", "repeat")
-_JOINT = re.compile(r"^q([1-9]\d*)$")
+SHOWN = 40
+"""Most characters of a header, a cell or a label that a message repeats."""
+_JOINT = re.compile(r"^q([1-9]\d{0,3})$")
 
 # Beyond these a number stands in the wrong unit rather than for a robot: SI.
 _WIDEST_ANGLE = 12.6  # rad; joints that turn further than two turns each way do not occur
 _LONGEST_STROKE = 100.0
 _LARGEST_DEFLECTION = 1.0  # m, and rad
 _FARTHEST_POINT = 1000.0
+_LATEST = 1e11  # s; the years since 1970 are 2e9
+_HOTTEST = 1000.0  # degC, K
 
 
 @dataclass(frozen=True)
@@ -70,28 +75,29 @@ def read_header(cells: list[str], place: str, purpose: Literal["measured", "pose
 
 
 def _column(header: str, index: int, place: str) -> tuple[str, Column]:
-    parsed = parse_header(header)
+    parsed, shown = parse_header(header), printable(header, SHOWN)
     if parsed is None or not parsed.name:
-        raise UserError(f"{place}: column {index + 1}: cannot read {header!r} as a header: write name[unit]")
+        raise UserError(f"{place}: column {index + 1}: cannot read {shown!r} as a header: write name[unit]")
     name, unit = parsed.name, parsed.unit
     if name.startswith("sigma_d"):
         name = "sigma_" + name.removeprefix("sigma_d")
     if name in _TEXT or name in _COUNTS:
         if unit:
-            raise UserError(f"{place}: column {header}: {name} has no unit: write {name}")
+            raise UserError(f"{place}: column {shown}: {name} has no unit: write {name}")
         return name, Column(index)
     allowed = _quantities(name)
     if allowed is None:
-        raise UserError(f"{place}: unknown column {header!r}: {_suggest(name)}")
+        raise UserError(f"{place}: unknown column {shown!r}: {_suggest(name)}")
     units = [u for quantity in allowed for u in FACTORS[quantity]]
     if not unit:
         raise UserError(
-            f"{place}: column {header}: a quantity without a unit: "
+            f"{place}: column {shown}: a quantity without a unit: "
             f"write {name}[{units[0]}] (or {', '.join(units[1:])})"
         )
     if unit not in units:
         raise UserError(
-            f"{place}: column {header}: unit {unit!r} does not fit {name}: use one of {', '.join(units)}"
+            f"{place}: column {shown}: unit {printable(unit, SHOWN)!r} does not fit {name}: "
+            f"use one of {', '.join(units)}"
         )
     quantity = next(q for q in allowed if unit in FACTORS[q])
     limit, complaint = _plausible(name, quantity, unit)
@@ -130,7 +136,9 @@ def _plausible(name: str, quantity: str, unit: str) -> tuple[float, str]:
         return limit, f"{unit} is too large for {name}: looks like another unit, e.g. {name}[{smaller}]"
     if quantity in ("force", "moment"):
         return LARGEST_LOAD, f"{unit} is no load a robot carries: correct the value or the unit"
-    return inf, ""
+    if quantity == "time":
+        return _LATEST, f"{unit} is no time of a measurement: correct the value or the unit"
+    return _HOTTEST, f"{unit} is no temperature that a robot has: correct the value or the unit"
 
 
 def _joints(named: dict[str, Column], place: str) -> tuple[str, ...]:

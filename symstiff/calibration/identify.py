@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from symstiff.calibration.absolute import fit_absolute
-from symstiff.calibration.checks import without_copies, without_zeros
+from symstiff.calibration.checks import check_measured, without_copies, without_zeros
 from symstiff.calibration.constrained import ConstrainedEstimate, constrain
 from symstiff.calibration.estimate import Estimate
 from symstiff.calibration.experiment.readings import ExperimentClass, experiment_of
@@ -132,6 +132,7 @@ def identify(
     its distinct values (the seed's C2 and J2). Raises UserError for data that cannot determine the model.
     """
     remarks = check_robot(table, robot)
+    check_measured(table)
     if not 0 <= held_out < 1:
         raise UserError(f"--held-out {held_out:g}: give a share of the poses from 0 to below 1, e.g. 0.2")
     if table.kind == "absolute":

@@ -15,8 +15,8 @@ from typing import Literal
 
 import numpy as np
 
-from symstiff.calibration.checks import check_robot, check_rows
-from symstiff.calibration.columns import Columns, read_header
+from symstiff.calibration.checks import check_robot, check_rows, check_sigmas
+from symstiff.calibration.columns import SHOWN, Columns, read_header
 from symstiff.calibration.measurements import (
     COMPONENTS,
     CONTEXT,
@@ -28,8 +28,10 @@ from symstiff.calibration.measurements import (
     measurements,
 )
 from symstiff.calibration.units import KELVIN
+from symstiff.calibration.writing import columns as columns_of
 from symstiff.calibration.writing import write_table
 from symstiff.errors import UserError, require
+from symstiff.robot.mistakes import printable
 
 __all__ = [
     "Measurements",
@@ -76,6 +78,27 @@ def _read(paths: Paths, purpose: Literal["measured", "poses"]) -> Measurements:
     table = concatenate([read_file(Path(path), purpose) for path in paths])
     check_rows(table)
     return table
+
+
+def check_limits(table: Measurements) -> None:
+    """Refuse a table that holds a number which would not be read back. Raises UserError with column and row."""
+    content = columns_of(table)
+    header = read_header(list(content), "table", "poses" if table.kind == "none" else "measured")
+    for column in header.named.values():
+        title = header.headers[column.index]
+        cells = content[title]
+        if not isinstance(cells, np.ndarray):
+            continue
+        sizes = np.abs(cells * column.factor)
+        low = _SMALLEST_SIGMA if title.startswith("sigma_") else 0.0
+        fits = np.isnan(cells) | ((sizes >= low) & (sizes <= column.limit) & np.isfinite(sizes))
+        if not fits.all():
+            row = int(np.argmin(fits))
+            raise UserError(
+                f"row {row + 1}: {title} would be {cells[row]:g}, which no table holds: look at the sizes of "
+                "effects, noise and [environment]"
+            )
+    check_sigmas(table)
 
 
 def read_file(path: Path, purpose: Literal["measured", "poses"]) -> Measurements:
@@ -139,6 +162,11 @@ def _cells(text: str, origin: str) -> tuple[list[int], list[list[str]]]:
     return lines, rows
 
 
+def _shown(cell: str) -> str:
+    """A cell as a message repeats it."""
+    return printable(cell.strip(), SHOWN)
+
+
 class _Reader:
     """Turns the text columns of one file into arrays."""
 
@@ -188,7 +216,7 @@ class _Reader:
         )
 
     def _fail(self, row: int | np.intp, name: str, what: str) -> UserError:
-        header = self.columns.headers[self.columns.named[name].index]
+        header = printable(self.columns.headers[self.columns.named[name].index], SHOWN)
         return UserError(f"{self.origin}: line {self.lines[row]}: column {header}: {what}")
 
     def _names(self, name: str) -> tuple[tuple[str, ...], np.ndarray]:
@@ -223,13 +251,14 @@ class _Reader:
         if not np.isfinite(raw).all():
             k = int(np.argmin(np.isfinite(raw)))
             raise self._fail(
-                rows[k], name, f"{cells[k].strip()!r} is no finite number: correct or drop the row"
+                rows[k], name, f"{_shown(cells[k])!r} is no finite number: correct or drop the row"
             )
-        values = raw * column.factor
+        with np.errstate(over="ignore"):
+            values = raw * column.factor
         too_large = np.abs(values) > column.limit
         if too_large.any():
             k = int(np.argmax(too_large))
-            raise self._fail(rows[k], name, f"{cells[k].strip()} {column.complaint}")
+            raise self._fail(rows[k], name, f"{_shown(cells[k])} {column.complaint}")
         return np.asarray(values)
 
     def _bad_cell(self, name: str, cells: Sequence[str], rows: Ints) -> UserError:
@@ -239,8 +268,9 @@ class _Reader:
             try:
                 float(cell.replace("_", "?"))
             except ValueError:
-                shown = cell.strip() if len(cell) <= 30 else cell.strip()[:27] + "..."
-                return self._fail(row, name, f"{shown!r} is no number: use a point as decimal mark, no units")
+                return self._fail(
+                    row, name, f"{_shown(cell)!r} is no number: use a point as decimal mark, no units"
+                )
         return self._fail(0, name, "cannot be read as numbers")
 
     def _sigma(self, name: str) -> Floats:
@@ -265,7 +295,7 @@ class _Reader:
             signs = {"up": 1.0, "loading": 1.0, "down": -1.0, "unloading": -1.0}
             for row in known:
                 if cells[row].lower() not in signs:
-                    raise self._fail(row, name, f"{cells[row]!r} is no branch: write up or down")
+                    raise self._fail(row, name, f"{_shown(cells[row])!r} is no branch: write up or down")
                 values[row] = signs[cells[row].lower()]
             return values
         values[known] = self._numbers(name, known)
@@ -276,6 +306,6 @@ class _Reader:
             raise self._fail(
                 cold,
                 name,
-                f"{cells[cold]} {column.unit} is below absolute zero: correct the value or the unit",
+                f"{_shown(cells[cold])} {column.unit} is below absolute zero: correct the value or the unit",
             )
         return values

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import errno
 import logging
+import os
 import signal
 import sys
 import threading
@@ -17,12 +18,25 @@ _FULL = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)
 
 def main() -> None:
     """Run a command; bad input is one line and exit code 2, a fault of ours 1, an interrupt 130, a closed pipe 141."""
+    _prepare()
+    try:
+        _run()
+    except (BrokenPipeError, SystemExit) as error:
+        # Rich and typer end with 1 where nobody reads on
+        if not isinstance(error, BrokenPipeError) and not isinstance(error.__context__, BrokenPipeError):
+            raise
+        _discard()
+        raise SystemExit(_CLOSED) from None  # as of a program that the signal ends
+
+
+def _run() -> None:
     from symstiff.cli.app import app
     from symstiff.errors import UserError
 
-    _prepare()
     try:
         code = app(prog_name="symstiff", standalone_mode=False) or 0  # typer makes 130 of an interrupt
+        if sys.stdout is not None:
+            sys.stdout.flush()  # what fails now would fail unseen at exit
         raise KeyboardInterrupt if code == _INTERRUPTED else SystemExit(code)
     except UserError as error:
         print(f"symstiff: {error}", file=sys.stderr)
@@ -30,17 +44,15 @@ def main() -> None:
     except KeyboardInterrupt:
         print("symstiff: interrupted", file=sys.stderr)
         raise SystemExit(_INTERRUPTED) from None
-    except BrokenPipeError:  # as of a program that the signal ends
-        raise SystemExit(_CLOSED) from None
+    except BrokenPipeError:
+        raise
     except Exception as error:
         if hasattr(error, "format_message"):
             raise SystemExit(_usage(error)) from None
-        import os
         import traceback
 
         if isinstance(error, OSError) and error.errno in _FULL:
-            # what is left to be written would fail again at exit
-            os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+            _discard()
             print(f"symstiff: {error.strerror}: make room where the output goes", file=sys.stderr)
             raise SystemExit(2) from None
         if os.environ.get("SYMSTIFF_DEBUG"):
@@ -52,6 +64,11 @@ def main() -> None:
             file=sys.stderr,
         )
         raise SystemExit(1) from None
+
+
+def _discard() -> None:
+    """Let what is left to be written go nowhere: it would fail again at exit."""
+    os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
 
 
 def _prepare() -> None:

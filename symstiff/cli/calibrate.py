@@ -25,11 +25,13 @@ def run_simulate(
         raise UserError(
             f"--noise {noise:g}: a standard deviation in millimetres, 0 or {LEAST_NOISE:g} to 100"
         )
-    check_targets({"-o": output, "--json": json}, [truth_file, poses])
+    targets = {"-o": output, "--json": json}
+    check_targets(targets, [truth_file, poses])
     out = console(json)
     with stages(out) as progress:
         progress("reading the poses")
         truth, design = load_truth(truth_file), read_poses(poses)
+        check_targets(targets, [] if truth.robot_file is None else [truth.robot_file])
         if not design.w.any() and (truth.kind or design.kind) != "absolute":
             raise UserError(
                 f"{design.place(0)}: every wrench is zero: give the poses loads (fx[N] …), or measure absolute "
@@ -41,9 +43,6 @@ def run_simulate(
         progress("finding equilibria")
         table = simulate(truth, design, seed)
         write_table(table, output)
-    for warning in warned:
-        note(out, warning)
-    out.print(f"wrote {output}")
     seen = [c for k, c in enumerate(COMPONENTS) if table.measured[:, k].any()]
     write_json(
         json,
@@ -52,6 +51,9 @@ def run_simulate(
             "poses": len(set(table.pose.tolist())), "rows": len(table), "seed": seed, "file": str(output),
         },
     )  # fmt: skip
+    for warning in warned:
+        note(out, warning)
+    out.print(f"wrote {output}")
 
 
 def run_compensate(model_file: Path, trajectory: Path, output: Path, json: str | None) -> None:
@@ -73,16 +75,25 @@ def run_compensate(model_file: Path, trajectory: Path, output: Path, json: str |
         *check_robot(table, model.robot), *outside_class(table.w, model.loads), *outside_fixed(table.q, model),
         *of_sag(model.robot),
     )  # fmt: skip
-    for warning in known:
-        note(out, warning)
     without = [e.effect for e in model.effects if e not in model.of_robot().effects]
-    if without:
-        note(out, f"without {', '.join(without)}: no law of the robot at a virtual joint")
     with stages(out) as progress:
         progress("compensating")
         found = compensate(model, table.q, table.w, context_of(table))
     rms = [float(np.sqrt((e[:, :3] ** 2).sum(axis=1).mean())) for e in (found.before, found.after)]
     split = rewrite_joints(trajectory, table, found.q_cmd, output)
+    unsolved = int((~found.solved).sum())
+    write_json(
+        json,
+        {
+            "poses": len(table),
+            "rms_mm": {"before": 1e3 * rms[0], "after": 1e3 * rms[1]},
+            "unsolved": unsolved,
+        },
+    )
+    for warning in known:
+        note(out, warning)
+    if without:
+        note(out, f"without {', '.join(without)}: no law of the robot at a virtual joint")
     out.print(
         f"{len(table)} poses: predicted error {_millimetres(rms[0])} rms, after compensation {_millimetres(rms[1])}"
     )
@@ -93,7 +104,6 @@ def run_compensate(model_file: Path, trajectory: Path, output: Path, json: str |
             out,
             f"several loads need several commands: pose {', '.join(split)} became {split[0]}/1, {split[0]}/2, …",
         )
-    unsolved = int((~found.solved).sum())
     if unsolved:
         note(
             out,
@@ -101,14 +111,6 @@ def run_compensate(model_file: Path, trajectory: Path, output: Path, json: str |
             "move by more than 0.25 rad or m): lower the load, or lead the path around the singularity",
         )
     out.print(f"wrote {output}")
-    write_json(
-        json,
-        {
-            "poses": len(table),
-            "rms_mm": {"before": 1e3 * rms[0], "after": 1e3 * rms[1]},
-            "unsolved": unsolved,
-        },
-    )
 
 
 def _millimetres(error: float) -> str:

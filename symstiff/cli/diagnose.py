@@ -58,11 +58,11 @@ def run_diagnose(request: DiagnoseRequest) -> None:
         )  # fmt: skip
         finding = run(task, progress)
         written = write_folder(finding, request.output, progress)
+    write_json(request.json, written.verdict)
     _print(out, finding, written.verdict["sentence"])
     out.print(f"code: {written.code}")
     out.print(f"wrote {request.output}: report.html, verdict.json, model.toml", end="")
     out.print((", code" if written.verdict["code"]["folder"] else "") + _more(written.verdict))
-    write_json(request.json, written.verdict)
     if written.verdict["code"]["fault"]:
         raise SystemExit(1)
 

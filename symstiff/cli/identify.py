@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from math import isfinite
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -75,11 +76,11 @@ def run_identify(request: IdentifyRequest) -> None:
     if complete is not None:
         write_json(str(request.reconstruct), complete.to_dict())
     result.model.save(request.output)
+    write_json(request.json, result.as_dict())
     _print_identification(out, result)
     if complete is not None:
         out.print(f"complete link matrices: {complete}; wrote {request.reconstruct}")
     out.print(f"wrote {request.output}")
-    write_json(request.json, result.as_dict())
 
 
 def _check(request: IdentifyRequest) -> None:
@@ -163,7 +164,7 @@ def print_residuals(out: Console, parts: list[tuple[str, Any]]) -> None:
         if residuals is None:
             continue
         share = f": {100 * residuals.compensated:.1f} % of the deflection compensated"
-        table = Table(title=title + share, title_justify="left")
+        table = Table(title=title + (share if isfinite(residuals.compensated) else ""), title_justify="left")
         table.add_column("")
         for when in ("before", "after"):
             table.add_column(f"{when} MAX", justify="right")

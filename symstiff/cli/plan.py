@@ -67,8 +67,8 @@ def run_plan(request: PlanRequest) -> None:
         raise UserError(f"--criterion {request.criterion}: use D, A or test")
     if request.steps < 1:
         raise UserError(f"--steps {request.steps}: 1 or more")
-    inputs = [p for p in (request.robot, request.test_poses, request.separate) if p is not None]
-    check_targets({"-o": request.output, "--plot": request.plot, "--json": request.json}, inputs)
+    targets = {"-o": request.output, "--plot": request.plot, "--json": request.json}
+    check_targets(targets, _inputs(request))
     twice = next((m for k, m in enumerate(request.markers) if m in request.markers[:k]), None)
     if twice is not None:
         raise UserError(f"--markers: {twice} is named twice")
@@ -106,7 +106,6 @@ def run_plan(request: PlanRequest) -> None:
             {j: float(v) for j, v in fixed.items()}, levels, search,
             lambda label, share: progress(f"{label} {share:.0%}"),
         )  # fmt: skip
-    warn_of(out, reduction)
     geometry = robot_of(model)
     table = poses_table(plan, geometry)
     if request.markers:
@@ -114,16 +113,27 @@ def run_plan(request: PlanRequest) -> None:
     write_table(in_steps(table, request.steps) if request.steps > 1 else table, request.output, "deg")
     if request.plot is not None:
         save_figure(draw_plan(plan, geometry), request.plot)
-    _print_plan(out, plan, model.units)
-    out.print(_applied(applied))
-    out.print(_measured(request, measure, sigma))
-    out.print(f"wrote {request.output}")
     measured = {
         "points": list(request.markers), "sigma_mm": sigma_mm, "measure": measure,
         "steps": request.steps,
     }  # fmt: skip
     load_told = {"class": applied.kind, "force": applied.force, "moment": applied.moment}
     write_json(request.json, {**summary(plan), "load": load_told, "measured": measured})
+    warn_of(out, reduction)
+    _print_plan(out, plan, model.units)
+    out.print(_applied(applied))
+    out.print(_measured(request, measure, sigma))
+    out.print(f"wrote {request.output}")
+
+
+def _inputs(request: PlanRequest) -> list[str | Path]:
+    """The files that the command reads."""
+    given = [p for p in (request.robot, request.test_poses, request.separate) if p is not None]
+    if request.separate is None:
+        return given
+    from symstiff.discrepancy.separate import TAKEN
+
+    return [*given, request.separate.parent / TAKEN]
 
 
 def _read(request: PlanRequest, robot: Robot) -> tuple[str, tuple[str, ...]]:
@@ -187,6 +197,13 @@ def _separate(request: PlanRequest) -> None:
             "the whole pose (--measure pose)"
         )
     write_table(table, request.output, "deg")
+    write_json(
+        request.json,
+        {
+            "explanations": names, "poses": table.labels, "separation": list(found.separation),
+            "measured": {"points": list(means.experiment.points), "sigma_mm": 1e3 * float(means.sigma[0])},
+        },
+    )  # fmt: skip
     out.print(f"{len(found.poses)} poses that best tell apart: " + " | ".join(names))
     out.print(
         f"they reach {reach(found.separation[-1])}: the squared distance of the predictions, in units of the noise "
@@ -196,13 +213,6 @@ def _separate(request: PlanRequest) -> None:
     if found.separation[-1] < DECIDES:
         note(out, "these loads do not tell them apart: other loads, or more force")
     out.print(f"wrote {request.output}")
-    write_json(
-        request.json,
-        {
-            "explanations": names, "poses": table.labels, "separation": list(found.separation),
-            "measured": {"points": list(means.experiment.points), "sigma_mm": 1e3 * float(means.sigma[0])},
-        },
-    )  # fmt: skip
 
 
 def _refuse_unused(request: PlanRequest) -> None:

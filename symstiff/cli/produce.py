@@ -34,33 +34,30 @@ def run_generate(
     """Derive, reduce, emit, compile, verify, report."""
     from symstiff.codegen.generate import generate
     from symstiff.codegen.options import Options
+    from symstiff.model import StiffnessModel
+    from symstiff.reduction import reduce
+    from symstiff.reduction.complete import left_out
 
     options = Options(precision, layout, targets)
     if model_file is not None and fixed:
         raise UserError("--fixed has no effect with --model, which was reduced already: leave it out")
     check_targets({"--json": json}, [p for p in (robot, model_file) if p is not None], output, CODE)
     out = console(json)
+    reduction = None
     with stages(out) as progress:
         progress("deriving and reducing")
         if model_file is None:
-            model = _fresh(out, robot, loads or "wrench", measure or "pose", fixed)
+            reduction = reduce(load(robot), loads or "wrench", measure or "pose", parse_fixed(fixed))
+            model = StiffnessModel.of(reduction)
         else:
             model = _identified(robot, model_file, loads, measure)
         result = generate(model, output, options, compile_c=compile_c, footprint=compile_c, progress=progress)
+    write_json(json, result.manifest)  # before a word is said: a closed pipe ends the command
+    if reduction is not None:
+        print_stages(out, reduction)
+        for remark in left_out(reduction):
+            note(out, remark, "warning")
     _report(out, result)
-    write_json(json, result.manifest)
-
-
-def _fresh(out: Console, robot: str, loads: str, measure: str, fixed: str | None) -> StiffnessModel:
-    from symstiff.model import StiffnessModel
-    from symstiff.reduction import reduce
-    from symstiff.reduction.complete import left_out
-
-    reduction = reduce(load(robot), loads, measure, parse_fixed(fixed))
-    print_stages(out, reduction)
-    for remark in left_out(reduction):
-        note(out, remark, "warning")
-    return StiffnessModel.of(reduction)
 
 
 def _identified(robot: str, model_file: Path, loads: str | None, measure: str | None) -> StiffnessModel:
@@ -118,5 +115,5 @@ def run_footprint(robot: str, loads: str, measure: str, json: str | None) -> Non
         raise UserError(
             "no compiler or emulator was found: install gcc, and arm-none-eabi-gcc with QEMU for boards"
         )
-    out.print(markdown(measured), markup=False, soft_wrap=True)
     write_json(json, measured)
+    out.print(markdown(measured), markup=False, soft_wrap=True)

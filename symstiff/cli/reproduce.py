@@ -18,7 +18,7 @@ def run_reproduce(seed: int, plot: Path | None, json: str | None) -> None:
 
     check_targets({"--plot": plot, "--json": json})
     out = console(json)
-    print_stages(out, reduce(load(ROBOT), "gravity", "pose"))
+    reduction = reduce(load(ROBOT), "gravity", "pose")
     with stages(out) as progress:
         measured, rows = table2(seed, progress)
     table = Table(
@@ -46,14 +46,16 @@ def run_reproduce(seed: int, plot: Path | None, json: str | None) -> None:
             "compensated": row.fitted.compensated,
             "fresh_rms_mm": 1e3 * fresh.rms,
         }
-    print_table(out, table)
-    out.print(
-        "comp.: share of the deflection compensated; fresh RMS: on poses that were not used for the fit"
-    )
     if plot is not None:
         from symstiff.calibration.planning.poses import save_figure
         from symstiff.report.residuals import draw_models
 
         save_figure(draw_models(measured, {row.name: row.model for row in rows}), plot)
-        out.print(f"wrote {plot}")
     write_json(json, record)
+    print_stages(out, reduction)
+    print_table(out, table)
+    out.print(
+        "comp.: share of the deflection compensated; fresh RMS: on poses that were not used for the fit"
+    )
+    if plot is not None:
+        out.print(f"wrote {plot}")

@@ -40,8 +40,8 @@ def show_robots(json: str | None) -> None:
                 "source": robot.source,
             }
         )
-    print_table(console(json), table, ["title", "source"])
     write_json(json, rows)
+    print_table(console(json), table, ["title", "source"])
 
 
 def parse_fixed(text: str | None) -> dict[int, Exact]:
@@ -87,14 +87,21 @@ def show_reduction(
     with stages(out) as progress:
         progress("deriving and reducing")
         reduction = reduce(described, loads, measure, joints, prefer, avoid)
-        print_stages(out, reduction)
-        _print_groups(out, reduction)
+        if json is None:
+            _print_numbers(out, reduction)
         progress("couplings in closed form")
         symbolic = closed_form(reduction)
-    _print_couplings(out, symbolic)
     result = reduction.as_dict()
     result["couplings_symbolic"] = {e: {k: str(c) for k, c in row.items()} for e, row in symbolic.items()}
     write_json(json, result)
+    if json is not None:  # a file is written before a word is said: a closed pipe ends the command
+        _print_numbers(out, reduction)
+    _print_couplings(out, symbolic)
+
+
+def _print_numbers(out: Console, reduction: Reduction) -> None:
+    print_stages(out, reduction)
+    _print_groups(out, reduction)
 
 
 def print_stages(out: Console, reduction: Reduction) -> None:
@@ -170,10 +177,10 @@ def show_targets(json: str | None) -> None:
     from symstiff.codegen.targets import TARGETS
 
     check_targets({"--json": json})
+    write_json(json, [{"target": name, "writes": target.writes} for name, target in TARGETS.items()])
     out = console(json)
     for name, target in TARGETS.items():
         out.print(f"{name:10s} {target.writes}", soft_wrap=True)
-    write_json(json, [{"target": name, "writes": target.writes} for name, target in TARGETS.items()])
 
 
 def show_effects(robot: str, loads: str, measure: str, data: str, json: str | None) -> None:
@@ -189,16 +196,16 @@ def show_effects(robot: str, loads: str, measure: str, data: str, json: str | No
     reduction = reduce(load(robot), loads, measure)
     model = StiffnessModel.of(reduction)
     out = console(json)
-    warn_of(out, reduction)
     found: dict[str, list[tuple[Where, Distinction]]] = {}
     with stages(out) as progress:
         for effect, where, distinction in survey(model, data):
             progress(named(effect.identifier, where))
             found.setdefault(effect.identifier, []).append((where, distinction))
     title = f"{model.robot.title or model.robot.name}: loads {loads}, measured {measure}, {data} data"
-    _print_effects(out, title, found)
     result = {"robot": model.robot.name, "loads": loads, "measure": measure, "data": data}
     write_json(json, {**result, "effects": _effects(found)})
+    warn_of(out, reduction)
+    _print_effects(out, title, found)
 
 
 def _print_effects(out: Console, title: str, found: dict[str, list[tuple[Where, Distinction]]]) -> None:

@@ -101,7 +101,7 @@ def configurations(functions: Functions, n: int, seed: int = 3) -> list[Input]:
     for _ in range(100):
         new = [_drawn(robot, rng) for _ in range(2 * n)]
         J = evaluate_numpy(functions.jacobian, q=np.array([q for q, _ in new]))["J"]
-        J[:, 3:] *= 0.25 * robot.reach
+        J[:, 3:] *= turning_length(functions.model)
         s = np.linalg.svd(J, compute_uv=False)
         drawn, share = drawn + new, np.vstack([share, s / s[:, :1]])
         rank = (share > _DEFICIENT).sum(axis=1).max()

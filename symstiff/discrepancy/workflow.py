@@ -13,7 +13,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from symstiff.calibration.checks import check_robot
+from symstiff.calibration.checks import check_measured, check_robot
 from symstiff.calibration.experiment.readings import experiment_of
 from symstiff.calibration.identify import start_model
 from symstiff.calibration.kept import seen_in
@@ -54,8 +54,7 @@ def run(task: Task, tell: Tell = lambda stage: None) -> Finding:
     if task.max_effects < 1:
         raise UserError(f"--max-effects {task.max_effects}: 1 or more")
     warnings = check_robot(task.table, task.robot)
-    if task.table.kind == "deflection" and not np.any(np.nan_to_num(task.table.values)):
-        raise UserError("every deflection is 0: the columns hold no measurement")
+    check_measured(task.table)
     task = replace(task, table=as_loading(task.table))
     table, left_out = used(task.table, task.max_poses)
     remarks = [*warnings, *left_out]

@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from symstiff.calibration.simulation import Effect
+from symstiff.calibration.simulation import SHAPES, Effect
 from symstiff.errors import UserError
 from symstiff.robot import Robot
 
@@ -307,7 +307,8 @@ def other(effect: str, shape: str, values: Callable[[Draw, int, int], dict[str, 
         k = d.joint(turning=True, but=j)
         if d.load(k) <= LOADED * d.torque.max():
             raise UserError("no second joint carries a load")
-        return Effect(effect, {"joints": [j, k], "joint": j}, shape, values(d, j, k)), {}
+        where = {"joint": j} if SHAPES[effect, shape].place == "joint" else {"joints": [j, k]}
+        return Effect(effect, where, shape, values(d, j, k)), {}
 
     return make
 

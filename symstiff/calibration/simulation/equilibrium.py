@@ -133,12 +133,12 @@ def equilibrium(mechanism: Mechanism, states: States) -> Floats:
     """Solve for the virtual coordinates θ (N, V). Raises UserError where no equilibrium is found."""
     theta = np.zeros((len(states), mechanism.chain.size))
     active = np.arange(len(states))
-    with np.errstate(over="ignore", invalid="ignore"):
+    with np.errstate(all="ignore"):
         for _ in range(_STEPS):
             new = response(mechanism, states.select(active), theta[active])
             step = np.abs(new - theta[active]).max(axis=1)
             theta[active] = new
-            settled = step <= _RELATIVE * np.abs(new).max(axis=1) + _ABSOLUTE
+            settled = np.isfinite(step) & (step <= _RELATIVE * np.abs(new).max(axis=1) + _ABSOLUTE)
             active = active[~settled]
             if not active.size:
                 return theta
@@ -152,7 +152,11 @@ def _newton(mechanism: Mechanism, states: States, theta: Floats) -> Floats:
     theta = np.where((np.isfinite(theta) & (np.abs(theta) < 1)).all(axis=1, keepdims=True), theta, 0.0)
     residual = theta - response(mechanism, states, theta)
     for _ in range(_NEWTON_STEPS):
-        step = np.linalg.solve(_slopes(mechanism, states, theta, residual), residual[:, :, None])[:, :, 0]
+        slopes = _slopes(mechanism, states, theta, residual)
+        try:
+            step = np.linalg.solve(slopes, residual[:, :, None])[:, :, 0]
+        except np.linalg.LinAlgError:  # some row has nowhere to go
+            break
         factor = np.minimum(
             1.0, 0.5 / np.abs(step).max(axis=1, initial=1e-300)
         )  # no turn beyond half a radian

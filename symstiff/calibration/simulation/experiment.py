@@ -68,12 +68,15 @@ def _link_weights(truth: Truth) -> tuple[Weight, ...]:
     )
 
 
+@np.errstate(all="ignore")  # what is not finite is refused in the end
 def simulate(truth: Truth, design: Measurements, seed: int) -> Measurements:
     """Return what an experiment at the rows of ``design`` would have measured; the same seed, the same data.
 
-    Raises UserError where the design does not fit the robot or no equilibrium exists.
+    Raises UserError where the design does not fit the robot, no equilibrium exists, or a number is beyond what a
+    table holds.
     """
     from symstiff.calibration.checks import check_robot
+    from symstiff.calibration.table import check_limits
 
     require(truth, Truth, "what is true", "load_truth('truth.toml') gives it")
     check_robot(design, truth.robot)
@@ -103,7 +106,9 @@ def simulate(truth: Truth, design: Measurements, seed: int) -> Measurements:
     if truth.components == "position":
         values[:, 3:] = sigma[:, 3:] = np.nan
     nowhere = np.zeros(len(design), dtype=np.intp)
-    return replace(design, kind=kind, values=values, sigma=sigma, files=(), file=nowhere, line=nowhere)
+    made = replace(design, kind=kind, values=values, sigma=sigma, files=(), file=nowhere, line=nowhere)
+    check_limits(made)
+    return made
 
 
 def _check_effects(experiment: Experiment, design: Measurements) -> None:

@@ -16,7 +16,9 @@ import numpy as np
 
 from symstiff.calibration.simulation.chain import Chain, Floats
 from symstiff.calibration.simulation.equilibrium import Law, States, Torque, Weight, Wrench
+from symstiff.calibration.simulation.forms import Form, form_of_option, form_of_size, formed
 from symstiff.errors import UserError
+from symstiff.robot.mistakes import printable
 
 Reading = Callable[[States, Floats, str], Floats]
 """``reading(states, values, kind)``: what the device makes of values (M, 6), deflections or absolute."""
@@ -56,6 +58,7 @@ class Shape:
     place: str
     amplitudes: tuple[str, ...]
     defaults: Mapping[str, Any]
+    forms: Mapping[str, Form]
     build: Builder
 
 
@@ -63,12 +66,17 @@ SHAPES: dict[tuple[str, str], Shape] = {}
 
 
 def phenomenon(
-    effect: str, shape: str, place: str, *amplitudes: str, **defaults: Any
+    effect: str, shape: str, place: str, *sizes: str, **defaults: Any
 ) -> Callable[[Builder], Builder]:
-    """Register a shape of an effect; the first shape registered is the effect's default."""
+    """Register a shape of an effect; the first shape registered is the effect's default.
+
+    A size is written as its form: ``c``, ``bias[6]``, ``a[]``, ``entries{}``; an option has the form of its default.
+    """
+    amplitudes = dict(map(form_of_size, sizes))
+    forms = {**{name: form_of_option(name, value) for name, value in defaults.items()}, **amplitudes}
 
     def register(build: Builder) -> Builder:
-        SHAPES[effect, shape] = Shape(effect, shape, place, amplitudes, defaults, build)
+        SHAPES[effect, shape] = Shape(effect, shape, place, tuple(amplitudes), defaults, forms, build)
         return build
 
     return register
@@ -147,16 +155,27 @@ def build(effect: Effect, chain: Chain, compliance: Floats) -> Additions:
         if name not in effect.values and name not in shape.defaults:
             raise UserError(f"{label}: missing {name}: give its size")
     where = _where(effect.where, shape.place, chain, label)
-    values = {**shape.defaults, **effect.values}
-    for name, value in values.items():
-        if name != "poses":  # labels, the only text
-            values[name] = _checked(value, f"{label}: {name}")
+    _check_keys(effect.where, shape, label)
+    values = {
+        name: formed(value, shape.forms[name], f"{label}: {name}")
+        for name, value in {**shape.defaults, **effect.values}.items()
+    }
     try:
         return shape.build(Site(chain, where, compliance), values)
-    except (TypeError, ValueError, IndexError) as error:
-        if isinstance(error, UserError):
-            raise UserError(f"{label}: {error}") from error
-        raise UserError(f"{label}: parameters do not fit together: {error}") from error
+    except UserError as error:
+        raise UserError(f"{label}: {error}") from error
+
+
+def _check_keys(where: Any, shape: Shape, label: str) -> None:
+    """Refuse a place that the shape does not look at: the effect would sit elsewhere, unseen."""
+    if where is not None and not isinstance(where, Mapping):
+        raise UserError(f"{label}: where: expected a table, found {printable(repr(where), 40)}")
+    strange = next((key for key in where or () if key != shape.place), None)
+    if strange is None:
+        return
+    others = [s.shape for s in SHAPES.values() if s.effect == shape.effect and s.place == strange]
+    remedy = f"name a shape that has one ({', '.join(others)})" if others else "leave it out"
+    raise UserError(f"{label}: where: {printable(str(strange), 40)} is no place of this shape: {remedy}")
 
 
 def _where(where: Any, place: str, chain: Chain, label: str) -> Any:
@@ -169,24 +188,10 @@ def _where(where: Any, place: str, chain: Chain, label: str) -> Any:
     fits = all(isinstance(k, int) and not isinstance(k, bool) and low <= k <= high for k in numbers)
     if not fits or (place == "joints" and len(numbers) != 2):
         raise UserError(
-            f"{label}: where = {{{place} = {expected}}} with {low} to {high} expected, found {where!r}"
+            f"{label}: where = {{{place} = {expected}}} with {low} to {high} expected, "
+            f"found {printable(repr(where), 60)}"
         )
     return tuple(numbers) if place == "joints" else given
-
-
-def _checked(value: Any, label: str) -> Any:
-    """Return numbers as float, lists as arrays, entries as a dictionary of float; all finite."""
-    if isinstance(value, Mapping):
-        return {str(key): float(_checked(v, f"{label}.{key}")) for key, v in value.items()}
-    items = value if isinstance(value, list | tuple | np.ndarray) else [value]
-    if any(isinstance(v, bool) or not isinstance(v, int | float | np.number) for v in items) or not len(
-        items
-    ):
-        raise UserError(f"{label}: expected a number or a list of numbers, found {value!r}")
-    numbers = np.asarray(value, dtype=float)
-    if not np.isfinite(numbers).all():
-        raise UserError(f"{label}: expected finite numbers, found {value!r}")
-    return float(numbers) if numbers.ndim == 0 else numbers
 
 
 def smooth_sign(x: Floats, width: float) -> Floats:

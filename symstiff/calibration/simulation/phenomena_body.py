@@ -45,8 +45,8 @@ def _unit(name: str, direction: Any) -> Floats:
     return np.asarray(direction / length)
 
 
-@phenomenon("link_compliance", "entries", "link", "entries")
-@phenomenon("link_asymmetry", "entries", "link", "entries")
+@phenomenon("link_compliance", "entries", "link", "entries{}")
+@phenomenon("link_asymmetry", "entries", "link", "entries{}")
 def _entries(site: Site, p: Values) -> Additions:
     return _at(site, site.where, block_of(p["entries"]))
 
@@ -59,7 +59,7 @@ def _tilted(site: Site, p: Values) -> Additions:
     return _at(site, site.where, turn @ old @ turn.T - old)
 
 
-@phenomenon("base_compliance", "entries", "robot", "entries")
+@phenomenon("base_compliance", "entries", "robot", "entries{}")
 def _base(site: Site, p: Values) -> Additions:
     return _at(site, 0, block_of(p["entries"]))
 
@@ -73,15 +73,15 @@ def _rocking(site: Site, p: Values) -> Additions:
     return _at(site, 0, p["c"] * np.outer(motion, motion))
 
 
-@phenomenon("tool_compliance", "entries", "robot", "entries")
+@phenomenon("tool_compliance", "entries", "robot", "entries{}")
 def _tool(site: Site, p: Values) -> Additions:
     return _at(site, site.chain.dof, block_of(p["entries"]))
 
 
-@phenomenon("geometric_error", "constant", "link", "shift")
+@phenomenon("geometric_error", "constant", "link", "shift[6]")
 def _geometry(site: Site, p: Values) -> Additions:
     """Constant error at the link's six virtual joints [m, rad]."""
-    shift = np.broadcast_to(p["shift"], 6)
+    shift = p["shift"]
     part = link_slice(site.where)
 
     def law(states: States, tau: Floats, theta: Floats) -> None:
@@ -103,14 +103,14 @@ def _weight_before(site: Site, p: Values) -> Additions:
 
 def _payload(site: Site, p: Values, only_loaded: bool) -> Additions:
     """A mass at the tool centre point, and a first moment beside it, in the axes of frame n."""
-    x, y, z = (float(m) for m in np.broadcast_to(p["dmc"], 3) + p["dm"] * site.chain.tool)
+    x, y, z = (float(m) for m in p["dmc"] + p["dm"] * site.chain.tool)
     return Additions(weights=(Weight(site.chain.dof, p["dm"], (x, y, z), True, only_loaded),))
 
 
-phenomenon("payload_error", "tool", "tool", "dm", "dmc", dm=0.0, dmc=0.0)(
+phenomenon("payload_error", "tool", "tool", "dm", "dmc[3]", dm=0.0, dmc=0.0)(
     lambda site, p: _payload(site, p, False)
 )
-phenomenon("payload_error", "load", "tool", "dm", "dmc", dm=0.0, dmc=0.0)(
+phenomenon("payload_error", "load", "tool", "dm", "dmc[3]", dm=0.0, dmc=0.0)(
     lambda site, p: _payload(site, p, True)
 )
 
@@ -118,7 +118,7 @@ phenomenon("payload_error", "load", "tool", "dm", "dmc", dm=0.0, dmc=0.0)(
 def _growth(site: Site, p: Values, kind: str) -> Additions:
     """The link grows along its elastic axes, in the loaded state against the start of the session."""
     part = slice(7 * site.where, 7 * site.where + 3)
-    size = np.broadcast_to(p["rate"], 3)
+    size = p["rate"]
 
     def law(states: States, tau: Floats, theta: Floats) -> None:
         theta[:, part] += (clock(states, p, kind) * states.loaded)[:, None] * size
@@ -133,11 +133,11 @@ def clock(states: States, p: Values, kind: str) -> Floats:
     return saturation(states.time, p["T"]) if kind == "exponential" else states.temperature - p["reference"]
 
 
-phenomenon("thermal_drift", "link_time", "link", "rate")(lambda site, p: _growth(site, p, "time"))
-phenomenon("thermal_drift", "link_temperature", "link", "rate", reference=20.0)(
+phenomenon("thermal_drift", "link_time", "link", "rate[3]")(lambda site, p: _growth(site, p, "time"))
+phenomenon("thermal_drift", "link_temperature", "link", "rate[3]", reference=20.0)(
     lambda site, p: _growth(site, p, "temperature")
 )
-phenomenon("thermal_drift", "link_exponential", "link", "rate", T=1800.0)(
+phenomenon("thermal_drift", "link_exponential", "link", "rate[3]", T=1800.0)(
     lambda site, p: _growth(site, p, "exponential")
 )
 

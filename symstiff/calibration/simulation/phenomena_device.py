@@ -21,7 +21,7 @@ Values = dict[str, Any]
 
 
 def _bias(site: Site, p: Values, drifting: bool) -> Additions:
-    bias = np.broadcast_to(p["bias"], 6)
+    bias = p["bias"]
 
     def wrench(states: States, w: Floats) -> Floats:
         share = states.loaded * (saturation(states.time, p["T"]) if drifting else 1.0)
@@ -30,13 +30,13 @@ def _bias(site: Site, p: Values, drifting: bool) -> Additions:
     return Additions(wrenches=(wrench,))
 
 
-phenomenon("force_sensor_bias", "constant", "load", "bias")(lambda site, p: _bias(site, p, False))
-phenomenon("force_sensor_bias", "drifting", "load", "bias", T=1800.0)(lambda site, p: _bias(site, p, True))
+phenomenon("force_sensor_bias", "constant", "load", "bias[6]")(lambda site, p: _bias(site, p, False))
+phenomenon("force_sensor_bias", "drifting", "load", "bias[6]", T=1800.0)(lambda site, p: _bias(site, p, True))
 
 
-@phenomenon("force_sensor_misalignment", "rotation", "load", "rotation")
+@phenomenon("force_sensor_misalignment", "rotation", "load", "rotation[3]")
 def _misaligned(site: Site, p: Values) -> Additions:
-    turn = rotation_matrix(np.broadcast_to(p["rotation"], 3)).T
+    turn = rotation_matrix(p["rotation"]).T
 
     def wrench(states: States, w: Floats) -> Floats:
         return np.concatenate([w[:, :3] @ turn, w[:, 3:] @ turn], axis=1)
@@ -44,10 +44,10 @@ def _misaligned(site: Site, p: Values) -> Additions:
     return Additions(wrenches=(wrench,))
 
 
-@phenomenon("force_sensor_bias", "tool", "load", "bias")
+@phenomenon("force_sensor_bias", "tool", "load", "bias[6]")
 def _bias_at_flange(site: Site, p: Values) -> Additions:
     """A wrench that is constant in the axes of frame n, about its origin."""
-    bias = np.broadcast_to(p["bias"], 6)
+    bias = p["bias"]
 
     def wrench(states: States, w: Floats) -> Floats:
         axes, lever = _flange(site, states.q)
@@ -58,10 +58,10 @@ def _bias_at_flange(site: Site, p: Values) -> Additions:
     return Additions(wrenches=(wrench,))
 
 
-@phenomenon("force_sensor_misalignment", "tool", "load", "rotation")
+@phenomenon("force_sensor_misalignment", "tool", "load", "rotation[3]")
 def _misaligned_at_flange(site: Site, p: Values) -> Additions:
     """The wrench about the origin of frame n is turned by a rotation in that frame's axes."""
-    turn = rotation_matrix(np.broadcast_to(p["rotation"], 3))
+    turn = rotation_matrix(p["rotation"])
 
     def wrench(states: States, w: Floats) -> Floats:
         axes, lever = _flange(site, states.q)
@@ -80,11 +80,11 @@ def _flange(site: Site, q: Floats) -> tuple[Floats, Floats]:
     return axes, axes @ chain.tool
 
 
-@phenomenon("frame_misalignment", "rotation", "measurement", "rotation", shift=(0.0, 0.0, 0.0))
+@phenomenon("frame_misalignment", "rotation", "measurement", "rotation[3]", shift=(0.0, 0.0, 0.0))
 def _frame(site: Site, p: Values) -> Additions:
     """The device's axes are turned; absolute positions are also shifted."""
-    turn = rotation_matrix(np.broadcast_to(p["rotation"], 3))
-    shift = np.broadcast_to(p["shift"], 3)
+    turn = rotation_matrix(p["rotation"])
+    shift = p["shift"]
 
     def reading(states: States, values: Floats, kind: str) -> Floats:
         result = np.concatenate([values[:, :3] @ turn.T, values[:, 3:] @ turn.T], axis=1)
@@ -96,7 +96,7 @@ def _frame(site: Site, p: Values) -> Additions:
 
 
 def _drift(p: Values, kind: str) -> Additions:
-    rate = np.broadcast_to(p["rate"], 3)
+    rate = p["rate"]
 
     def reading(states: States, values: Floats, data: str) -> Floats:
         result = values.copy()
@@ -106,35 +106,35 @@ def _drift(p: Values, kind: str) -> Additions:
     return Additions(readings=(reading,))
 
 
-phenomenon("thermal_drift", "time", "measurement", "rate")(lambda site, p: _drift(p, "time"))
-phenomenon("thermal_drift", "temperature", "measurement", "rate", reference=20.0)(
+phenomenon("thermal_drift", "time", "measurement", "rate[3]")(lambda site, p: _drift(p, "time"))
+phenomenon("thermal_drift", "temperature", "measurement", "rate[3]", reference=20.0)(
     lambda site, p: _drift(p, "temperature")
 )
-phenomenon("thermal_drift", "exponential", "measurement", "rate", T=1800.0)(
+phenomenon("thermal_drift", "exponential", "measurement", "rate[3]", T=1800.0)(
     lambda site, p: _drift(p, "exponential")
 )
 
 
-@phenomenon("bad_poses", "shift", "rows", "shift", poses=())
+@phenomenon("bad_poses", "shift", "rows", "shift[3]", poses=())
 def _bad(site: Site, p: Values) -> Additions:
     """All data of the named poses are shifted [m]."""
-    return Additions(shifts=((tuple(map(str, p["poses"])), np.broadcast_to(p["shift"], 3)),))
+    return Additions(shifts=((p["poses"], p["shift"]),))
 
 
 # Outside the catalogue: for blind tests of "unexplained".
 
 
-@phenomenon("force_sensor_gain", "axes", "load", "gain")
+@phenomenon("force_sensor_gain", "axes", "load", "gain[6]")
 def _gain(site: Site, p: Values) -> Additions:
     """The sensor's axes have wrong gains: the true load is w·(1 + gain), axis by axis."""
-    gain = 1.0 + np.broadcast_to(p["gain"], 6)
+    gain = 1.0 + p["gain"]
     return Additions(wrenches=(lambda states, w: w * gain,))
 
 
-@phenomenon("device_scale", "axes", "measurement", "scale")
+@phenomenon("device_scale", "axes", "measurement", "scale[3]")
 def _scale(site: Site, p: Values) -> Additions:
     """The device's axes have wrong scales."""
-    scale = 1.0 + np.broadcast_to(p["scale"], 3)
+    scale = 1.0 + p["scale"]
 
     def reading(states: States, values: Floats, kind: str) -> Floats:
         result = values.copy()

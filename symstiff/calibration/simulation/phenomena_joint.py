@@ -96,17 +96,17 @@ phenomenon("joint_offset", "constant", "joint", "offset")(
 
 
 def _harmonics(q: Floats, p: Values) -> Floats:
-    orders, a, b = (np.atleast_1d(p[name]) for name in ("harmonics", "a", "b"))
+    orders, a, b = (p[name] for name in ("harmonics", "a", "b"))
     if len(a) != len(orders) or len(b) not in (1, len(orders)):
         raise UserError("a and b need one entry for each of harmonics")
     phase = q[:, None] * orders
     return np.asarray((a * np.sin(phase) + b * np.cos(phase)).sum(axis=1))
 
 
-phenomenon("transmission_error", "harmonics", "joint", "a", "b", b=0.0, harmonics=(1.0,))(
+phenomenon("transmission_error", "harmonics", "joint", "a[]", "b[]", b=0.0, harmonics=(1.0,))(
     _of_angle(_harmonics)
 )
-phenomenon("transmission_error", "loaded", "joint", "a", "b", b=0.0, harmonics=(1.0,), beta=0.0)(
+phenomenon("transmission_error", "loaded", "joint", "a[]", "b[]", b=0.0, harmonics=(1.0,), beta=0.0)(
     _of_angle(_harmonics, "beta")
 )
 phenomenon("transmission_error", "triangle", "joint", "a", harmonic=10.0, phase=0.0)(
@@ -178,10 +178,10 @@ phenomenon("gravity_compensator", "cosine", "joint", "c", phase=0.0)(
 )
 
 
-@phenomenon("gravity_compensator", "per_angle", "joint", "c", angles=(0.0,))
+@phenomenon("gravity_compensator", "per_angle", "joint", "c[]", angles=(0.0,))
 def _per_angle(site: Site, p: Values) -> Additions:
     """The joint's extra compliance is a table over its angle; the nearest entry counts."""
-    angles, extra = np.atleast_1d(p["angles"]), np.atleast_1d(p["c"])
+    angles, extra = p["angles"], p["c"]
     if len(angles) != len(extra):
         raise UserError("c needs one entry for each of angles")
     return _scaled_by_angle(site, p, site.where, lambda q: extra[np.abs(q[:, None] - angles).argmin(axis=1)])

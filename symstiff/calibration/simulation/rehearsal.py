@@ -20,11 +20,10 @@ def rehearse(effect: Effect, chain: Chain) -> None:
     """Build an effect and evaluate it once. Raises UserError where that fails."""
     added = _built(effect, chain)
     try:
-        finite = _is_finite(added, chain, _states(chain))
-    except (TypeError, ValueError, IndexError) as error:
-        raise UserError(
-            f"effect {effect.effect}: parameters do not fit together ({error}): check numbers against lists"
-        ) from error
+        with np.errstate(all="ignore"):
+            finite = _is_finite(added, chain, _states(chain))
+    except UserError as error:
+        raise UserError(f"effect {effect.effect}: {error}") from error
     if not finite:
         raise UserError(f"effect {effect.effect}: its law is not finite: check for zeros and huge values")
 

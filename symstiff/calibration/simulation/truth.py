@@ -45,7 +45,6 @@ out. Joints and links by number as in parameter names.
 
 from __future__ import annotations
 
-import math
 import re
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
@@ -53,6 +52,7 @@ from pathlib import Path
 from typing import Any, Literal
 
 from symstiff.calibration.simulation.chain import chain_of
+from symstiff.calibration.simulation.forms import number
 from symstiff.calibration.simulation.nominal import nominal_truth
 from symstiff.calibration.simulation.phenomena import Effect
 from symstiff.calibration.simulation.rehearsal import rehearse
@@ -111,6 +111,8 @@ class Truth:
     kind: Literal["deflection", "absolute"] | None = None
     components: Literal["position", "pose"] = "position"
     weights: bool | Literal["before"] = True
+    robot_file: Path | None = None
+    """Where the robot was read from; None for one of the library, or none of a file."""
 
     def with_effects(self, *effects: Effect) -> Truth:
         """Return the same truth with other effects."""
@@ -136,9 +138,11 @@ def truth_from_table(table: Mapping[str, Any], folder: Path | None = None) -> Tr
     """Build a truth from nested dictionaries as in the file; ``robot`` may be a Robot. Raises UserError."""
     sections = ("measure", "compliance", "effect", "noise", "device", "environment")
     _known(table, ("format", "robot", "weights", *sections), "")
-    if table.get("format", 1) != 1:
-        raise UserError(f"format = {table['format']!r}: this program reads format = 1")
-    robot = _robot(table.get("robot"), folder)
+    stated = table.get("format", 1)
+    if type(stated) is not int or stated != 1:
+        raise UserError(f"format = {printable(repr(stated), 40)}: this program reads format = 1")
+    file = _robot_file(table.get("robot"), folder)
+    robot = _robot(table.get("robot"), file)
     for name in sections:
         if not isinstance(
             table.get(name, [] if name == "effect" else {}), list if name == "effect" else Mapping
@@ -158,19 +162,27 @@ def truth_from_table(table: Mapping[str, Any], folder: Path | None = None) -> Tr
         kind=_choice(measure.get("kind"), (None, "deflection", "absolute"), "measure.kind"),
         components=_choice(measure.get("components", "position"), ("position", "pose"), "measure.components"),
         weights=_choice(table.get("weights", True), (True, False, "before"), "weights"),
+        robot_file=file,
     )
     for effect in truth.effects:  # every mistake shows on reading, not in the middle of an experiment
         rehearse(effect, chain_of(robot))
     return truth
 
 
-def _robot(given: Any, folder: Path | None) -> Robot:
+def _robot_file(given: Any, folder: Path | None) -> Path | None:
+    """The file that a robot's name stands for: beside the truth, or as it stands; None for one of the library."""
+    if not isinstance(given, str) or given in library():
+        return None
+    beside = (folder or Path()) / given
+    return beside if beside.exists() else Path(given)
+
+
+def _robot(given: Any, file: Path | None) -> Robot:
     if isinstance(given, Robot):
         return given
     if not isinstance(given, str):
         raise UserError(f"robot: name one of the library or a path, e.g. {library()[0]!r}")
-    beside = (folder or Path()) / given
-    return load(beside) if given not in library() and beside.exists() else load(given)
+    return load(given if file is None else file)
 
 
 def _compliance(table: Mapping[str, Any], robot: Robot) -> dict[str, float]:
@@ -189,7 +201,7 @@ def _compliance(table: Mapping[str, Any], robot: Robot) -> dict[str, float]:
             raise UserError(
                 f"compliance.{name}: write the row first: k{link}_{match.group(4)}{match.group(3)}"
             )
-        values[name] = _number(value, f"compliance.{name}")
+        values[name] = number(value, f"compliance.{name}")
         if values[name] < 0 and match.group(3) == match.group(4):
             raise UserError(
                 f"compliance.{name} = {values[name]:g}: what gives way has no negative compliance"
@@ -218,23 +230,13 @@ def _section(defaults: Any, table: Mapping[str, Any], name: str) -> Any:
             items = value if isinstance(value, list | tuple) else [value] * 3
             if len(items) != 3:
                 raise UserError(f"{label}: three numbers expected, found {value!r}")
-            values[key] = tuple(_number(item, label) for item in items)
+            values[key] = tuple(number(item, label) for item in items)
         else:
-            values[key] = _number(value, label)
+            values[key] = number(value, label)
         smallest = values[key] if isinstance(values[key], float) else min(values[key])
         if name in ("noise", "environment") and smallest < 0 and key not in ("temperature", "warming"):
             raise UserError(f"{label}: not negative, found {value!r}")
     return replace(defaults, **values)
-
-
-def _number(value: Any, label: str) -> float:
-    try:
-        number = math.nan if isinstance(value, bool) or not isinstance(value, int | float) else float(value)
-    except OverflowError:  # an integer of hundreds of digits
-        number = math.inf
-    if not math.isfinite(number):
-        raise UserError(f"{label}: expected a finite number, found {printable(repr(value), 40)}")
-    return number
 
 
 def _choice(value: Any, allowed: tuple[Any, ...], label: str) -> Any:
