@@ -10,6 +10,15 @@ from symstiff.errors import UserError
 LEAST_NOISE = 1e-9
 """Noise [mm] below which no device reads."""
 
+_AROUND = "lower the load, or lead the path around the singularity"
+_KEPT = {
+    "singular": f"singular: {_AROUND}",
+    "too_far": f"a joint would have to move by more than 0.25 rad or m, as beside a singular pose: {_AROUND}",
+    "not_converged": f"the steps towards a solution did not converge, as beside a singular pose: {_AROUND}",
+    "no_gain": "the error would grow: lower the load",
+}
+"""Why `compensate` leaves a command as it is."""
+
 
 def run_simulate(
     truth_file: Path, poses: Path, output: Path, noise: float | None, seed: int, json: str | None = None
@@ -93,20 +102,17 @@ def run_compensate(model_file: Path, trajectory: Path, output: Path, json: str |
             out,
             f"several loads need several commands: pose {', '.join(split)} became {split[0]}/1, {split[0]}/2, …",
         )
-    unsolved = int((~found.solved).sum())
-    if unsolved:
-        note(
-            out,
-            f"{unsolved} of {len(table)} poses keep their command: singular, or too far from it (a joint would have to "
-            "move by more than 0.25 rad or m): lower the load, or lead the path around the singularity",
-        )
+    for reason, words in _KEPT.items():
+        count = int((found.kept == reason).sum())
+        if count:
+            note(out, f"{count} of {len(table)} poses keep their command: {words}")
     out.print(f"wrote {output}")
     write_json(
         json,
         {
             "poses": len(table),
             "rms_mm": {"before": 1e3 * rms[0], "after": 1e3 * rms[1]},
-            "unsolved": unsolved,
+            "unsolved": int((~found.solved).sum()),
         },
     )
 
