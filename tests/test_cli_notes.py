@@ -171,6 +171,24 @@ def test_one_pose_under_several_loads_becomes_several_only_where_its_commands_pa
     assert len(read_poses("m.toml")) == 4
 
 
+@pytest.mark.parametrize("left", ["[values]\nc1 = 0.0\nc2 = 0.0\n", ""])
+def test_a_model_without_values_compensates_nothing_and_is_refused(run: Run, left: str) -> None:
+    arm().with_values({}).save("model.toml")
+    zeros = "[values]\nc1 = 0.0\nc2 = 0.0\n"
+    text = Path("model.toml").read_text()
+    assert zeros in text
+    Path("model.toml").write_text(text.replace(zeros, left))
+    Path("way.csv").write_text("q1[deg],q2[deg],fx[N]\n0,30,10\n")
+    assert_users_mistake(
+        run("compensate", "model.toml", "way.csv", "-o", "m.csv"),
+        "model.toml",
+        "values",
+        "identify",
+        "--start",
+    )
+    assert not Path("m.csv").exists()
+
+
 def test_a_trajectory_without_loads_is_remarked(run: Run) -> None:
     arm().save("model.toml")
     Path("way.csv").write_text("q1[deg],q2[deg]\n0,30\n")

@@ -76,6 +76,11 @@ def run_compensate(model_file: Path, trajectory: Path, output: Path, json: str |
 
     check_targets({"-o": output, "--json": json}, [model_file, trajectory])
     model = usable_model(model_file)
+    if not any(model.values.values()):
+        raise UserError(
+            f"{model_file}: values: there are none but zeros, and nothing bends: identify first, which takes this file "
+            "with --start"
+        )
     table = read_poses(trajectory)
     out = console(json)
     known = (
