@@ -189,6 +189,20 @@ def test_a_model_without_values_compensates_nothing_and_is_refused(run: Run, lef
     assert not Path("m.csv").exists()
 
 
+def test_a_row_without_what_the_model_follows_is_named(run: Run) -> None:
+    slack = arm().with_effect(EffectInstance("hysteresis", {"joint": 2}, {"width": 20.0}))
+    slack.with_values(dict(VALUES) | {n: 1e-4 for n in slack.parameters if n not in VALUES}).save(
+        "model.toml"
+    )
+    row, command = "0,30,10", ("compensate", "model.toml", "way.csv", "-o", "m.csv")
+    Path("way.csv").write_text(f"q1[deg],q2[deg],fx[N],branch,time[s]\n{row},up,1\n{row},down,\n\n{row},,3\n")
+    assert_users_mistake(run(*command), "way.csv: line 5: column branch: missing value")
+    Path("way.csv").write_text(f"q1[deg],q2[deg],fx[N],time[s]\n{row},1\n")
+    assert_users_mistake(run(*command), "way.csv: the model needs the column branch: add it")
+    Path("way.csv").write_text(f"q1[deg],q2[deg],fx[N],branch,time[s]\n{row},up,\n{row},down,1\n")
+    assert run(*command).code == 0  # the time is nothing that it follows
+
+
 def test_a_trajectory_without_loads_is_remarked(run: Run) -> None:
     arm().save("model.toml")
     Path("way.csv").write_text("q1[deg],q2[deg]\n0,30\n")

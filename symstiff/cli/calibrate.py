@@ -94,7 +94,7 @@ def run_compensate(model_file: Path, trajectory: Path, output: Path, json: str |
         note(out, f"without {', '.join(without)}: no law of the robot at a virtual joint")
     with stages(out) as progress:
         progress("compensating")
-        found = compensate(model, table.q, table.w, context_of(table))
+        found = compensate(model, table.q, table.w, context_of(model.of_robot(), table))
     rms = [float(np.sqrt((e[:, :3] ** 2).sum(axis=1).mean())) for e in (found.before, found.after)]
     split = rewrite_joints(trajectory, table, found.q_cmd, output)
     out.print(
