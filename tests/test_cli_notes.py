@@ -260,3 +260,26 @@ def test_a_plan_says_what_it_takes_to_be_measured(run: Run) -> None:
     assert json.loads(Path("plan.json").read_text())["measured"]["sigma_mm"] == 0.06
     said = notes(run, *plan, "--loads", "force", "--measure", "position")
     assert "assumed measured: position of the tool centre point, σ 0.06 mm" in said
+
+
+def test_a_plan_says_what_identify_may_find_undetermined_and_identify_does(run: Run) -> None:
+    """One test pose asks for few combinations of the parameters: a plan for it alone leaves others to the noise."""
+    Path("test.csv").write_text(
+        "q1[deg],q2[deg],q3[deg],q4[deg],q5[deg],q6[deg],fz[N]\n10,-60,80,-90,-80,10,-100\n"
+    )
+    Path("truth.toml").write_text('format = 1\nrobot = "ur10"\n[noise]\nsigma_mm = 0.03\n')
+    plan = ("plan", "ur10", "--poses", "12", "--loads", "gravity", "--force", "25", "--markers", "p1,p2,p3")
+    plan = (*plan, "--candidates", "2000", "--json", "plan.json")
+    for criterion, doubted in (("test", True), ("D", False)):
+        own = ("--test-poses", "test.csv") if criterion == "test" else ()
+        done = run(*plan, "--criterion", criterion, *own, "-o", "poses.csv")
+        assert done.code == 0, done.err
+        assert ("note: identify may not determine" in done.out) == doubted
+        names = json.loads(Path("plan.json").read_text())["doubtful"]
+        assert bool(names) == doubted
+        assert (
+            run("simulate", "truth.toml", "--poses", "poses.csv", "--seed", "1", "-o", "data.csv").code == 0
+        )
+        fit = run("identify", "ur10", "data.csv", "--loads", "gravity", "-o", "m.toml")
+        assert fit.code == (2 if doubted else 0), fit.err
+        assert all(name in fit.err for name in names)

@@ -53,10 +53,12 @@ class PlanRequest:
 
 def run_plan(request: PlanRequest) -> None:
     """Choose poses, write them, say what they promise."""
+    from symstiff.calibration.foreseen import doubtful
     from symstiff.calibration.plan import Goal, Load, Search, plan_for, robot_of
     from symstiff.calibration.planning.measurement import Measurement
     from symstiff.calibration.planning.poses import draw_plan, poses_table, save_figure, summary
     from symstiff.calibration.poses import gain_of_steps, in_steps, with_markers
+    from symstiff.calibration.soundness import few
     from symstiff.calibration.table import write_table
     from symstiff.model import StiffnessModel
     from symstiff.reduction import reduce
@@ -104,17 +106,25 @@ def run_plan(request: PlanRequest) -> None:
     table = poses_table(plan, geometry)
     if request.markers:
         table = with_markers(plan.q, plan.w, request.markers, table.joint_units)
+    doubts = doubtful(reduction, table, 3 if request.markers or measure == "position" else 6, together)
     write_table(in_steps(table, request.steps) if request.steps > 1 else table, request.output, "deg")
     if request.plot is not None:
         save_figure(draw_plan(plan, geometry), request.plot)
     _print_plan(out, plan, model.units)
+    if doubts:
+        other = "" if request.criterion == "D" else ", or by --criterion D"
+        note(
+            out,
+            f"identify may not determine {few(doubts)}: with the compliances that a robot of this size usually has, "
+            f"their noise is half of all that these poses show, or more: plan more poses, more load{other}",
+        )
     out.print(_measured(request, measure, sigma))
     out.print(f"wrote {request.output}")
     measured = {
         "points": list(request.markers), "sigma_mm": sigma_mm, "measure": measure,
         "steps": request.steps,
     }  # fmt: skip
-    write_json(request.json, {**summary(plan), "measured": measured})
+    write_json(request.json, {**summary(plan), "doubtful": list(doubts), "measured": measured})
 
 
 def _read(request: PlanRequest, robot: Robot) -> tuple[str, tuple[str, ...]]:
