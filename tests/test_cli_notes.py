@@ -171,6 +171,21 @@ def test_one_pose_under_several_loads_becomes_several_only_where_its_commands_pa
     assert len(read_poses("m.toml")) == 4
 
 
+def test_rows_without_a_correction_and_commands_beyond_the_limits_are_named_by_their_lines(run: Run) -> None:
+    """No small motion answers 50 kN, and at its limit joint 1 goes beyond it against a force that turns it back."""
+    arm().with_values({"c1": 2e-5, "c2": 3e-5}).save("model.toml")
+    rows = ("a,10,40,50", "b,20,40,50000", "c,180,40,50")
+    Path("way.csv").write_text("pose,q1[deg],q2[deg],fy[N]\n" + "\n".join(rows) + "\n")
+    said = notes(run, "compensate", "model.toml", "way.csv", "--json", "out.json")
+    assert "1 of 3 poses (line 3) keep their command: a joint would have to move by more" in said
+    assert "1 of 3 poses (line 4) have a command beyond the joint limits" in said
+    told = json.loads(Path("out.json").read_text())
+    assert told["kept"] == [{"line": 3, "pose": "b", "reason": "too_far"}]
+    assert told["beyond_limits"] == [4]
+    written = list(csv.DictReader(Path("m.toml").read_text().splitlines()))
+    assert [float(row["q1[deg]"]) > 180 for row in written] == [False, False, True]
+
+
 @pytest.mark.parametrize("left", ["[values]\nc1 = 0.0\nc2 = 0.0\n", ""])
 def test_a_model_without_values_compensates_nothing_and_is_refused(run: Run, left: str) -> None:
     arm().with_values({}).save("model.toml")

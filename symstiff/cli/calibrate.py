@@ -3,13 +3,22 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
 
 from symstiff.cli.output import check_targets, console, note, stages, write_json
 from symstiff.errors import UserError
 
+if TYPE_CHECKING:
+    from symstiff.calibration.measurements import Measurements
+    from symstiff.compensation import Compensated
+    from symstiff.model import StiffnessModel
+
 LEAST_NOISE = 1e-9
 """Noise [mm] below which no device reads."""
 
+_TOUCH = 1e-9  # rad, m: a command at a limit, read from a file, may miss it by rounding
 _AROUND = "lower the load, or lead the path around the singularity"
 _KEPT = {
     "singular": f"singular: {_AROUND}",
@@ -65,8 +74,6 @@ def run_simulate(
 
 def run_compensate(model_file: Path, trajectory: Path, output: Path, json: str | None) -> None:
     """Correct a trajectory."""
-    import numpy as np
-
     from symstiff.calibration.remarks import of_sag
     from symstiff.calibration.rewriting import rewrite_joints
     from symstiff.calibration.rows import context_of
@@ -107,10 +114,9 @@ def run_compensate(model_file: Path, trajectory: Path, output: Path, json: str |
             out,
             f"several loads need several commands: pose {', '.join(split)} became {split[0]}/1, {split[0]}/2, …",
         )
-    for reason, words in _KEPT.items():
-        count = int((found.kept == reason).sum())
-        if count:
-            note(out, f"{count} of {len(table)} poses keep their command: {words}")
+    beyond = _beyond(model, found.q_cmd)
+    for remark in _of_rows(found, beyond, table):
+        note(out, remark)
     out.print(f"wrote {output}")
     write_json(
         json,
@@ -118,8 +124,40 @@ def run_compensate(model_file: Path, trajectory: Path, output: Path, json: str |
             "poses": len(table),
             "rms_mm": {"before": 1e3 * rms[0], "after": 1e3 * rms[1]},
             "unsolved": int((~found.solved).sum()),
+            "kept": [
+                {
+                    "line": int(table.line[k]),
+                    "pose": table.labels[table.pose[k]],
+                    "reason": str(found.kept[k]),
+                }
+                for k in np.flatnonzero(~found.solved)
+            ],
+            "beyond_limits": [int(line) for line in table.line[beyond]],
         },
     )
+
+
+def _of_rows(found: Compensated, beyond: np.ndarray, table: Measurements) -> list[str]:
+    """Remarks on rows that keep their command, by reason, and on those (N,) whose command leaves the joint limits."""
+    from symstiff.calibration.soundness import few
+
+    def lines(rows: np.ndarray) -> str:
+        return f"{rows.sum()} of {len(table)} poses (line {few([str(k) for k in table.line[rows]])})"
+
+    told = [
+        f"{lines(found.kept == reason)} keep their command: {words}"
+        for reason, words in _KEPT.items()
+        if (found.kept == reason).any()
+    ]
+    if beyond.any():
+        told.append(f"{lines(beyond)} have a command beyond the joint limits of the robot file")
+    return told
+
+
+def _beyond(model: StiffnessModel, q: np.ndarray) -> np.ndarray:
+    """Rows (N,) of commands (N, n) [rad, m] that leave the joint limits."""
+    low, high = np.array([[float(x) for x in joint.range] for joint in model.robot.joint]).T
+    return np.asarray(((q < low - _TOUCH) | (q > high + _TOUCH)).any(axis=1))
 
 
 def _millimetres(error: float) -> str:
