@@ -21,6 +21,7 @@ if TYPE_CHECKING:
 
 CANDIDATES, LOADS, MEASURE = 20_000, "wrench", "pose"
 """What is taken where nobody says; for a verdict it is what its data had."""
+MOST_CANDIDATES, MOST_STEPS = 1_000_000, 1000
 
 
 @dataclass(frozen=True)
@@ -65,8 +66,10 @@ def run_plan(request: PlanRequest) -> None:
 
     if request.criterion not in ("D", "A", "test"):
         raise UserError(f"--criterion {request.criterion}: use D, A or test")
-    if request.steps < 1:
-        raise UserError(f"--steps {request.steps}: 1 or more")
+    if not 1 <= request.steps <= MOST_STEPS:
+        raise UserError(f"--steps {request.steps}: 1 to {MOST_STEPS}")
+    if (request.candidates or 0) > MOST_CANDIDATES:
+        raise UserError(f"--candidates {request.candidates}: up to {MOST_CANDIDATES}, which fill the memory")
     inputs = [p for p in (request.robot, request.test_poses, request.separate) if p is not None]
     check_targets({"-o": request.output, "--plot": request.plot, "--json": request.json}, inputs)
     twice = next((m for k, m in enumerate(request.markers) if m in request.markers[:k]), None)
@@ -236,6 +239,8 @@ def _levels(text: str | None) -> dict[int, int]:
 
 
 def _region(request: PlanRequest) -> Region | None:
+    import numpy as np
+
     from symstiff.calibration.planning.region import Box, Region, above_floor
 
     boxes: tuple[Any, ...] = ()
@@ -248,6 +253,8 @@ def _region(request: PlanRequest) -> Region | None:
             raise UserError(f"--keep-out {request.keep_out!r}: six numbers in metres, x1,y1,z1,x2,y2,z2")
         low, high = (tuple(f(a, b) for a, b in zip(x[:3], x[3:], strict=True)) for f in (min, max))
         boxes = (Box(low, high),)  # type: ignore[arg-type]
+    if request.floor is not None and not np.isfinite(request.floor):
+        raise UserError(f"--floor {request.floor}: a height in metres")
     spaces = () if request.floor is None else (above_floor(request.floor),)
     return Region(boxes, spaces) if boxes or spaces else None
 
