@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import csv
 import json
+import os
 from dataclasses import replace
 from pathlib import Path
 
@@ -184,6 +185,21 @@ def test_rows_without_a_correction_and_commands_beyond_the_limits_are_named_by_t
     assert told["beyond_limits"] == [4]
     written = list(csv.DictReader(Path("m.toml").read_text().splitlines()))
     assert [float(row["q1[deg]"]) > 180 for row in written] == [False, False, True]
+
+
+@pytest.mark.skipif(not Path("/dev/fd").exists(), reason="pipes have no path here")
+def test_a_trajectory_may_come_through_a_pipe(run: Run) -> None:
+    arm().save("model.toml")
+    text = "q1[deg],q2[deg],fy[N]\n10,40,50\n"
+    Path("way.csv").write_text(text)
+    notes(run, "compensate", "model.toml", "way.csv")
+    from_file = Path("m.toml").read_bytes()
+    reading, writing = os.pipe()
+    os.write(writing, text.encode())
+    os.close(writing)
+    notes(run, "compensate", "model.toml", f"/dev/fd/{reading}")
+    os.close(reading)
+    assert Path("m.toml").read_bytes() == from_file
 
 
 @pytest.mark.parametrize("left", ["[values]\nc1 = 0.0\nc2 = 0.0\n", ""])

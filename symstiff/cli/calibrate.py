@@ -78,7 +78,7 @@ def run_compensate(model_file: Path, trajectory: Path, output: Path, json: str |
     from symstiff.calibration.rewriting import rewrite_joints
     from symstiff.calibration.rows import context_of
     from symstiff.calibration.soundness import outside_class, outside_fixed, usable_model
-    from symstiff.calibration.table import check_robot, read_poses
+    from symstiff.calibration.table import check_robot, read_trajectory
     from symstiff.compensation import compensate
 
     check_targets({"-o": output, "--json": json}, [model_file, trajectory])
@@ -88,7 +88,7 @@ def run_compensate(model_file: Path, trajectory: Path, output: Path, json: str |
             f"{model_file}: values: there are none but zeros, and nothing bends: identify first, which takes this file "
             "with --start"
         )
-    table = read_poses(trajectory)
+    table, cells = read_trajectory(trajectory)
     out = console(json)
     known = (
         *check_robot(table, model.robot), *outside_class(table.w, model.loads), *outside_fixed(table.q, model),
@@ -103,7 +103,7 @@ def run_compensate(model_file: Path, trajectory: Path, output: Path, json: str |
         progress("compensating")
         found = compensate(model, table.q, table.w, context_of(model.of_robot(), table))
     rms = [float(np.sqrt((e[:, :3] ** 2).sum(axis=1).mean())) for e in (found.before, found.after)]
-    split = rewrite_joints(trajectory, table, found.q_cmd, output)
+    split = rewrite_joints(cells, table, found.q_cmd, output)
     out.print(
         f"{len(table)} poses: predicted error {_millimetres(rms[0])} rms, after compensation {_millimetres(rms[1])}"
     )
