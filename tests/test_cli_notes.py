@@ -289,6 +289,8 @@ def test_a_plan_says_what_it_takes_to_be_measured(run: Run) -> None:
     said = notes(run, *plan, "--json", "plan.json")
     assert "assumed measured: position and rotation of the tool, σ 0.06 mm a coordinate, 0.2 mrad" in said
     assert json.loads(Path("plan.json").read_text())["measured"]["sigma_mm"] == 0.06
+    notes(run, *plan[:-2], "--json", "plan.json")
+    assert '"sigma_mm": 0.03,' in Path("plan.json").read_text()
     said = notes(run, *plan, "--loads", "force", "--measure", "position")
     assert "assumed measured: position of the tool centre point, σ 0.06 mm" in said
 

@@ -124,7 +124,7 @@ def run_plan(request: PlanRequest) -> None:
     out.print(_measured(request, measure, sigma))
     out.print(f"wrote {request.output}")
     measured = {
-        "points": list(request.markers), "sigma_mm": sigma_mm, "measure": measure,
+        "points": list(request.markers), "sigma_mm": round(sigma_mm, 9), "measure": measure,
         "steps": request.steps,
     }  # fmt: skip
     write_json(request.json, {**summary(plan), "doubtful": list(doubts), "measured": measured})
@@ -195,7 +195,7 @@ def _separate(request: PlanRequest) -> None:
         request.json,
         {
             "explanations": names, "poses": table.labels, "separation": list(found.separation),
-            "measured": {"points": list(means.experiment.points), "sigma_mm": 1e3 * float(means.sigma[0])},
+            "measured": {"points": list(means.experiment.points), "sigma_mm": round(1e3 * float(means.sigma[0]), 9)},
         },
     )  # fmt: skip
 
