@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import csv
 import json
+import os
 from dataclasses import replace
 from pathlib import Path
 
@@ -171,6 +172,68 @@ def test_one_pose_under_several_loads_becomes_several_only_where_its_commands_pa
     assert len(read_poses("m.toml")) == 4
 
 
+def test_rows_without_a_correction_and_commands_beyond_the_limits_are_named_by_their_lines(run: Run) -> None:
+    """No small motion answers 50 kN, and at its limit joint 1 goes beyond it against a force that turns it back."""
+    arm().with_values({"c1": 2e-5, "c2": 3e-5}).save("model.toml")
+    rows = ("a,10,40,50", "b,20,40,50000", "c,180,40,50")
+    Path("way.csv").write_text("pose,q1[deg],q2[deg],fy[N]\n" + "\n".join(rows) + "\n")
+    said = notes(run, "compensate", "model.toml", "way.csv", "--json", "out.json")
+    assert "1 of 3 poses (line 3) keep their command: a joint would have to move by more" in said
+    assert "1 of 3 poses (line 4) have a command beyond the joint limits" in said
+    told = json.loads(Path("out.json").read_text())
+    assert told["kept"] == [{"line": 3, "pose": "b", "reason": "too_far"}]
+    assert told["beyond_limits"] == [4]
+    written = list(csv.DictReader(Path("m.toml").read_text().splitlines()))
+    assert [float(row["q1[deg]"]) > 180 for row in written] == [False, False, True]
+
+
+@pytest.mark.skipif(not Path("/dev/fd").exists(), reason="pipes have no path here")
+def test_a_trajectory_may_come_through_a_pipe(run: Run) -> None:
+    arm().save("model.toml")
+    text = "q1[deg],q2[deg],fy[N]\n10,40,50\n"
+    Path("way.csv").write_text(text)
+    notes(run, "compensate", "model.toml", "way.csv")
+    from_file = Path("m.toml").read_bytes()
+    reading, writing = os.pipe()
+    os.write(writing, text.encode())
+    os.close(writing)
+    notes(run, "compensate", "model.toml", f"/dev/fd/{reading}")
+    os.close(reading)
+    assert Path("m.toml").read_bytes() == from_file
+
+
+@pytest.mark.parametrize("left", ["[values]\nc1 = 0.0\nc2 = 0.0\n", ""])
+def test_a_model_without_values_compensates_nothing_and_is_refused(run: Run, left: str) -> None:
+    arm().with_values({}).save("model.toml")
+    zeros = "[values]\nc1 = 0.0\nc2 = 0.0\n"
+    text = Path("model.toml").read_text()
+    assert zeros in text
+    Path("model.toml").write_text(text.replace(zeros, left))
+    Path("way.csv").write_text("q1[deg],q2[deg],fx[N]\n0,30,10\n")
+    assert_users_mistake(
+        run("compensate", "model.toml", "way.csv", "-o", "m.csv"),
+        "model.toml",
+        "values",
+        "identify",
+        "--start",
+    )
+    assert not Path("m.csv").exists()
+
+
+def test_a_row_without_what_the_model_follows_is_named(run: Run) -> None:
+    slack = arm().with_effect(EffectInstance("hysteresis", {"joint": 2}, {"width": 20.0}))
+    slack.with_values(dict(VALUES) | {n: 1e-4 for n in slack.parameters if n not in VALUES}).save(
+        "model.toml"
+    )
+    row, command = "0,30,10", ("compensate", "model.toml", "way.csv", "-o", "m.csv")
+    Path("way.csv").write_text(f"q1[deg],q2[deg],fx[N],branch,time[s]\n{row},up,1\n{row},down,\n\n{row},,3\n")
+    assert_users_mistake(run(*command), "way.csv: line 5: column branch: missing value")
+    Path("way.csv").write_text(f"q1[deg],q2[deg],fx[N],time[s]\n{row},1\n")
+    assert_users_mistake(run(*command), "way.csv: the model needs the column branch: add it")
+    Path("way.csv").write_text(f"q1[deg],q2[deg],fx[N],branch,time[s]\n{row},up,\n{row},down,1\n")
+    assert run(*command).code == 0  # the time is nothing that it follows
+
+
 def test_a_trajectory_without_loads_is_remarked(run: Run) -> None:
     arm().save("model.toml")
     Path("way.csv").write_text("q1[deg],q2[deg]\n0,30\n")
@@ -226,6 +289,8 @@ def test_a_plan_says_what_it_takes_to_be_measured(run: Run) -> None:
     said = notes(run, *plan, "--json", "plan.json")
     assert "assumed measured: position and rotation of the tool, σ 0.06 mm a coordinate, 0.2 mrad" in said
     assert json.loads(Path("plan.json").read_text())["measured"]["sigma_mm"] == 0.06
+    notes(run, *plan[:-2], "--json", "plan.json")
+    assert '"sigma_mm": 0.03,' in Path("plan.json").read_text()
     said = notes(run, *plan, "--loads", "force", "--measure", "position")
     assert "assumed measured: position of the tool centre point, σ 0.06 mm" in said
 
@@ -267,3 +332,26 @@ def test_tables_cut_no_name_and_no_number_on_a_narrow_terminal(
         assert float(value) == pytest.approx(p["value"], rel=1e-4)
         assert (float(std), unit) == (pytest.approx(p["std"], rel=0.05), p["unit"])
     assert "…" not in done.out
+
+
+def test_a_plan_says_what_identify_may_find_undetermined_and_identify_does(run: Run) -> None:
+    """One test pose asks for few combinations of the parameters: a plan for it alone leaves others to the noise."""
+    Path("test.csv").write_text(
+        "q1[deg],q2[deg],q3[deg],q4[deg],q5[deg],q6[deg],fz[N]\n10,-60,80,-90,-80,10,-100\n"
+    )
+    Path("truth.toml").write_text('format = 1\nrobot = "ur10"\n[noise]\nsigma_mm = 0.03\n')
+    plan = ("plan", "ur10", "--poses", "12", "--loads", "gravity", "--force", "25", "--markers", "p1,p2,p3")
+    plan = (*plan, "--candidates", "2000", "--json", "plan.json")
+    for criterion, doubted in (("test", True), ("D", False)):
+        own = ("--test-poses", "test.csv") if criterion == "test" else ()
+        done = run(*plan, "--criterion", criterion, *own, "-o", "poses.csv")
+        assert done.code == 0, done.err
+        assert ("note: identify may not determine" in done.out) == doubted
+        names = json.loads(Path("plan.json").read_text())["doubtful"]
+        assert bool(names) == doubted
+        assert (
+            run("simulate", "truth.toml", "--poses", "poses.csv", "--seed", "1", "-o", "data.csv").code == 0
+        )
+        fit = run("identify", "ur10", "data.csv", "--loads", "gravity", "-o", "m.toml")
+        assert fit.code == (2 if doubted else 0), fit.err
+        assert all(name in fit.err for name in names)

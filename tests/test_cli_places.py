@@ -379,3 +379,34 @@ def test_a_tool_on_the_axis_has_a_rotation_alone_to_show(run: Run, tmp_path: Pat
         done = run("effects", tmp_path / "spindle.toml", "--loads", loads, "--measure", "position")
         assert_users_mistake(done, f"under {loads} loads nothing that bends in spindle", remedy)
     assert run("effects", tmp_path / "spindle.toml", "--loads", "wrench", "--measure", "pose").code == 0
+
+
+@pytest.mark.parametrize(
+    "wrong",
+    [
+        {"where": 5}, {"parameters": 5}, {"parameters": {"backlash_2_gap": 5}}, {"set": [1]}, {"shape": 5},
+        {"parameters": {"backlash_2_gap": {"value": "x"}}}, {"where": {"joint": 9}},
+        {"effect": "bad_poses", "where": {}}, {"effect": "bad_poses", "where": {"rows": 5}},
+    ],
+)  # fmt: skip
+def test_a_verdict_with_an_entry_that_is_none_is_refused_by_name(
+    run: Run, tmp_path: Path, wrong: dict[str, object]
+) -> None:
+    entries = [{"effect": "backlash", "where": {"joint": j}, "set": j} for j in (1, 2)]
+    verdict = tmp_path / "v.json"
+    verdict.write_text(json.dumps({"robot": "planar2r", "effects": [entries[0], entries[1] | wrong]}))
+    done = run("plan", "planar2r", "--poses", "3", "--separate", verdict, "-o", tmp_path / "x.csv")
+    assert_users_mistake(done, "v.json")
+    verdict.write_text(json.dumps({"robot": "planar2r", "effects": entries, "model": {"values": 5}}))
+    done = run("plan", "planar2r", "--poses", "3", "--separate", verdict, "-o", tmp_path / "x.csv")
+    assert_users_mistake(done, "v.json", "model")
+
+
+@pytest.mark.parametrize(
+    ("option", "value"), [("--candidates", "99999999999"), ("--steps", "100000000"), ("--floor", "nan")]
+)
+def test_a_plan_that_no_memory_holds_or_a_floor_that_is_nowhere_is_refused_by_its_option(
+    run: Run, tmp_path: Path, option: str, value: str
+) -> None:
+    done = run("plan", "planar2r", "--poses", "8", option, value, "-o", tmp_path / "x.csv")
+    assert_users_mistake(done, f"{option} {value}")

@@ -4,12 +4,16 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
 from symstiff.compensation import compensate, compensate_online
 from symstiff.effects.base import EffectInstance
 from symstiff.errors import UserError
-from symstiff.model import joints_only
+from symstiff.model import StiffnessModel, joints_only
+from symstiff.reduction import reduce
+from symstiff.robot import load
 from symstiff.robot.loading import from_table
+from symstiff.symbolic.numeric import forward
 from tests.generated_c import model, poses
 
 NEAR = np.array([0.1, -1.0, 1.2, 0.3, 1e-6, -0.2])  # axes 4 and 6 almost on one line
@@ -28,6 +32,30 @@ def test_a_command_near_a_singular_pose_stays_as_it_was() -> None:
     np.testing.assert_array_equal(found.q_cmd[0], NEAR)
     np.testing.assert_array_equal(found.after[0], found.before[0])
     assert np.abs(found.after[1]).max() < 1e-10
+
+
+SOFT = {
+    "k0_11": 2e-6, "k0_22": 2e-6, "k0_33": 2e-6, "k0_44": 7e-6, "k1_22": -2e-6, "k1_55": 6e-6, "k2_11": -2e-6,
+    "k2_66": 1e-5, "k3_55": 5e-6, "k3_66": 1e-5, "k4_55": 2e-5, "k5_55": 2e-5,
+}  # fmt: skip
+
+
+def test_a_solution_that_steps_approach_slowly_or_swing_about_is_found() -> None:
+    """Beside a wrist singularity whole Newton steps shrink by less than half or grow, though a solution is near."""
+    soft = StiffnessModel.of(reduce(load("ur10"), "wrench", "pose"))
+    soft = soft.with_values({name: SOFT.get(name, 0.0) for name in soft.parameters})
+    q = np.radians(np.tile([10.0, -60, 80, -90, 0, 10], (6, 1)))
+    q[:, 4] = np.radians([-0.05, -0.03, -0.02, 0.02, 0.01, 0.0])
+    w = np.tile([0.0, 20, -100, 0, 0, 0], (6, 1))
+    found = compensate(soft, q, w)
+    assert found.kept.tolist() == ["", "", "", "", "too_far", "singular"]
+    assert np.abs(found.q_cmd - q).max() < 0.25
+    meant, there = forward(soft.robot, q[:4]), forward(soft.robot, found.q_cmd[:4])
+    bent = soft.deflection(found.q_cmd[:4], w[:4])
+    np.testing.assert_allclose(there[:, :3, 3] + bent[:, :3], meant[:, :3, 3], atol=1e-9)
+    turned = Rotation.from_rotvec(bent[:, 3:]).as_matrix() @ there[:, :3, :3]
+    np.testing.assert_allclose(turned, meant[:, :3, :3], atol=1e-9)
+    np.testing.assert_array_equal(found.q_cmd[4:], q[4:])
 
 
 @pytest.mark.parametrize("force", [1e5, 1e6, 1e8, 1e300])

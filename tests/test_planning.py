@@ -375,6 +375,35 @@ def test_what_cannot_be_planned_is_said_in_one_line():
         Space(THREE, fixed={1: 7.0})
 
 
+@pytest.mark.parametrize("count", [2, 4, 6])
+def test_few_values_of_a_joint_that_turns_round_are_not_half_a_turn_apart(count: int):
+    """Even steps over one or two whole turns repeat themselves up to signs, and leave parameters unknown."""
+    for limits in ((-np.pi, np.pi), (-2 * np.pi, 2 * np.pi)):
+        around = replace(THREE, limits=(LIMITS[0], limits, LIMITS[2]))
+        values = Space(around, FORCES, levels={2: count}).level_values(2)
+        half_turns = np.subtract.outer(values, values)[~np.eye(count, dtype=bool)] / np.pi
+        assert np.abs(half_turns - np.round(half_turns)).min() > 0.05
+        cells = np.linspace(*limits, count + 1)
+        assert np.all((values > cells[:-1]) & (values < cells[1:]))
+    even = Space(THREE, FORCES, levels={2: count}).level_values(2)
+    np.testing.assert_allclose(even, -2.5 + 3.0 * (np.arange(count) + 0.5) / count)
+
+
+def test_two_values_of_a_joint_that_turns_round_make_a_plan_that_finds_every_parameter():
+    from symstiff.calibration.plan import plan_for
+    from symstiff.model import StiffnessModel
+    from symstiff.reduction import reduce
+
+    model = StiffnessModel.of(reduce(load("planar2r"), "wrench", "pose"))
+    search = Search(candidates=200, starts=1, refine=False)
+    plan = plan_for(model, Goal(12), levels={2: 2}, search=search)
+    assert len(np.unique(plan.q[:, 1])) == 2
+    columns = model.observation(plan.q, plan.w).reshape(-1, len(model.parameters))
+    assert np.linalg.matrix_rank(columns / np.linalg.norm(columns, axis=0), tol=1e-6) == columns.shape[1]
+    with pytest.raises(UserError, match=r"give q2 more values \(--levels\)"):
+        plan_for(model, Goal(12), levels={2: 1}, search=search)
+
+
 def test_the_poses_table_reads_back_as_the_plan(tmp_path):
     from symstiff.calibration.table import read_poses
 

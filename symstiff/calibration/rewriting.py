@@ -11,18 +11,18 @@ import numpy as np
 from symstiff.calibration.checks import same_configuration
 from symstiff.calibration.columns import read_header
 from symstiff.calibration.measurements import Floats, Measurements
-from symstiff.calibration.table import cells_of
+from symstiff.calibration.table import Cells
 from symstiff.files import write_file
 
 
-def rewrite_joints(source: Path, table: Measurements, q: Floats, output: Path) -> tuple[str, ...]:
-    """Write the file ``source``, which was read as ``table``, with joint values ``q`` (M, n) in rad and m.
+def rewrite_joints(cells: Cells, table: Measurements, q: Floats, output: Path) -> tuple[str, ...]:
+    """Write the cells of a file, which was read as ``table``, with joint values ``q`` (M, n) in rad and m.
 
     Returns the labels that got a number each, because their rows are no longer one configuration. Raises UserError
     where the file cannot be written.
     """
-    lines, rows = cells_of(source)
-    columns = read_header(rows[0], f"{source}: line {lines[0]}", "poses")
+    lines, rows = cells
+    columns = read_header(rows[0], f"{table.files[0]}: line {lines[0]}", "poses")
     body = [list(row) for row in rows[1:]]
     for k, name in enumerate(columns.joints):
         column = columns.named[name]

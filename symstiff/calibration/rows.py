@@ -14,6 +14,7 @@ from symstiff.codegen.runtime import for_poses
 from symstiff.errors import UserError
 from symstiff.model import StiffnessModel
 from symstiff.symbolic.numeric import kinematics
+from symstiff.symbolic.programs import context_vector
 from symstiff.symbolic.terms import deflection
 
 
@@ -42,10 +43,23 @@ class Equations:
         return table
 
 
-def context_of(table: Measurements) -> dict[str, np.ndarray]:
-    """Time, temperature and branch columns, those that are known throughout."""
+def context_of(model: StiffnessModel, table: Measurements) -> dict[str, np.ndarray]:
+    """Time, temperature and branch columns, those that are known throughout.
+
+    Raises UserError for a row that lacks what the model follows.
+    """
     columns = {"time": table.time, "temperature": table.temperature, "branch": table.branch}
-    return {k: v for k, v in columns.items() if np.isfinite(v).all()}
+    known = {k: np.isfinite(v) for k, v in columns.items()}
+    for name in (s.name for vector in context_vector(model.terms) for s in vector.symbols):
+        if not known[name].any():
+            raise UserError(
+                f"{', '.join(table.files) or 'the table'}: the model needs the column {name}: add it, with a value in "
+                "every row"
+            )
+        if not known[name].all():
+            place = table.place(int(np.argmin(known[name])))
+            raise UserError(f"{place}: column {name}: missing value: the model needs it in every row")
+    return {k: v for k, v in columns.items() if known[k].all()}
 
 
 def at_points(
@@ -99,7 +113,7 @@ def predict(
 def _at_tool(model: StiffnessModel, table: Measurements, values: Mapping[str, float] | None) -> np.ndarray:
     """Predicted deflections of the tool centre point (M, 6)."""
     evaluator = for_poses(model, len(table.q))
-    return evaluator.deflection(table.q, table.w, values, context_of(table))
+    return evaluator.deflection(table.q, table.w, values, context_of(model, table))
 
 
 def equations(
@@ -114,7 +128,7 @@ def equations(
             "absolute positions, not deflections: use symstiff diagnose, which estimates placement"
         )
     evaluator = for_poses(model, len(table.q))
-    at_tool = evaluator.observation(table.q, table.w, context_of(table), values)
+    at_tool = evaluator.observation(table.q, table.w, context_of(model, table), values)
     matrix = at_points(model, table, at_tool, values)
     turns = _turns(model) if table.points != ("tcp",) else {}
     for name, turn in turns.items():

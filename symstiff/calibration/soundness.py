@@ -187,13 +187,13 @@ def missing_information(
     mixed = [name for name in names if name in set(decision.affected) - set(silent)]
     parts = [cause]
     if silent:
-        parts.append(f"not loaded at all: {_few(silent)}; needed: {_needed(silent, slides)}")
+        parts.append(f"not loaded at all: {few(silent)}; needed: {_needed(silent, slides)}")
     if mixed:
-        parts.append(f"not told apart: {_few(mixed)}; needed: {_separate(mixed)}")
+        parts.append(f"not told apart: {few(mixed)}; needed: {_separate(mixed)}")
     return "; ".join(parts)
 
 
-def _few(names: Sequence[str], most: int = 8) -> str:
+def few(names: Sequence[str], most: int = 8) -> str:
     """Names, the first where they are many."""
     more = len(names) - most
     return ", ".join(names) if more <= 1 else f"{', '.join(names[:most])} and {more} more"

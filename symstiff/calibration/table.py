@@ -45,6 +45,7 @@ __all__ = [
 
 _MAX_BYTES = 1_000_000_000
 _SMALLEST_SIGMA = 1e-13  # m, rad
+Cells = tuple[list[int], list[list[str]]]
 Paths = str | Path | Sequence[str | Path]
 
 
@@ -103,8 +104,20 @@ def check_limits(table: Measurements) -> None:
 
 def read_file(path: Path, purpose: Literal["measured", "poses"]) -> Measurements:
     """Read one CSV file; rows are checked one by one here, against each other in ``check_rows``."""
-    origin = str(path)
-    lines, rows = cells_of(path)
+    return _table(*cells_of(path), str(path), purpose)
+
+
+def read_trajectory(path: Path) -> tuple[Measurements, Cells]:
+    """Read a trajectory with its cells as text, at once: a pipe can be read no second time. Raises UserError."""
+    cells = cells_of(path)
+    table = _table(*cells, str(path), "poses")
+    check_rows(table)
+    return table, cells
+
+
+def _table(
+    lines: list[int], rows: list[list[str]], origin: str, purpose: Literal["measured", "poses"]
+) -> Measurements:
     columns = read_header(rows[0], f"{origin}: line {lines[0]}", purpose)
     lines, rows = lines[1:], rows[1:]
     if not rows:
@@ -119,7 +132,7 @@ def read_file(path: Path, purpose: Literal["measured", "poses"]) -> Measurements
     return _Reader(origin, np.array(lines, dtype=np.intp), columns, list(zip(*rows, strict=True))).table()
 
 
-def cells_of(path: Path) -> tuple[list[int], list[list[str]]]:
+def cells_of(path: Path) -> Cells:
     """Return the line numbers and the cells of a file's rows, header first, as text."""
     return _cells(_text(path, str(path)), str(path))
 

@@ -3,12 +3,30 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
 
 from symstiff.cli.output import check_targets, console, note, stages, write_json
 from symstiff.errors import UserError
 
+if TYPE_CHECKING:
+    from symstiff.calibration.measurements import Measurements
+    from symstiff.compensation import Compensated
+    from symstiff.model import StiffnessModel
+
 LEAST_NOISE = 1e-9
 """Noise [mm] below which no device reads."""
+
+_TOUCH = 1e-9  # rad, m: a command at a limit, read from a file, may miss it by rounding
+_AROUND = "lower the load, or lead the path around the singularity"
+_KEPT = {
+    "singular": f"singular: {_AROUND}",
+    "too_far": f"a joint would have to move by more than 0.25 rad or m, as beside a singular pose: {_AROUND}",
+    "not_converged": f"the steps towards a solution did not converge, as beside a singular pose: {_AROUND}",
+    "no_gain": "the error would grow: lower the load",
+}
+"""Why `compensate` leaves a command as it is."""
 
 
 def run_simulate(
@@ -58,18 +76,21 @@ def run_simulate(
 
 def run_compensate(model_file: Path, trajectory: Path, output: Path, json: str | None) -> None:
     """Correct a trajectory."""
-    import numpy as np
-
     from symstiff.calibration.remarks import of_sag
     from symstiff.calibration.rewriting import rewrite_joints
     from symstiff.calibration.rows import context_of
     from symstiff.calibration.soundness import outside_class, outside_fixed, usable_model
-    from symstiff.calibration.table import check_robot, read_poses
+    from symstiff.calibration.table import check_robot, read_trajectory
     from symstiff.compensation import compensate
 
     check_targets({"-o": output, "--json": json}, [model_file, trajectory])
     model = usable_model(model_file)
-    table = read_poses(trajectory)
+    if not any(model.values.values()):
+        raise UserError(
+            f"{model_file}: values: there are none but zeros, and nothing bends: identify first, which takes this file "
+            "with --start"
+        )
+    table, cells = read_trajectory(trajectory)
     out = console(json)
     known = (
         *check_robot(table, model.robot), *outside_class(table.w, model.loads), *outside_fixed(table.q, model),
@@ -78,16 +99,26 @@ def run_compensate(model_file: Path, trajectory: Path, output: Path, json: str |
     without = [e.effect for e in model.effects if e not in model.of_robot().effects]
     with stages(out) as progress:
         progress("compensating")
-        found = compensate(model, table.q, table.w, context_of(table))
+        found = compensate(model, table.q, table.w, context_of(model.of_robot(), table))
     rms = [float(np.sqrt((e[:, :3] ** 2).sum(axis=1).mean())) for e in (found.before, found.after)]
-    split = rewrite_joints(trajectory, table, found.q_cmd, output)
-    unsolved = int((~found.solved).sum())
+    split = rewrite_joints(cells, table, found.q_cmd, output)
+    beyond = _beyond(model, found.q_cmd)
+    kept = np.flatnonzero(~found.solved)
     write_json(
         json,
         {
             "poses": len(table),
             "rms_mm": {"before": 1e3 * rms[0], "after": 1e3 * rms[1]},
-            "unsolved": unsolved,
+            "unsolved": len(kept),
+            "kept": [
+                {
+                    "line": int(table.line[k]),
+                    "pose": table.labels[table.pose[k]],
+                    "reason": str(found.kept[k]),
+                }
+                for k in kept
+            ],
+            "beyond_limits": [int(line) for line in table.line[beyond]],
         },
     )
     for warning in known:
@@ -104,13 +135,32 @@ def run_compensate(model_file: Path, trajectory: Path, output: Path, json: str |
             out,
             f"several loads need several commands: pose {', '.join(split)} became {split[0]}/1, {split[0]}/2, …",
         )
-    if unsolved:
-        note(
-            out,
-            f"{unsolved} of {len(table)} poses keep their command: singular, or too far from it (a joint would have to "
-            "move by more than 0.25 rad or m): lower the load, or lead the path around the singularity",
-        )
+    for remark in _of_rows(found, beyond, table):
+        note(out, remark)
     out.print(f"wrote {output}")
+
+
+def _of_rows(found: Compensated, beyond: np.ndarray, table: Measurements) -> list[str]:
+    """Remarks on rows that keep their command, by reason, and on those (N,) whose command leaves the joint limits."""
+    from symstiff.calibration.soundness import few
+
+    def lines(rows: np.ndarray) -> str:
+        return f"{rows.sum()} of {len(table)} poses (line {few([str(k) for k in table.line[rows]])})"
+
+    told = [
+        f"{lines(found.kept == reason)} keep their command: {words}"
+        for reason, words in _KEPT.items()
+        if (found.kept == reason).any()
+    ]
+    if beyond.any():
+        told.append(f"{lines(beyond)} have a command beyond the joint limits of the robot file")
+    return told
+
+
+def _beyond(model: StiffnessModel, q: np.ndarray) -> np.ndarray:
+    """Rows (N,) of commands (N, n) [rad, m] that leave the joint limits."""
+    low, high = np.array([[float(x) for x in joint.range] for joint in model.robot.joint]).T
+    return np.asarray(((q < low - _TOUCH) | (q > high + _TOUCH)).any(axis=1))
 
 
 def _millimetres(error: float) -> str:

@@ -22,6 +22,7 @@ if TYPE_CHECKING:
 
 CANDIDATES, LOADS, MEASURE = 20_000, "wrench", "pose"
 """What is taken where nobody says; for a verdict it is what its data had."""
+MOST_CANDIDATES, MOST_STEPS = 1_000_000, 1000
 
 
 @dataclass(frozen=True)
@@ -55,18 +56,22 @@ class PlanRequest:
 
 def run_plan(request: PlanRequest) -> None:
     """Choose poses, write them, say what they promise."""
+    from symstiff.calibration.foreseen import doubtful
     from symstiff.calibration.plan import Goal, Load, Search, plan_for, robot_of
     from symstiff.calibration.planning.measurement import Measurement
     from symstiff.calibration.planning.poses import draw_plan, poses_table, save_figure, summary
     from symstiff.calibration.poses import gain_of_steps, in_steps, with_markers
+    from symstiff.calibration.soundness import few
     from symstiff.calibration.table import write_table
     from symstiff.model import StiffnessModel
     from symstiff.reduction import reduce
 
     if request.criterion not in ("D", "A", "test"):
         raise UserError(f"--criterion {request.criterion}: use D, A or test")
-    if request.steps < 1:
-        raise UserError(f"--steps {request.steps}: 1 or more")
+    if not 1 <= request.steps <= MOST_STEPS:
+        raise UserError(f"--steps {request.steps}: 1 to {MOST_STEPS}")
+    if (request.candidates or 0) > MOST_CANDIDATES:
+        raise UserError(f"--candidates {request.candidates}: up to {MOST_CANDIDATES}, which fill the memory")
     targets = {"-o": request.output, "--plot": request.plot, "--json": request.json}
     check_targets(targets, _inputs(request))
     twice = next((m for k, m in enumerate(request.markers) if m in request.markers[:k]), None)
@@ -110,17 +115,28 @@ def run_plan(request: PlanRequest) -> None:
     table = poses_table(plan, geometry)
     if request.markers:
         table = with_markers(plan.q, plan.w, request.markers, table.joint_units)
+    doubts = doubtful(reduction, table, 3 if request.markers or measure == "position" else 6, together)
     write_table(in_steps(table, request.steps) if request.steps > 1 else table, request.output, "deg")
     if request.plot is not None:
         save_figure(draw_plan(plan, geometry), request.plot)
     measured = {
-        "points": list(request.markers), "sigma_mm": sigma_mm, "measure": measure,
+        "points": list(request.markers), "sigma_mm": round(sigma_mm, 9), "measure": measure,
         "steps": request.steps,
     }  # fmt: skip
     load_told = {"class": applied.kind, "force": applied.force, "moment": applied.moment}
-    write_json(request.json, {**summary(plan), "load": load_told, "measured": measured})
+    write_json(
+        request.json,
+        {**summary(plan), "load": load_told, "doubtful": list(doubts), "measured": measured},
+    )
     warn_of(out, reduction)
     _print_plan(out, plan, model.units)
+    if doubts:
+        other = "" if request.criterion == "D" else ", or by --criterion D"
+        note(
+            out,
+            f"identify may not determine {few(doubts)}: with the compliances that a robot of this size usually has, "
+            f"their noise is half of all that these poses show, or more: plan more poses, more load{other}",
+        )
     out.print(_applied(applied))
     out.print(_measured(request, measure, sigma))
     out.print(f"wrote {request.output}")
@@ -201,7 +217,7 @@ def _separate(request: PlanRequest) -> None:
         request.json,
         {
             "explanations": names, "poses": table.labels, "separation": list(found.separation),
-            "measured": {"points": list(means.experiment.points), "sigma_mm": 1e3 * float(means.sigma[0])},
+            "measured": {"points": list(means.experiment.points), "sigma_mm": round(1e3 * float(means.sigma[0]), 9)},
         },
     )  # fmt: skip
     out.print(f"{len(found.poses)} poses that best tell apart: " + " | ".join(names))
@@ -255,6 +271,8 @@ def _levels(text: str | None) -> dict[int, int]:
 
 
 def _region(request: PlanRequest) -> Region | None:
+    import numpy as np
+
     from symstiff.calibration.planning.region import Box, Region, above_floor
 
     boxes: tuple[Any, ...] = ()
@@ -267,6 +285,8 @@ def _region(request: PlanRequest) -> Region | None:
             raise UserError(f"--keep-out {request.keep_out!r}: six numbers in metres, x1,y1,z1,x2,y2,z2")
         low, high = (tuple(f(a, b) for a, b in zip(x[:3], x[3:], strict=True)) for f in (min, max))
         boxes = (Box(low, high),)  # type: ignore[arg-type]
+    if request.floor is not None and not np.isfinite(request.floor):
+        raise UserError(f"--floor {request.floor}: a height in metres")
     spaces = () if request.floor is None else (above_floor(request.floor),)
     return Region(boxes, spaces) if boxes or spaces else None
 

@@ -13,7 +13,8 @@ from symstiff.errors import A_MODEL, UserError, require
 from symstiff.model import StiffnessModel
 from symstiff.symbolic.numeric import forward, joint_jacobian
 
-_ROUNDS = 12
+_ROUNDS = 50  # near a singular pose steps shrink slowly: the Jacobian is that of the unloaded arm
+_FINE = 12  # rounds from which on a row that converged is done: rounding keeps its steps from vanishing
 _TYPICAL_ROUNDS = 5
 _STILL = 1e-13  # rad, m: a row that moves by less is done
 _CONVERGED = (
@@ -26,15 +27,21 @@ _ABSURD = 1e6  # rad
 
 @dataclass(frozen=True, eq=False)
 class Compensated:
-    """Corrected commands q_cmd (N, n), the pose error (N, 6) [m, rad] before and after, and which rows were solved.
+    """Corrected commands q_cmd (N, n), the pose error (N, 6) [m, rad] before and after, and why rows were not solved.
 
-    A row that was not solved keeps its q, and its error is what it was before.
+    ``kept`` (N,) is empty for a solved row, else "singular", "too_far", "not_converged" or "no_gain": such a row keeps
+    its q, and its error is what it was before.
     """
 
     q_cmd: np.ndarray
     before: np.ndarray
     after: np.ndarray
-    solved: np.ndarray
+    kept: np.ndarray
+
+    @property
+    def solved(self) -> np.ndarray:
+        """(N,): which rows have a corrected command."""
+        return np.asarray(self.kept == "")
 
 
 def compensate_online(
@@ -71,7 +78,8 @@ def compensate(
     moment = {k: np.broadcast_to(x, len(q)) for k, x in (context or {}).items()}
     target = forward(model.robot, q)
     evaluator = for_poses(model, _TYPICAL_ROUNDS * len(q))
-    command, solved, moving = q.copy(), np.zeros(len(q), dtype=bool), np.arange(len(q))
+    command, kept, moving = q.copy(), np.full(len(q), "not_converged"), np.arange(len(q))
+    last, share = np.zeros_like(q), np.ones((len(q), 1))
 
     def error(rows: np.ndarray) -> np.ndarray:
         there = {k: x[rows] for k, x in moment.items()}
@@ -80,25 +88,34 @@ def compensate(
     before, rank = error(moving), _rank(model)
     if not np.isfinite(before).all():
         raise UserError("the model predicts deflections beyond all numbers: correct its values, or the loads")
-    for _ in range(_ROUNDS):
+    for turn in range(_ROUNDS):
         step, regular = _step(model, command[moving], error(moving), rank)
-        command[moving] -= step
-        good, size = regular & _small(command[moving] - q[moving]), np.abs(step).max(axis=1, initial=0.0)
-        solved[moving] = good & (size < _CONVERGED)
-        moving = moving[good & (size >= _STILL)]
+        share[moving] = np.where(_swings(step, last[moving]), share[moving] / 2, share[moving])
+        step *= share[moving]
+        command[moving], last[moving] = command[moving] - step, step
+        small, size = _small(command[moving] - q[moving]), np.abs(step).max(axis=1, initial=0.0)
+        cases = [~regular, ~small, size < _CONVERGED]
+        kept[moving] = np.select(cases, ["singular", "too_far", ""], "not_converged")
+        moving = moving[regular & small & (size >= (_STILL if turn < _FINE else _CONVERGED))]
         if not len(moving):
             break
     after = before.copy()
-    rows = np.flatnonzero(solved)
+    rows = np.flatnonzero(kept == "")
     after[rows] = error(rows)
-    solved &= _weight(model, after) <= _weight(model, before) + _CONVERGED
-    keep = ~solved[:, None]
-    return Compensated(np.where(keep, q, command), before, np.where(keep, before, after), solved)
+    kept[_weight(model, after) > _weight(model, before) + _CONVERGED] = "no_gain"
+    keep = (kept != "")[:, None]
+    return Compensated(np.where(keep, q, command), before, np.where(keep, before, after), kept)
 
 
 def _small(motion: np.ndarray) -> np.ndarray:
     """Which rows of joint motions (N, n) [rad, m] are corrections; one that is not finite is none."""
     return np.asarray(np.all(np.abs(motion) <= LARGEST_CORRECTION, axis=1))
+
+
+def _swings(step: np.ndarray, last: np.ndarray) -> np.ndarray:
+    """Which steps (N, n) undo half of the last one or more: whole steps would swing about the solution, (N, 1)."""
+    back = np.sum(step * last, axis=1, keepdims=True)
+    return np.asarray(back < -0.5 * np.sum(last**2, axis=1, keepdims=True))
 
 
 def _weight(model: StiffnessModel, twist: np.ndarray) -> np.ndarray:

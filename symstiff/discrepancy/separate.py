@@ -85,11 +85,19 @@ def separate(
     table = _read(verdict)
     if table.get("robot", robot.name) != robot.name:
         raise UserError(f"{verdict} is a verdict on {table['robot']}, not on {robot.name}")
-    rivals = _rivals(robot, table, str(verdict))
+    try:
+        rivals, values = _rivals(robot, table, str(verdict)), _values(table)
+        names = [" with ".join(named(e.effect, e.where) for e in r.effects) for r in rivals]
+    except UserError:
+        raise
+    except (AttributeError, LookupError, TypeError, ValueError) as error:
+        raise UserError(
+            f"{verdict}: not a verdict.json: its effects or its model are not as symstiff diagnose writes them"
+        ) from error
     means = _means(robot, rivals, table, wish, str(verdict))
     tell("deciding poses: model")
     chosen, found = decide_poses(
-        _model(robot, table, means),
+        _model(robot, table, values, means),
         rivals,
         means.experiment,
         means.sigma,
@@ -103,7 +111,6 @@ def separate(
         _taken(robot, table, verdict),
         tell,
     )
-    names = [" with ".join(named(e.effect, e.where) for e in r.effects) for r in rivals]
     return chosen, found, names, means
 
 
@@ -158,6 +165,8 @@ def _rival(robot: Robot, entries: list[Mapping[str, Any]]) -> Rival:
     instances, values = [], {}
     for entry in entries:
         where = dict(entry.get("where", {}))
+        if entry["effect"] == "bad_poses" and not isinstance(where["rows"], list):
+            raise TypeError("rows")
         shape = entry.get("shape") or next(iter(find(entry["effect"]).shapes(robot, where, Scales())), {})
         instance = EffectInstance(entry["effect"], where, dict(shape))
         given = entry.get("parameters", {})
@@ -168,10 +177,15 @@ def _rival(robot: Robot, entries: list[Mapping[str, Any]]) -> Rival:
     return Rival(tuple(instances), values)
 
 
-def _model(robot: Robot, table: Mapping[str, Any], means: Means) -> StiffnessModel:
+def _values(table: Mapping[str, Any]) -> dict[str, float]:
+    """Values of the model that the verdict started from, by parameter name."""
+    return {n: float(v or 0.0) for n, v in (table.get("model") or {}).get("values", {}).items()}
+
+
+def _model(robot: Robot, table: Mapping[str, Any], told: Mapping[str, float], means: Means) -> StiffnessModel:
     """The model that the verdict started from, else the complete one, as the planned experiment needs it."""
     known = {p.name: p for stage in physical_stages(robot) for p in stage.parameters}
-    values = {n: float(v or 0.0) for n, v in table.get("model", {}).get("values", {}).items() if n in known}
+    values = {n: v for n, v in told.items() if n in known}
     start = table.get("start", "complete")
     if start in ("complete", "joints") or not values:
         seen, points = read_at(robot, means.experiment.points)

@@ -17,6 +17,7 @@ from symstiff.errors import UserError
 
 BLOCK = 2048  # candidates a block; part of the result's definition, so never a function of the workers
 _GIVE_UP = 64  # draws per wanted candidate
+_SAME = 0.02  # of half a turn, within which two levels of a joint count as half a turn apart
 Observation = Callable[[np.ndarray, np.ndarray], np.ndarray]
 
 
@@ -54,10 +55,18 @@ class Space:
         return tuple(j for j in range(self.robot.dof) if j + 1 not in self.fixed)
 
     def level_values(self, joint: int) -> np.ndarray:
-        """Values that joint ``joint`` (1-based) takes among the candidates: the centres of equal cells."""
+        """Values that joint ``joint`` (1-based) takes among the candidates: the centres of equal cells.
+
+        Where some are half a turn apart, or whole turns, they tell the same but for signs: their steps are wider then.
+        """
         low, high = self.robot.limits[joint - 1]
         count = self.levels[joint]
-        return low + (np.arange(count) + 0.5) * (high - low) / count
+        cell, width = np.arange(count), (high - low) / count
+        half_turns = width * cell[1:] / np.pi
+        turns = not self.robot.rows[joint - 1][0]
+        wider = turns and np.any(np.abs(half_turns - np.round(half_turns)) < _SAME)
+        within = 0.25 + 0.5 * (cell + 0.5) / count if wider else 0.5
+        return np.asarray(low + (cell + within) * width)
 
 
 @dataclass(frozen=True)

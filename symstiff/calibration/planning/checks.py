@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 
@@ -30,10 +30,13 @@ def check_counts(poses: int, candidates: int, parameters: int, rows: int, space:
             )
 
 
-def check_rank(rows: np.ndarray, parameters: Sequence[str]) -> np.ndarray:
+def check_rank(
+    rows: np.ndarray, parameters: Sequence[str], levels: Mapping[int, int] | None = None
+) -> np.ndarray:
     """Return the scale (P,) that gives whitened rows (m, N, P) columns of unit root mean square.
 
-    Raises UserError naming the parameters that no candidate, hence no plan, can tell apart.
+    ``levels``: joints that have few values, 1-based. Raises UserError naming the parameters that no candidate, hence
+    no plan, can tell apart.
     """
     every = max(1, rows.shape[1] // _SAMPLE)
     sample = rows[:, ::every].reshape(-1, rows.shape[2])
@@ -51,9 +54,10 @@ def check_rank(rows: np.ndarray, parameters: Sequence[str]) -> np.ndarray:
     if missing.any():
         share = np.sqrt(np.sum(right[missing] ** 2, axis=0))
         mixed = [name for name, s in zip(parameters, share, strict=True) if s > 1e-6]
+        few = f"give {', '.join(f'q{j}' for j in sorted(levels))} more values (--levels), " if levels else ""
         raise UserError(
             f"no plan tells {_names(mixed)} apart with these loads, points and joints ({int(missing.sum())} "
-            "combinations stay unknown): reduce the model for this load and measurement first (fewer than "
+            f"combinations stay unknown): {few}reduce the model for this load and measurement first (fewer than "
             "three points tell no pose: leave --measure out), or measure more points"
         )
     return np.asarray(1.0 / size)

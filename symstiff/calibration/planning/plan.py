@@ -142,7 +142,7 @@ def plan_poses(
         raise UserError(
             f"{len(parameters)} parameter names for {rows.shape[2]} columns of the observation matrix"
         )
-    scale = check_rank(rows, parameters)
+    scale = check_rank(rows, parameters, space.levels)
     rows *= scale
     criterion = criterion_of(goal, observation, scale)
     with one_blas_thread():

@@ -19,7 +19,7 @@
     gap = 2e-4                           # the shape's parameters, SI units
 
     [noise]                              # every key optional
-    sigma_mm = 0.03                      # or [x, y, z], device axes
+    sigma_mm = 0.03                      # or [x, y, z], axes of what is read: device, or base of deflections
     sigma_mrad = 0.05                    # of measured rotations
     growth_ppm = 5.0                     # added in quadrature: ppm of the distance from the device
     approach_mm = 0.01                   # shift common to all rows of one pose (and repeat); or [x, y, z]
