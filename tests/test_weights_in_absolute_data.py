@@ -9,7 +9,7 @@ import pytest
 
 from symstiff.calibration.experiment.current import settled
 from symstiff.calibration.identify import identify
-from symstiff.calibration.measurements import measurements
+from symstiff.calibration.measurements import Measurements, measurements
 from symstiff.calibration.simulation import Truth, clean_response, nominal_truth
 from symstiff.discrepancy.finding import Task
 from symstiff.discrepancy.growth import fit
@@ -20,6 +20,17 @@ from symstiff.reduction.reduce import reduce
 from symstiff.robot import Robot, load
 
 SIGMA = 2e-5
+UR10_A, UR10_D = (0, -0.612, -0.5723, 0, 0, 0), (0.1273, 0, 0, 0.163941, 0.1157, 0.0922)
+UR10_ALPHA = (np.pi / 2, 0, 0, np.pi / 2, -np.pi / 2, 0)
+MASS = (7.778, 12.93, 3.87, 1.96, 1.96, 0.202)
+COM = (
+    (0.021, 0, 0.027),
+    (0.38, 0, 0.158),
+    (0.24, 0, 0.068),
+    (0, 0.007, 0.018),
+    (0, 0.007, 0.018),
+    (0, 0, 0.03),
+)
 
 
 def heavy() -> Robot:
@@ -84,3 +95,50 @@ def test_no_column_is_the_rounding_of_others() -> None:
     other = column_space(settled(start, replace(table, q=table.q + 1e-13)).A)
     assert one.shape == other.shape
     assert np.linalg.norm(one - other @ (other.T @ one), axis=0) == pytest.approx(0.0, abs=1e-6)
+
+
+def frames(q: np.ndarray) -> list[np.ndarray]:
+    """The UR10's frames 0 … 6, (4, 4) each, written down from its DH table."""
+    found = [np.eye(4)]
+    for theta, a, d, alpha in zip(q, UR10_A, UR10_D, UR10_ALPHA, strict=True):
+        c, s, ca, sa = np.cos(theta), np.sin(theta), np.cos(alpha), np.sin(alpha)
+        row = [[c, -s * ca, s * sa, a * c], [s, c * ca, -c * sa, a * s], [0, sa, ca, d], [0, 0, 0, 1]]
+        found.append(found[-1] @ np.array(row))
+    return found
+
+
+def sagging(q: np.ndarray, compliance: dict[int, float], probe: np.ndarray) -> np.ndarray:
+    """(3,) position of a probe on the UR10's flange, whose joints give way under the links' weight."""
+    f, sag = frames(q), np.zeros(6)
+    for j, c in compliance.items():
+        axis, origin = f[j - 1][:3, 2], f[j - 1][:3, 3]
+        arms = (f[i + 1][:3, 3] + f[i + 1][:3, :3] @ np.array(COM[i]) - origin for i in range(j - 1, 6))
+        moments = (-9.80665 * m * np.cross(axis, arm)[2] for m, arm in zip(MASS[j - 1 :], arms, strict=True))
+        sag[j - 1] = c * sum(moments)
+    tip = frames(q + sag)[6]
+    return np.asarray(tip[:3, 3] + tip[:3, :3] @ probe)
+
+
+def probed(compliance: dict[int, float], probe: tuple[float, float, float], stated: bool) -> Measurements:
+    """Positions of a probe that the robot file does not tell, of a UR10 with joint offsets of a milliradian."""
+    rng = np.random.default_rng(5)
+    q, offset = rng.uniform(-2.5, 2.5, (200, 6)), 1e-3 * rng.normal(size=6)
+    read = np.array([sagging(row + offset, compliance, np.array(probe)) for row in q])
+    read += SIGMA * rng.normal(size=read.shape)
+    values = np.hstack([read, np.full((len(q), 3), np.nan)])
+    sigma = np.where(np.isfinite(values), SIGMA, np.nan) if stated else None
+    w, units = np.zeros((len(q), 6)), ["rad"] * 6
+    return measurements(q, w, values=values, sigma=sigma, kind="absolute", joint_units=units)
+
+
+@pytest.mark.parametrize("stated", [True, False], ids=["stated", "no sigma"])
+@pytest.mark.parametrize("probe", [(0.0, 0.0, 0.0934), (0.1, 0.0, 0.15)])
+def test_a_probe_that_nobody_told_of_leaves_the_compliances_right(
+    probe: tuple[float, float, float], stated: bool
+) -> None:
+    truth = {2: 8e-6, 3: 9e-6}
+    found = identify(heavy(), probed(truth, probe, stated), "joints")
+    for j, c in truth.items():
+        assert abs(found.model.values[f"c{j}"] - c) < 4 * found.model.deviations[f"c{j}"] < 1e-6
+    assert any("mm from the tool centre point" in remark for remark in found.remarks)
+    assert found.training.after["positional"].rms < 1.2 * SIGMA * np.sqrt(3)

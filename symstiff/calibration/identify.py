@@ -19,6 +19,7 @@ from symstiff.calibration.levels import by_level
 from symstiff.calibration.loading import as_loading
 from symstiff.calibration.markers import left_of_deflections, marker_hint
 from symstiff.calibration.measurements import COMPONENTS, Measurements
+from symstiff.calibration.point import find_point
 from symstiff.calibration.remarks import axis_remarks, explained, fits, of_loads, of_sag, repeated
 from symstiff.calibration.residuals import ResidualTable, places, residual_table, split
 from symstiff.calibration.robust import RobustEstimate, robust_estimate
@@ -146,7 +147,8 @@ def identify(
     model, left_out = _of_laws(model)
     told = model
     model, unseen = seen_in(model, table.kind)
-    remarks += [*left_out, *unseen]
+    model, elsewhere = find_point(model, table)
+    remarks += [*left_out, *unseen, *([elsewhere] if elsewhere else [])]
     if table.kind == "absolute":
         return _from_absolute(model, reduction, table, remarks)
     train, validation = _split(table, held_out, seed)

@@ -19,6 +19,7 @@ from symstiff.calibration.identify import start_model
 from symstiff.calibration.kept import seen_in
 from symstiff.calibration.loading import as_loading
 from symstiff.calibration.measurements import Measurements
+from symstiff.calibration.point import find_point
 from symstiff.calibration.soundness import outside_class, outside_fixed
 from symstiff.discrepancy.assemble import Assembly, added_loads, assemble
 from symstiff.discrepancy.climb import leaves_less, links_of, wider_model
@@ -26,7 +27,6 @@ from symstiff.discrepancy.diagnose import diagnose
 from symstiff.discrepancy.doubts import doubted
 from symstiff.discrepancy.finding import Finding, Found, Rung, Task
 from symstiff.discrepancy.growth import Fitted, fit, grow
-from symstiff.discrepancy.point import find_point
 from symstiff.discrepancy.prepare import at_first
 from symstiff.discrepancy.problem import Options
 from symstiff.discrepancy.proof import FEWEST

@@ -10,9 +10,9 @@ from dataclasses import replace
 
 import numpy as np
 
+from symstiff.calibration.compact import Array
 from symstiff.calibration.experiment.placement import closest
 from symstiff.calibration.measurements import Measurements
-from symstiff.discrepancy.problem import Array
 from symstiff.model import StiffnessModel
 from symstiff.robot.loading import from_table
 from symstiff.robot.schema import Robot
