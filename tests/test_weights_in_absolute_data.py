@@ -3,18 +3,21 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
+from command_line import Run, run_command_line  # noqa: F401
 
 from symstiff.calibration.experiment.current import settled
 from symstiff.calibration.identify import identify
 from symstiff.calibration.measurements import Measurements, measurements
 from symstiff.calibration.simulation import Truth, clean_response, nominal_truth
+from symstiff.calibration.writing import write_table
 from symstiff.discrepancy.finding import Task
 from symstiff.discrepancy.growth import fit
 from symstiff.discrepancy.scan import column_space
-from symstiff.discrepancy.workflow import run
+from symstiff.discrepancy.workflow import run as diagnose
 from symstiff.model import StiffnessModel
 from symstiff.reduction.reduce import reduce
 from symstiff.robot import Robot, load
@@ -82,7 +85,7 @@ def test_absolute_data_of_a_heavy_arm_say_that_model_and_code_leave_its_weight_o
     for kind, told in (("absolute", 1), ("deflection", 0)):
         _, table = experiment(robot, 3, kind, SIGMA)
         start = StiffnessModel.of(reduce(robot, "force", "pose"))
-        remarks = (identify(robot, table, start).remarks, run(Task(robot, table, start)).remarks)
+        remarks = (identify(robot, table, start).remarks, diagnose(Task(robot, table, start)).remarks)
         assert [sum("own weight bends the arm" in r for r in said) for said in remarks] == [told, told]
 
 
@@ -119,14 +122,16 @@ def sagging(q: np.ndarray, compliance: dict[int, float], probe: np.ndarray) -> n
     return np.asarray(tip[:3, 3] + tip[:3, :3] @ probe)
 
 
-def probed(compliance: dict[int, float], probe: tuple[float, float, float], stated: bool) -> Measurements:
+def probed(
+    compliance: dict[int, float], probe: tuple[float, float, float], stated: bool = True, noise: float = SIGMA
+) -> Measurements:
     """Positions of a probe that the robot file does not tell, of a UR10 with joint offsets of a milliradian."""
     rng = np.random.default_rng(5)
     q, offset = rng.uniform(-2.5, 2.5, (200, 6)), 1e-3 * rng.normal(size=6)
     read = np.array([sagging(row + offset, compliance, np.array(probe)) for row in q])
-    read += SIGMA * rng.normal(size=read.shape)
+    read += noise * rng.normal(size=read.shape)
     values = np.hstack([read, np.full((len(q), 3), np.nan)])
-    sigma = np.where(np.isfinite(values), SIGMA, np.nan) if stated else None
+    sigma = np.where(np.isfinite(values), noise, np.nan) if stated else None
     w, units = np.zeros((len(q), 6)), ["rad"] * 6
     return measurements(q, w, values=values, sigma=sigma, kind="absolute", joint_units=units)
 
@@ -142,3 +147,56 @@ def test_a_probe_that_nobody_told_of_leaves_the_compliances_right(
         assert abs(found.model.values[f"c{j}"] - c) < 4 * found.model.deviations[f"c{j}"] < 1e-6
     assert any("mm from the tool centre point" in remark for remark in found.remarks)
     assert found.training.after["positional"].rms < 1.2 * SIGMA * np.sqrt(3)
+
+
+def geometry_alone(table: Measurements, probe: tuple[float, float, float]) -> float:
+    """What DH constants, probe and placement leave of positions, rms [m]: columns by differences of own kinematics."""
+
+    def position(q: np.ndarray, p: np.ndarray) -> np.ndarray:
+        T = np.eye(4)
+        for k in range(6):
+            theta, a, d, alpha = np.array([q[k], UR10_A[k], UR10_D[k], UR10_ALPHA[k]]) + p[4 * k : 4 * k + 4]
+            c, s, ca, sa = np.cos(theta), np.sin(theta), np.cos(alpha), np.sin(alpha)
+            c2, s2 = np.cos(p[24 + k]), np.sin(p[24 + k])  # a turn about y, for parallel axes
+            row = [[c, -s * ca, s * sa, a * c], [s, c * ca, -c * sa, a * s], [0, sa, ca, d], [0, 0, 0, 1]]
+            T = T @ np.array(row) @ np.array([[c2, 0, s2, 0], [0, 1, 0, 0], [-s2, 0, c2, 0], [0, 0, 0, 1]])
+        x = T[:3, 3] + T[:3, :3] @ (np.array(probe) + p[30:33])
+        return np.asarray(x + p[33:36] + np.cross(p[36:39], x))
+
+    nominal, steps = np.zeros(39), 1e-6 * np.eye(39)
+    y = np.concatenate([x - position(q, nominal) for q, x in zip(table.q, table.values[:, :3], strict=True)])
+    A = np.vstack([[(position(q, h) - position(q, -h)) / 2e-6 for h in steps] for q in table.q])
+    A = A.reshape(len(table.q), 39, 3).transpose(0, 2, 1).reshape(-1, 39)
+    left = y - A @ np.linalg.lstsq(A, y, rcond=1e-8)[0]
+    return float(np.sqrt(3 * np.mean(left**2)))
+
+
+def test_what_geometry_alone_leaves_of_positions_stands_beside_what_the_model_leaves() -> None:
+    """Most of what a fit removes is placement and geometry, which no model holds: it is no deflection compensated."""
+    probe = (0.1, 0.0, 0.15)
+    table = probed({2: 8e-5, 3: 9e-5}, probe)
+    residuals = identify(heavy(), table, "joints").training
+    assert residuals.geometry is not None
+    assert residuals.geometry["positional"].rms == pytest.approx(geometry_alone(table, probe), rel=0.02)
+    assert residuals.geometry["positional"].rms > 3 * residuals.after["positional"].rms
+    assert residuals.to_dict()["compensated"] is None
+
+
+def test_a_compliance_that_positions_do_not_tell_is_zero_everywhere_or_nowhere() -> None:
+    found = identify(heavy(), probed({2: 8e-6, 3: 9e-6}, (0.0, 0.0, 0.0934), noise=1e-3), "joints")
+    zero = {n for n in found.model.parameters if found.model.values[n] == 0.0}
+    assert "c5" in zero
+    assert not zero & set(found.model.deviations)
+    assert not zero & set(found.fit.names)
+    told = next(r for r in found.remarks if "sizes that no arm has" in r)
+    assert all(name in told for name in zero)
+    for j, c in {2: 8e-6, 3: 9e-6}.items():
+        assert abs(found.model.values[f"c{j}"] - c) < 4 * found.model.deviations[f"c{j}"]
+
+
+def test_of_positions_no_deflection_is_said_to_be_compensated(run: Run, tmp_path: Path) -> None:
+    write_table(probed({2: 8e-6, 3: 9e-6}, (0.0, 0.0, 0.0934)), tmp_path / "data.csv")
+    done = run("identify", "ur10", tmp_path / "data.csv", "--start", "joints", "-o", tmp_path / "model.toml")
+    assert done.code == 0
+    assert "compensated" not in done.out
+    assert "geometry alone" in done.out

@@ -20,7 +20,15 @@ from symstiff.calibration.loading import as_loading
 from symstiff.calibration.markers import left_of_deflections, marker_hint
 from symstiff.calibration.measurements import COMPONENTS, Measurements
 from symstiff.calibration.point import find_point
-from symstiff.calibration.remarks import axis_remarks, explained, fits, of_loads, of_sag, repeated
+from symstiff.calibration.remarks import (
+    axis_remarks,
+    beside_geometry,
+    explained,
+    fits,
+    of_loads,
+    of_sag,
+    repeated,
+)
 from symstiff.calibration.residuals import ResidualTable, places, residual_table, split
 from symstiff.calibration.robust import RobustEstimate, robust_estimate
 from symstiff.calibration.rows import Equations, equations, predict, shared_blocks, weights
@@ -202,29 +210,15 @@ def _from_absolute(
     model: StiffnessModel, reduction: Reduction | None, table: Measurements, remarks: list[str]
 ) -> Identification:
     found = fit_absolute(model, table)
-    values = dict(zip(found.fit.names, found.fit.values.tolist(), strict=True))
-    spread = dict(zip(found.fit.names, found.fit.std.tolist(), strict=True))
-    names = [n for n in model.parameters if np.isfinite(spread.get(n, np.inf))]
-    sizes = np.array([model.steps.get(n, 1.0) for n in found.fit.names])
-    shown = dict(
-        zip(found.fit.names, np.any(without_rounding(found.equations.A, sizes), axis=0), strict=True)
-    )
-    silent = [n for n in model.parameters if not shown.get(n, False)]
-    check_beside_geometry([n for n in model.parameters if n not in names and n not in silent])
-    if silent:
-        remarks = [*remarks, f"no row shows {', '.join(silent)}: not determined by these data, and zero"]
-    known = dict.fromkeys(silent, 0.0) | {n: values[n] for n in names}
-    model = model.with_values(known, {n: spread[n] for n in names})
-    geometry = sum(n.startswith("geometry_") for n in values)
-    beside = [n for n in values if not n.startswith("geometry_") and n not in model.parameters]
-    weights = f", and what only the links' weights show: {', '.join(beside)}" if beside else ""
+    nothing = (*found.silent, *found.untold)
+    open_ones = [n for n in model.parameters if n not in found.known and n not in nothing]
+    check_beside_geometry(open_ones or ([] if any(n in found.known for n in model.parameters) else nothing))
+    own = {n: found.known[n] for n in model.parameters if n in found.known}
+    values = dict.fromkeys(nothing, 0.0) | {n: value for n, (value, _) in own.items()}
+    model = model.with_values(values, {n: std for n, (_, std) in own.items()})
     remarks = [
         *remarks,
-        f"absolute positions: {geometry} constants of geometry and placement were fitted along{weights}",
-    ]
-    remarks += [
-        *explained(found.residuals),
-        *fits(found.fit, found.equations),
+        *beside_geometry(found, model),
         *unlike_file(model, model.robot),
         *of_sag(model.robot),
     ]
