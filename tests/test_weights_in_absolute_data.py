@@ -18,8 +18,9 @@ from symstiff.discrepancy.finding import Task
 from symstiff.discrepancy.growth import fit
 from symstiff.discrepancy.scan import column_space
 from symstiff.discrepancy.workflow import run as diagnose
-from symstiff.model import StiffnessModel
+from symstiff.model import StiffnessModel, load_model
 from symstiff.reduction.reduce import reduce
+from symstiff.report.folder import write_folder
 from symstiff.robot import Robot, load
 
 SIGMA = 2e-5
@@ -200,3 +201,21 @@ def test_of_positions_no_deflection_is_said_to_be_compensated(run: Run, tmp_path
     assert done.code == 0
     assert "compensated" not in done.out
     assert "geometry alone" in done.out
+
+
+@pytest.mark.parametrize("start", ["complete", "joints"])
+def test_a_diagnosis_writes_no_compliances_that_geometry_hides(start: str, tmp_path: Path) -> None:
+    """A geometry that is off looks like compliances of any size in positions of an arm that carries nothing."""
+    found = diagnose(
+        Task(heavy(), probed({2: 8e-6, 3: 9e-6}, (0.0, 0.0, 0.0934), noise=1e-3), start, max_poses=60)
+    )
+    write_folder(found, tmp_path / "report")
+    model = load_model(tmp_path / "report" / "model.toml")
+    q = np.array([[0.2, -1.0, 1.4, -0.5, 1.2, 0.1]])
+    moved = model.of_robot().deflection(q, [[0.0, 0.0, -50.0, 0.0, 0.0, 0.0]])[0, :3]
+    assert np.linalg.norm(moved) < 2e-3  # by c2 and c3: about half a millimetre
+    told = [r for r in found.remarks if "beside the geometry and are zero" in r]
+    assert len(told) == 1
+    lacks = {"complete": "is no model of the robot under loads", "joints": "lacks their part under loads"}
+    assert lacks[start] in told[0]
+    assert (tmp_path / "report" / "code").exists() == (start == "joints")
