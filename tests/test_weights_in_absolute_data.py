@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from command_line import Run, run_command_line  # noqa: F401
+from command_line import Run, assert_users_mistake, run_command_line  # noqa: F401
 
 from symstiff.calibration.experiment.current import settled
 from symstiff.calibration.identify import identify
@@ -219,3 +219,32 @@ def test_a_diagnosis_writes_no_compliances_that_geometry_hides(start: str, tmp_p
     lacks = {"complete": "is no model of the robot under loads", "joints": "lacks their part under loads"}
     assert lacks[start] in told[0]
     assert (tmp_path / "report" / "code").exists() == (start == "joints")
+
+
+def test_a_model_whose_tool_is_the_measured_point_is_read_again(run: Run, tmp_path: Path) -> None:
+    probe, (data, model) = (0.0, 0.0, 0.0934), (tmp_path / n for n in ("data.csv", "model.toml"))
+    write_table(probed({2: 8e-6, 3: 9e-6}, probe), data)
+    assert run("identify", "ur10", data, "--start", "joints", "-o", model).code == 0
+    first = load_model(model)
+    assert first.robot.tool.xyz != load("ur10").tool.xyz
+    again = tmp_path / "again.toml"
+    assert run("identify", "ur10", data, "--start", model, "-o", again).code == 0
+    second = load_model(again)
+    assert second.file_tool == first.file_tool == (0.0, 0.0, 0.0)
+    assert dict(second.values) == pytest.approx(dict(first.values), rel=1e-3, abs=1e-9)
+    made = run("generate", "ur10", "--model", model, "-o", tmp_path / "code", "--no-compile")
+    assert made.code == 0
+    assert "tool centre point is the point that was measured" in " ".join((made.out + made.err).split())
+
+
+def test_tables_that_do_not_tell_the_point_refuse_a_model_of_another(run: Run, tmp_path: Path) -> None:
+    robot, data, model = heavy(), tmp_path / "data.csv", tmp_path / "model.toml"
+    probed_model = identify(robot, probed({2: 8e-6, 3: 9e-6}, (0.0, 0.0, 0.0934)), "joints").model
+    probed_model.save(model)
+    _, table = experiment(robot, 11, "deflection", SIGMA)
+    write_table(table, data)
+    x, y, z = probed_model.robot.tool.xyz
+    refused = run("identify", "ur10", data, "--start", model, "-o", tmp_path / "new.toml")
+    assert_users_mistake(refused, f"xyz = [{float(x):g}, {float(y):g}, {float(z):g}] under [tool]")
+    told = load("ur10").model_copy(update={"tool": probed_model.robot.tool})
+    assert identify(told, table, probed_model).model.robot == probed_model.robot

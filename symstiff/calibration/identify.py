@@ -155,7 +155,7 @@ def identify(
     model, left_out = _of_laws(model)
     told = model
     model, unseen = seen_in(model, table.kind)
-    model, elsewhere = find_point(model, table)
+    model, elsewhere = find_point(model, table, robot)
     remarks += [*left_out, *unseen, *([elsewhere] if elsewhere else [])]
     if table.kind == "absolute":
         return _from_absolute(model, reduction, table, remarks)
