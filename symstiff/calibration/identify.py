@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -49,6 +50,7 @@ from symstiff.reduction import Reduction, reduce
 from symstiff.reduction.complete import complete_map
 from symstiff.reduction.remarks import reduction_remarks
 from symstiff.reduction.svd import numeric_partition
+from symstiff.robot.mistakes import printable
 from symstiff.robot.schema import Robot
 
 _ROUNDS = 8
@@ -108,6 +110,10 @@ def start_model(
             experiment.points,
         )
         return joints_only(robot, loads, measure, fixed, points), None
+    if not Path(start).exists():
+        raise UserError(
+            f"--start {printable(start)}: no such model file: give complete, joints, or the path of a model.toml"
+        )
     model = usable_model(start)
     check_same_robot(model, robot, start)
     return model, None
