@@ -48,7 +48,7 @@ class StiffnessModel:
 
     compliances: the identifiable parameters π″; effects: what was added to them; values, deviations: by parameter name,
     SI units, read-only (a missing value is zero); fixed: joints (from 1) that stood still when the compliances were
-    reduced, with their values [rad, m]: elsewhere the model does not hold.
+    reduced, with values [rad, m]; file_tool: the file's [tool] xyz [m], where ``robot`` has a measured point instead.
     """
 
     robot: Robot
@@ -59,6 +59,7 @@ class StiffnessModel:
     values: Mapping[str, float] = field(default_factory=dict)
     deviations: Mapping[str, float] = field(default_factory=dict)
     fixed: Mapping[int, float] = field(default_factory=dict)
+    file_tool: tuple[float, float, float] | None = None
 
     def __post_init__(self) -> None:
         require(self.robot, Robot, *A_ROBOT)
@@ -257,9 +258,8 @@ class StiffnessModel:
     ) -> StiffnessModel:
         """The same model with other values. Raises UserError for a name that the model does not have."""
         known, spread = dict(self._known(values)), dict(self._known(deviations or {}))
-        other = replace(self, values=known, deviations=spread)
-        derived = {n: x for n, x in self.__dict__.items() if n in _WITHOUT_VALUES}
-        other.__dict__.update(derived)  # nothing is derived twice
+        other = replace(self, values=known, deviations=spread)  # nothing is derived twice
+        other.__dict__.update({n: x for n, x in self.__dict__.items() if n in _WITHOUT_VALUES})
         return other
 
     def with_effect(self, instance: EffectInstance) -> StiffnessModel:
@@ -269,9 +269,8 @@ class StiffnessModel:
     @cached_property
     def structure_hash(self) -> str:
         """SHA-256 of everything but values, known ones included: a parameter file fits a model with the same hash."""
-        table = self._table() | {"robot": structure_table(self.robot)}
-        for key in ("values", "deviations"):
-            table.pop(key)
+        whole = self._table() | {"robot": structure_table(self.robot)}
+        table = {k: v for k, v in whole.items() if k not in ("values", "deviations", "file_tool")}
         return hashlib.sha256(json.dumps(table, sort_keys=True).encode()).hexdigest()
 
     def _table(self) -> dict[str, Any]:
@@ -287,7 +286,8 @@ class StiffnessModel:
             ],
             "robot": to_table(self.robot),
         }
-        return table | ({"fixed": self.fixed_by_name} if self.fixed else {})
+        more = (("fixed", self.fixed_by_name), ("file_tool", self.file_tool))
+        return table | {key: value for key, value in more if value}
 
     @property
     def fixed_by_name(self) -> dict[str, float]:

@@ -49,6 +49,7 @@ class ModelFile(_Strict):
     deviations: dict[str, Deviation] = {}
     effect: tuple[EffectEntry, ...] = ()
     fixed: dict[str, Number] = {}
+    file_tool: tuple[Number, Number, Number] | None = None
     robot: dict[str, Any]
 
 
@@ -93,7 +94,15 @@ def from_model_table(table: dict[str, Any], origin: str) -> StiffnessModel:
         )
     fixed = {joints[name]: float(value) for name, value in file.fixed.items()}
     model = StiffnessModel(
-        robot, compliances, file.loads, file.measure, effects, file.values, file.deviations, fixed
+        robot,
+        compliances,
+        file.loads,
+        file.measure,
+        effects,
+        file.values,
+        file.deviations,
+        fixed,
+        file.file_tool,
     )
     _complete(model, origin)
     return model

@@ -16,6 +16,7 @@ from symstiff.calibration.identify import identify
 from symstiff.calibration.kept import seen_in
 from symstiff.calibration.measurements import measurements
 from symstiff.calibration.rows import equations, stated_sigma
+from symstiff.calibration.writing import write_table
 from symstiff.discrepancy.finding import Task
 from symstiff.discrepancy.workflow import run as diagnose
 from symstiff.effects.base import EffectInstance, Scales, catalogue
@@ -107,6 +108,13 @@ def test_a_robot_file_given_as_a_model_is_told_as_one(run: Run, tmp_path: Path) 
     assert_users_mistake(mistake, "arm.toml: this is a robot file", "symstiff identify")
     lost = run("generate", "scara", "--model", tmp_path / "none.toml", "-o", tmp_path / "out")
     assert_users_mistake(lost, "none.toml: cannot read the model", "check the path")
+
+
+@pytest.mark.parametrize("command", ["identify", "diagnose"])
+def test_a_misspelt_start_is_told_what_a_start_may_be(run: Run, tmp_path: Path, command: str) -> None:
+    write_table(measured(), tmp_path / "data.csv")
+    mistake = run(command, ROBOT, tmp_path / "data.csv", "--start", "joint", "-o", tmp_path / "out")
+    assert_users_mistake(mistake, "--start joint: no such model file", "complete, joints")
 
 
 @pytest.mark.parametrize("effect", sorted(catalogue()))

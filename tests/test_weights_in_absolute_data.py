@@ -3,23 +3,38 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
+from command_line import Run, assert_users_mistake, run_command_line  # noqa: F401
 
 from symstiff.calibration.experiment.current import settled
 from symstiff.calibration.identify import identify
-from symstiff.calibration.measurements import measurements
+from symstiff.calibration.measurements import Measurements, measurements
 from symstiff.calibration.simulation import Truth, clean_response, nominal_truth
+from symstiff.calibration.writing import write_table
 from symstiff.discrepancy.finding import Task
 from symstiff.discrepancy.growth import fit
 from symstiff.discrepancy.scan import column_space
-from symstiff.discrepancy.workflow import run
-from symstiff.model import StiffnessModel
+from symstiff.discrepancy.workflow import run as diagnose
+from symstiff.model import StiffnessModel, load_model
 from symstiff.reduction.reduce import reduce
+from symstiff.report.folder import write_folder
 from symstiff.robot import Robot, load
 
 SIGMA = 2e-5
+UR10_A, UR10_D = (0, -0.612, -0.5723, 0, 0, 0), (0.1273, 0, 0, 0.163941, 0.1157, 0.0922)
+UR10_ALPHA = (np.pi / 2, 0, 0, np.pi / 2, -np.pi / 2, 0)
+MASS = (7.778, 12.93, 3.87, 1.96, 1.96, 0.202)
+COM = (
+    (0.021, 0, 0.027),
+    (0.38, 0, 0.158),
+    (0.24, 0, 0.068),
+    (0, 0.007, 0.018),
+    (0, 0.007, 0.018),
+    (0, 0, 0.03),
+)
 
 
 def heavy() -> Robot:
@@ -71,7 +86,7 @@ def test_absolute_data_of_a_heavy_arm_say_that_model_and_code_leave_its_weight_o
     for kind, told in (("absolute", 1), ("deflection", 0)):
         _, table = experiment(robot, 3, kind, SIGMA)
         start = StiffnessModel.of(reduce(robot, "force", "pose"))
-        remarks = (identify(robot, table, start).remarks, run(Task(robot, table, start)).remarks)
+        remarks = (identify(robot, table, start).remarks, diagnose(Task(robot, table, start)).remarks)
         assert [sum("own weight bends the arm" in r for r in said) for said in remarks] == [told, told]
 
 
@@ -84,3 +99,152 @@ def test_no_column_is_the_rounding_of_others() -> None:
     other = column_space(settled(start, replace(table, q=table.q + 1e-13)).A)
     assert one.shape == other.shape
     assert np.linalg.norm(one - other @ (other.T @ one), axis=0) == pytest.approx(0.0, abs=1e-6)
+
+
+def frames(q: np.ndarray) -> list[np.ndarray]:
+    """The UR10's frames 0 … 6, (4, 4) each, written down from its DH table."""
+    found = [np.eye(4)]
+    for theta, a, d, alpha in zip(q, UR10_A, UR10_D, UR10_ALPHA, strict=True):
+        c, s, ca, sa = np.cos(theta), np.sin(theta), np.cos(alpha), np.sin(alpha)
+        row = [[c, -s * ca, s * sa, a * c], [s, c * ca, -c * sa, a * s], [0, sa, ca, d], [0, 0, 0, 1]]
+        found.append(found[-1] @ np.array(row))
+    return found
+
+
+def sagging(q: np.ndarray, compliance: dict[int, float], probe: np.ndarray) -> np.ndarray:
+    """(3,) position of a probe on the UR10's flange, whose joints give way under the links' weight."""
+    f, sag = frames(q), np.zeros(6)
+    for j, c in compliance.items():
+        axis, origin = f[j - 1][:3, 2], f[j - 1][:3, 3]
+        arms = (f[i + 1][:3, 3] + f[i + 1][:3, :3] @ np.array(COM[i]) - origin for i in range(j - 1, 6))
+        moments = (-9.80665 * m * np.cross(axis, arm)[2] for m, arm in zip(MASS[j - 1 :], arms, strict=True))
+        sag[j - 1] = c * sum(moments)
+    tip = frames(q + sag)[6]
+    return np.asarray(tip[:3, 3] + tip[:3, :3] @ probe)
+
+
+def probed(
+    compliance: dict[int, float], probe: tuple[float, float, float], stated: bool = True, noise: float = SIGMA
+) -> Measurements:
+    """Positions of a probe that the robot file does not tell, of a UR10 with joint offsets of a milliradian."""
+    rng = np.random.default_rng(5)
+    q, offset = rng.uniform(-2.5, 2.5, (200, 6)), 1e-3 * rng.normal(size=6)
+    read = np.array([sagging(row + offset, compliance, np.array(probe)) for row in q])
+    read += noise * rng.normal(size=read.shape)
+    values = np.hstack([read, np.full((len(q), 3), np.nan)])
+    sigma = np.where(np.isfinite(values), noise, np.nan) if stated else None
+    w, units = np.zeros((len(q), 6)), ["rad"] * 6
+    return measurements(q, w, values=values, sigma=sigma, kind="absolute", joint_units=units)
+
+
+@pytest.mark.parametrize("stated", [True, False], ids=["stated", "no sigma"])
+@pytest.mark.parametrize("probe", [(0.0, 0.0, 0.0934), (0.1, 0.0, 0.15)])
+def test_a_probe_that_nobody_told_of_leaves_the_compliances_right(
+    probe: tuple[float, float, float], stated: bool
+) -> None:
+    truth = {2: 8e-6, 3: 9e-6}
+    found = identify(heavy(), probed(truth, probe, stated), "joints")
+    for j, c in truth.items():
+        assert abs(found.model.values[f"c{j}"] - c) < 4 * found.model.deviations[f"c{j}"] < 1e-6
+    assert any("mm from the tool centre point" in remark for remark in found.remarks)
+    assert found.training.after["positional"].rms < 1.2 * SIGMA * np.sqrt(3)
+
+
+def geometry_alone(table: Measurements, probe: tuple[float, float, float]) -> float:
+    """What DH constants, probe and placement leave of positions, rms [m]: columns by differences of own kinematics."""
+
+    def position(q: np.ndarray, p: np.ndarray) -> np.ndarray:
+        T = np.eye(4)
+        for k in range(6):
+            theta, a, d, alpha = np.array([q[k], UR10_A[k], UR10_D[k], UR10_ALPHA[k]]) + p[4 * k : 4 * k + 4]
+            c, s, ca, sa = np.cos(theta), np.sin(theta), np.cos(alpha), np.sin(alpha)
+            c2, s2 = np.cos(p[24 + k]), np.sin(p[24 + k])  # a turn about y, for parallel axes
+            row = [[c, -s * ca, s * sa, a * c], [s, c * ca, -c * sa, a * s], [0, sa, ca, d], [0, 0, 0, 1]]
+            T = T @ np.array(row) @ np.array([[c2, 0, s2, 0], [0, 1, 0, 0], [-s2, 0, c2, 0], [0, 0, 0, 1]])
+        x = T[:3, 3] + T[:3, :3] @ (np.array(probe) + p[30:33])
+        return np.asarray(x + p[33:36] + np.cross(p[36:39], x))
+
+    nominal, steps = np.zeros(39), 1e-6 * np.eye(39)
+    y = np.concatenate([x - position(q, nominal) for q, x in zip(table.q, table.values[:, :3], strict=True)])
+    A = np.vstack([[(position(q, h) - position(q, -h)) / 2e-6 for h in steps] for q in table.q])
+    A = A.reshape(len(table.q), 39, 3).transpose(0, 2, 1).reshape(-1, 39)
+    left = y - A @ np.linalg.lstsq(A, y, rcond=1e-8)[0]
+    return float(np.sqrt(3 * np.mean(left**2)))
+
+
+def test_what_geometry_alone_leaves_of_positions_stands_beside_what_the_model_leaves() -> None:
+    """Most of what a fit removes is placement and geometry, which no model holds: it is no deflection compensated."""
+    probe = (0.1, 0.0, 0.15)
+    table = probed({2: 8e-5, 3: 9e-5}, probe)
+    residuals = identify(heavy(), table, "joints").training
+    assert residuals.geometry is not None
+    assert residuals.geometry["positional"].rms == pytest.approx(geometry_alone(table, probe), rel=0.02)
+    assert residuals.geometry["positional"].rms > 3 * residuals.after["positional"].rms
+    assert residuals.to_dict()["compensated"] is None
+
+
+def test_a_compliance_that_positions_do_not_tell_is_zero_everywhere_or_nowhere() -> None:
+    found = identify(heavy(), probed({2: 8e-6, 3: 9e-6}, (0.0, 0.0, 0.0934), noise=1e-3), "joints")
+    zero = {n for n in found.model.parameters if found.model.values[n] == 0.0}
+    assert "c5" in zero
+    assert not zero & set(found.model.deviations)
+    assert not zero & set(found.fit.names)
+    told = next(r for r in found.remarks if "sizes that no arm has" in r)
+    assert all(name in told for name in zero)
+    for j, c in {2: 8e-6, 3: 9e-6}.items():
+        assert abs(found.model.values[f"c{j}"] - c) < 4 * found.model.deviations[f"c{j}"]
+
+
+def test_of_positions_no_deflection_is_said_to_be_compensated(run: Run, tmp_path: Path) -> None:
+    write_table(probed({2: 8e-6, 3: 9e-6}, (0.0, 0.0, 0.0934)), tmp_path / "data.csv")
+    done = run("identify", "ur10", tmp_path / "data.csv", "--start", "joints", "-o", tmp_path / "model.toml")
+    assert done.code == 0
+    assert "compensated" not in done.out
+    assert "geometry alone" in done.out
+
+
+@pytest.mark.parametrize("start", ["complete", "joints"])
+def test_a_diagnosis_writes_no_compliances_that_geometry_hides(start: str, tmp_path: Path) -> None:
+    """A geometry that is off looks like compliances of any size in positions of an arm that carries nothing."""
+    found = diagnose(
+        Task(heavy(), probed({2: 8e-6, 3: 9e-6}, (0.0, 0.0, 0.0934), noise=1e-3), start, max_poses=60)
+    )
+    write_folder(found, tmp_path / "report")
+    model = load_model(tmp_path / "report" / "model.toml")
+    q = np.array([[0.2, -1.0, 1.4, -0.5, 1.2, 0.1]])
+    moved = model.of_robot().deflection(q, [[0.0, 0.0, -50.0, 0.0, 0.0, 0.0]])[0, :3]
+    assert np.linalg.norm(moved) < 2e-3  # by c2 and c3: about half a millimetre
+    told = [r for r in found.remarks if "beside the geometry and are zero" in r]
+    assert len(told) == 1
+    lacks = {"complete": "is no model of the robot under loads", "joints": "lacks their part under loads"}
+    assert lacks[start] in told[0]
+    assert (tmp_path / "report" / "code").exists() == (start == "joints")
+
+
+def test_a_model_whose_tool_is_the_measured_point_is_read_again(run: Run, tmp_path: Path) -> None:
+    probe, (data, model) = (0.0, 0.0, 0.0934), (tmp_path / n for n in ("data.csv", "model.toml"))
+    write_table(probed({2: 8e-6, 3: 9e-6}, probe), data)
+    assert run("identify", "ur10", data, "--start", "joints", "-o", model).code == 0
+    first = load_model(model)
+    assert first.robot.tool.xyz != load("ur10").tool.xyz
+    again = tmp_path / "again.toml"
+    assert run("identify", "ur10", data, "--start", model, "-o", again).code == 0
+    second = load_model(again)
+    assert second.file_tool == first.file_tool == (0.0, 0.0, 0.0)
+    assert dict(second.values) == pytest.approx(dict(first.values), rel=1e-3, abs=1e-9)
+    made = run("generate", "ur10", "--model", model, "-o", tmp_path / "code", "--no-compile")
+    assert made.code == 0
+    assert "tool centre point is the point that was measured" in " ".join((made.out + made.err).split())
+
+
+def test_tables_that_do_not_tell_the_point_refuse_a_model_of_another(run: Run, tmp_path: Path) -> None:
+    robot, data, model = heavy(), tmp_path / "data.csv", tmp_path / "model.toml"
+    probed_model = identify(robot, probed({2: 8e-6, 3: 9e-6}, (0.0, 0.0, 0.0934)), "joints").model
+    probed_model.save(model)
+    _, table = experiment(robot, 11, "deflection", SIGMA)
+    write_table(table, data)
+    x, y, z = probed_model.robot.tool.xyz
+    refused = run("identify", "ur10", data, "--start", model, "-o", tmp_path / "new.toml")
+    assert_users_mistake(refused, f"xyz = [{float(x):g}, {float(y):g}, {float(z):g}] under [tool]")
+    told = load("ur10").model_copy(update={"tool": probed_model.robot.tool})
+    assert identify(told, table, probed_model).model.robot == probed_model.robot

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Container, Mapping
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 import scipy.linalg
@@ -10,9 +11,10 @@ import scipy.linalg
 from symstiff.calibration.compact import triangular
 from symstiff.calibration.decomposition import svd
 from symstiff.calibration.estimate import Estimate, estimate
-from symstiff.calibration.experiment.current import settled, sigma_of
+from symstiff.calibration.experiment.current import Current, settled, sigma_of
 from symstiff.calibration.measurements import Measurements
-from symstiff.calibration.residuals import ResidualTable, residual_table
+from symstiff.calibration.plausible import implausible
+from symstiff.calibration.residuals import ResidualTable, residual_table, sizes
 from symstiff.calibration.rows import Equations, shared_blocks, weights
 from symstiff.model import StiffnessModel
 
@@ -22,11 +24,23 @@ _OUTSIDE = 1e-4
 
 @dataclass(frozen=True, eq=False)
 class AbsoluteFit:
-    """A fit to absolute data: the model's parameters, then the geometry; residuals beyond the rigid robot."""
+    """A fit to absolute data: the model's parameters, then the geometry; residuals beyond the rigid robot.
+
+    ``silent`` are parameters that move no row; ``untold`` (value and deviation that they would have) are compliances
+    that the geometry hides: any size that an arm may have fits, or one that no arm has. Neither is part of the fit.
+    """
 
     fit: Estimate
     equations: Equations
     residuals: ResidualTable
+    silent: tuple[str, ...] = ()
+    untold: Mapping[str, tuple[float, float]] = field(default_factory=dict)
+
+    @property
+    def known(self) -> dict[str, tuple[float, float]]:
+        """Value and deviation of what the rows determine."""
+        fitted = zip(self.fit.names, self.fit.values.tolist(), self.fit.std.tolist(), strict=True)
+        return {name: (value, std) for name, value, std in fitted if np.isfinite(std)}
 
 
 def fit_absolute(model: StiffnessModel, table: Measurements) -> AbsoluteFit:
@@ -37,33 +51,63 @@ def fit_absolute(model: StiffnessModel, table: Measurements) -> AbsoluteFit:
     ``geometry_<link>_<axis>`` [m, rad]); those that a compliance could mimic are left to the geometry.
     """
     current = settled(model, table)
-    view = current.situation.view
-    elastic = current.A[:, : len(current.names)]
-    known = sigma_of(view)
+    silent = tuple(n for n in model.parameters if n not in current.names)
+    untold: dict[str, tuple[float, float]] = {}
+    found = _fitted(current, table, model, untold)
+    while more := implausible(model, found.known):
+        untold |= {name: found.known[name] for name in more}
+        found = _fitted(current, table, model, untold)
+    return replace(found, silent=silent, untold=untold)
+
+
+def untold(model: StiffnessModel, table: Measurements) -> tuple[str, ...]:
+    """Compliances that absolute positions do not tell beside the geometry, and those that they do not show."""
+    found = fit_absolute(model, table)
+    return tuple(p.name for p in model.compliances if p.name not in found.known)
+
+
+def _fitted(
+    current: Current, table: Measurements, model: StiffnessModel, without: Container[str]
+) -> AbsoluteFit:
+    """The fit of all columns but those of some compliances."""
+    view, count = current.situation.view, len(current.names)
     constant = [k for k, v in enumerate(view.joints) if v.kind == "link"]
     chosen = [constant[k] for k in _independent(view.J[:, constant])]
-    count = len(current.names)
     beside = current.A[:, count : count + len(current.hidden)]
-    shown = _independent(_outside(beside, np.hstack([elastic, view.J[:, chosen]])))
+    shown = _independent(_outside(beside, np.hstack([current.A[:, :count], view.J[:, chosen]])))
+    own = [k for k, name in enumerate(current.names) if name not in without]
+    names = [current.names[k] for k in own]
     hidden = [current.hidden[k] for k in shown]
-    labels = [f"geometry_{view.joints[k].body}_{view.joints[k].axis}" for k in chosen]
-    units = ["rad" if view.joints[k].rotational else "m" for k in chosen]
-    A = np.hstack([elastic, beside[:, shown], view.J[:, chosen]])
+    joints = [view.joints[k] for k in chosen]
+    known = sigma_of(view)
+    A = np.hstack([current.A[:, own], beside[:, shown], view.J[:, chosen]])
     e = Equations(A, current.y, known, view.state, view.component)
-    compliances = [*(model.units[n] for n in current.names), *(p.unit for p in hidden)]
-    names = (*current.names, *(p.name for p in hidden), *labels)
     fit = estimate(
         e.A,
         e.y,
         weights(e),
-        names,
-        units=(*compliances, *units),
+        (*names, *(p.name for p in hidden), *(f"geometry_{v.body}_{v.axis}" for v in joints)),
+        units=(
+            *(model.units[n] for n in names),
+            *(p.unit for p in hidden),
+            *("rad" if v.rotational else "m" for v in joints),
+        ),
         blocks=shared_blocks(e, table),
         estimated=known is None,
     )
-    before = e.spread(e.y, len(table))
-    after = e.spread(e.A @ fit.values, len(table))
-    return AbsoluteFit(fit, e, residual_table(before, after))
+    before, after, geometry = (
+        e.spread(rows, len(table)) for rows in (e.y, e.A @ fit.values, _explained(e, view.J[:, chosen]))
+    )
+    sizes_left = replace(residual_table(before, after), geometry=sizes(before - geometry))
+    return AbsoluteFit(fit, e, sizes_left)
+
+
+def _explained(e: Equations, columns: np.ndarray) -> np.ndarray:
+    """(M,) what some columns (M, k) explain by themselves."""
+    sigma = weights(e)
+    spread = np.ones(len(e.y)) if sigma is None else sigma
+    basis = svd((columns / np.linalg.norm(columns, axis=0)) / spread[:, None])[0]
+    return np.asarray(spread * (basis @ (basis.T @ (e.y / spread))))
 
 
 def _outside(columns: np.ndarray, others: np.ndarray) -> np.ndarray:

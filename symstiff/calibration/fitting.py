@@ -83,7 +83,7 @@ def _sizes(model: StiffnessModel, table: Measurements, values: Mapping[str, floa
     """(P,) sizes that move the tool alike; usual ones where the model is linear."""
     if model.is_linear:
         return np.array([model.steps[n] for n in model.parameters])
-    evaluator, context = for_poses(model, len(table.q)), context_of(table)
+    evaluator, context = for_poses(model, len(table.q)), context_of(model, table)
 
     def moved(p: np.ndarray) -> np.ndarray:
         return evaluator.deflection(table.q, table.w, dict(zip(model.parameters, p, strict=True)), context)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -13,14 +14,23 @@ from symstiff.calibration.checks import check_measured, without_copies, without_
 from symstiff.calibration.constrained import ConstrainedEstimate, constrain
 from symstiff.calibration.estimate import Estimate
 from symstiff.calibration.experiment.readings import ExperimentClass, experiment_of
-from symstiff.calibration.experiment.rounding import without_rounding
 from symstiff.calibration.fitting import fit_model
 from symstiff.calibration.kept import completed, seen_in
 from symstiff.calibration.levels import by_level
 from symstiff.calibration.loading import as_loading
 from symstiff.calibration.markers import left_of_deflections, marker_hint
 from symstiff.calibration.measurements import Measurements
-from symstiff.calibration.remarks import axis_remarks, explained, fits, of_loads, of_sag, repeated, settled
+from symstiff.calibration.point import find_point
+from symstiff.calibration.remarks import (
+    axis_remarks,
+    beside_geometry,
+    explained,
+    fits,
+    of_loads,
+    of_sag,
+    repeated,
+    settled,
+)
 from symstiff.calibration.residuals import ResidualTable, places, residual_table, split
 from symstiff.calibration.robust import RobustEstimate
 from symstiff.calibration.rows import Equations, equations, predict
@@ -41,6 +51,7 @@ from symstiff.reduction import Reduction, reduce
 from symstiff.reduction.complete import complete_map
 from symstiff.reduction.remarks import reduction_remarks
 from symstiff.reduction.svd import numeric_partition
+from symstiff.robot.mistakes import printable
 from symstiff.robot.schema import Robot
 
 
@@ -108,6 +119,10 @@ def start_model(
             experiment.points,
         )
         return joints_only(robot, loads, measure, fixed, points), None
+    if not Path(start).exists():
+        raise UserError(
+            f"--start {printable(start)}: no such model file: give complete, joints, or the path of a model.toml"
+        )
     model = usable_model(start)
     check_same_robot(model, robot, start)
     return model, None
@@ -158,7 +173,8 @@ def identify(
     model, unseen = seen_in(model, table.kind)
     if not model.parameters:
         raise UserError("nothing to identify: " + "; ".join([*left_out, *unseen]))
-    remarks += [*left_out, *unseen]
+    model, elsewhere = find_point(model, table, robot)
+    remarks += [*left_out, *unseen, *([elsewhere] if elsewhere else [])]
     if table.kind == "absolute":
         return _from_absolute(model, reduction, table, remarks)
     train, validation = _split(table, held_out, seed)
@@ -213,29 +229,15 @@ def _from_absolute(
     model: StiffnessModel, reduction: Reduction | None, table: Measurements, remarks: list[str]
 ) -> Identification:
     found = fit_absolute(model, table)
-    values = dict(zip(found.fit.names, found.fit.values.tolist(), strict=True))
-    spread = dict(zip(found.fit.names, found.fit.std.tolist(), strict=True))
-    names = [n for n in model.parameters if np.isfinite(spread.get(n, np.inf))]
-    sizes = np.array([model.steps.get(n, 1.0) for n in found.fit.names])
-    shown = dict(
-        zip(found.fit.names, np.any(without_rounding(found.equations.A, sizes), axis=0), strict=True)
-    )
-    silent = [n for n in model.parameters if not shown.get(n, False)]
-    check_beside_geometry([n for n in model.parameters if n not in names and n not in silent])
-    if silent:
-        remarks = [*remarks, f"no row shows {', '.join(silent)}: not determined by these data, and zero"]
-    known = dict.fromkeys(silent, 0.0) | {n: values[n] for n in names}
-    model = model.with_values(known, {n: spread[n] for n in names})
-    geometry = sum(n.startswith("geometry_") for n in values)
-    beside = [n for n in values if not n.startswith("geometry_") and n not in model.parameters]
-    weights = f", and what only the links' weights show: {', '.join(beside)}" if beside else ""
+    nothing = (*found.silent, *found.untold)
+    open_ones = [n for n in model.parameters if n not in found.known and n not in nothing]
+    check_beside_geometry(open_ones or ([] if any(n in found.known for n in model.parameters) else nothing))
+    own = {n: found.known[n] for n in model.parameters if n in found.known}
+    values = dict.fromkeys(nothing, 0.0) | {n: value for n, (value, _) in own.items()}
+    model = model.with_values(values, {n: std for n, (_, std) in own.items()})
     remarks = [
         *remarks,
-        f"absolute positions: {geometry} constants of geometry and placement were fitted along{weights}",
-    ]
-    remarks += [
-        *explained(found.residuals),
-        *fits(found.fit, found.equations),
+        *beside_geometry(found, model),
         *unlike_file(model, model.robot),
         *of_sag(model.robot),
     ]

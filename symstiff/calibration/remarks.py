@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 import scipy.stats
 
+from symstiff.calibration.absolute import AbsoluteFit
 from symstiff.calibration.axes import axis_hint_refit
 from symstiff.calibration.estimate import Estimate
 from symstiff.calibration.experiment.situation import has_weights
@@ -76,6 +77,28 @@ def of_loads(table: Measurements, loads: str) -> list[str]:
         return []
     # a model for vertical loads is reduced for one direction: nothing to warn of
     return [r for r in check_loads(table.w, table.place) if loads != "gravity" or "one direction" not in r]
+
+
+def beside_geometry(found: AbsoluteFit, model: StiffnessModel) -> list[str]:
+    """What is to be said of a fit to absolute positions: parameters without a value, what was fitted along, the fit."""
+    remarks = []
+    if found.silent:
+        remarks.append(f"no row shows {', '.join(found.silent)}: not determined by these data, and zero")
+    if found.untold:
+        shown = ", ".join(
+            f"{n} ({value:.2g} ± {std:.1g} {model.units[n]})" for n, (value, std) in found.untold.items()
+        )
+        remarks.append(
+            f"{shown}: beside the geometry these positions allow sizes that no arm has: not determined, and zero"
+        )
+    names = found.fit.names
+    geometry = sum(n.startswith("geometry_") for n in names)
+    beside = [n for n in names if not n.startswith("geometry_") and n not in model.parameters]
+    weights = f", and what only the links' weights show: {', '.join(beside)}" if beside else ""
+    remarks.append(
+        f"absolute positions: {geometry} constants of geometry and placement were fitted along{weights}"
+    )
+    return [*remarks, *fits(found.fit, found.equations)]
 
 
 def of_sag(robot: Robot) -> list[str]:

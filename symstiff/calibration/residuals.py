@@ -27,15 +27,27 @@ class Size:
 
 @dataclass(frozen=True)
 class ResidualTable:
-    """Sizes by axis and of whole positions and rotations (keys: x … rz, positional, rotational)."""
+    """Sizes by axis and of whole positions and rotations (keys: x … rz, positional, rotational).
+
+    ``geometry``: of absolute positions, what errors of geometry and placement alone leave; ``before`` is then what the
+    rigid robot leaves, placed as well as it can be.
+    """
 
     before: dict[str, Size]
     after: dict[str, Size]
+    geometry: dict[str, Size] | None = None
 
     @property
     def compensated(self) -> float:
-        """Share of the positional RMS that the model removes (seed: 0.95); nan without positions."""
-        if "positional" not in self.before or self.before["positional"].rms == 0.0:
+        """Share of the positional RMS that the model removes (seed: 0.95); nan without positions.
+
+        And for absolute ones, where most of what is removed is geometry and placement: they are no part of the model.
+        """
+        if (
+            self.geometry is not None
+            or "positional" not in self.before
+            or self.before["positional"].rms == 0.0
+        ):
             return math.nan
         return 1.0 - self.after["positional"].rms / self.before["positional"].rms
 
@@ -48,6 +60,7 @@ class ResidualTable:
         share = self.compensated
         return {
             "before": sizes(self.before),
+            **({} if self.geometry is None else {"geometry": sizes(self.geometry)}),
             "after": sizes(self.after),
             "compensated": share if math.isfinite(share) else None,
         }

@@ -13,6 +13,7 @@ from symstiff.calibration.compact import Array
 from symstiff.calibration.rank import RankDecision
 from symstiff.errors import UserError
 from symstiff.reduction.admissible import JOINT, LINK
+from symstiff.robot.tool import tool_of, with_tool
 from symstiff.symbolic.numeric import forward
 
 if TYPE_CHECKING:
@@ -134,10 +135,15 @@ def outside_fixed(q: Array, model: StiffnessModel) -> list[str]:
 
 
 def check_same_robot(model: StiffnessModel, robot: Robot, origin: str) -> None:
-    """Raise UserError where a model was made of another robot, or of one with another geometry."""
+    """Raise UserError where a model was made of another robot, or of one with another geometry.
+
+    The same are a robot file and a model whose tool was moved from that file's to the point that was measured.
+    """
     if model.robot.name != robot.name:
         raise UserError(f"{origin} is a model of {model.robot.name}, not of {robot.name}")
-    apart = _apart(model.robot, robot)
+    apart = geometry_apart(model.robot, robot)
+    if apart > _SAME and model.file_tool is not None:
+        apart = geometry_apart(with_tool(model.robot, model.file_tool), robot)
     if apart > _SAME:
         raise UserError(
             f"{origin} was made with another geometry than {robot.name}'s robot file: their tool centre points are "
@@ -145,7 +151,7 @@ def check_same_robot(model: StiffnessModel, robot: Robot, origin: str) -> None:
         )
 
 
-def _apart(one: Robot, other: Robot) -> float:
+def geometry_apart(one: Robot, other: Robot) -> float:
     """Greatest distance [m] between the tool centre points of two robots at a few joint angles."""
     if one.dof != other.dof:
         return math.inf
@@ -153,6 +159,27 @@ def _apart(one: Robot, other: Robot) -> float:
     away = forward(one, q) - forward(other, q)
     turned = np.abs(away[:, :3, :3]).max() * one.reach
     return float(max(np.linalg.norm(away[:, :3, 3], axis=1).max(), turned))
+
+
+def check_tool(model: StiffnessModel, robot: Robot) -> None:
+    """Raise UserError where a start model's tool is a measured point that the robot file does not tell."""
+    if model.file_tool is not None and geometry_apart(model.robot, robot) > _SAME:
+        xyz = ", ".join(f"{x:g}" for x in tool_of(model.robot))
+        raise UserError(
+            f"the start model's tool centre point is a point that was measured, and these tables do not tell whether "
+            f"theirs is the same: give a robot file with xyz = [{xyz}] under [tool], or another start"
+        )
+
+
+def of_tool(model: StiffnessModel) -> list[str]:
+    """A remark on a model whose tool centre point is not that of the robot file."""
+    if model.file_tool is None:
+        return []
+    measured, told = (", ".join(f"{x:g}" for x in xyz) for xyz in (tool_of(model.robot), model.file_tool))
+    return [
+        f"the model's tool centre point is the point that was measured, xyz = [{measured}] m, and not that of the "
+        f"robot file, [{told}]: loads act there, and deflections are told there"
+    ]
 
 
 def unlike_file(model: StiffnessModel, robot: Robot) -> list[str]:

@@ -79,7 +79,7 @@ def run_compensate(model_file: Path, trajectory: Path, output: Path, json: str |
     from symstiff.calibration.remarks import of_sag
     from symstiff.calibration.rewriting import rewrite_joints
     from symstiff.calibration.rows import context_of
-    from symstiff.calibration.soundness import outside_class, outside_fixed, usable_model
+    from symstiff.calibration.soundness import of_tool, outside_class, outside_fixed, usable_model
     from symstiff.calibration.table import check_robot, read_trajectory
     from symstiff.compensation import compensate
 
@@ -94,7 +94,7 @@ def run_compensate(model_file: Path, trajectory: Path, output: Path, json: str |
     out = console(json)
     known = (
         *check_robot(table, model.robot), *outside_class(table.w, model.loads), *outside_fixed(table.q, model),
-        *of_sag(model.robot),
+        *of_sag(model.robot), *of_tool(model),
     )  # fmt: skip
     without = [e.effect for e in model.effects if e not in model.of_robot().effects]
     with stages(out) as progress:

@@ -16,6 +16,7 @@ if TYPE_CHECKING:
     from rich.console import Console
 
     from symstiff.calibration.identify import Identification
+    from symstiff.calibration.residuals import ResidualTable
 
 _CONTRADICTED = 1e-3
 """Probability of what physical bounds cost below which the data speak against them."""
@@ -163,6 +164,9 @@ def print_residuals(out: Console, parts: list[tuple[str, Any]]) -> None:
     for title, residuals in parts:
         if residuals is None:
             continue
+        if residuals.geometry is not None:
+            _print_steps(out, residuals)
+            continue
         share = f": {100 * residuals.compensated:.1f} % of the deflection compensated"
         table = Table(title=title + (share if isfinite(residuals.compensated) else ""), title_justify="left")
         table.add_column("")
@@ -174,3 +178,25 @@ def print_residuals(out: Console, parts: list[tuple[str, Any]]) -> None:
             both = (before, residuals.after[axis])
             table.add_row(f"{axis} [{unit}]", *(milli(x) for s in both for x in (s.max, s.rms)))
         print_table(out, table)
+
+
+def _print_steps(out: Console, residuals: ResidualTable) -> None:
+    """What is left of absolute positions: of them the geometry explains most, and the model holds none of it."""
+    from rich.table import Table
+
+    from symstiff.discrepancy.numbers import milli
+
+    steps = {
+        "placed, rigid and uncalibrated": residuals.before,
+        "geometry alone": residuals.geometry or {},
+        "geometry and compliances": residuals.after,
+    }
+    table = Table(title="what is left of the positions [mm, mrad]", title_justify="left")
+    table.add_column("step", no_wrap=True)
+    kinds = [kind for kind in ("positional", "rotational") if kind in residuals.before]
+    for kind in kinds:
+        table.add_column(f"{kind[:3]}. MAX", justify="right")
+        table.add_column(f"{kind[:3]}. RMS", justify="right")
+    for step, sizes in steps.items():
+        table.add_row(step, *(milli(x) for kind in kinds for x in (sizes[kind].max, sizes[kind].rms)))
+    print_table(out, table)

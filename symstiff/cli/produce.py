@@ -32,6 +32,7 @@ def run_generate(
     json: str | None,
 ) -> None:
     """Derive, reduce, emit, compile, verify, report."""
+    from symstiff.calibration.soundness import of_tool
     from symstiff.codegen.generate import generate
     from symstiff.codegen.options import Options
     from symstiff.model import StiffnessModel
@@ -51,6 +52,8 @@ def run_generate(
             model = StiffnessModel.of(reduction)
         else:
             model = _identified(robot, model_file, loads, measure)
+            for remark in of_tool(model):
+                note(out, remark)
         result = generate(model, output, options, compile_c=compile_c, footprint=compile_c, progress=progress)
     write_json(json, result.manifest)  # before a word is said: a closed pipe ends the command
     if reduction is not None:

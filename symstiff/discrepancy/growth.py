@@ -2,15 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Collection, Iterable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 
+from symstiff.calibration.absolute import untold
 from symstiff.calibration.experiment.placement import placement_columns
 from symstiff.calibration.experiment.rounding import without_rounding
 from symstiff.calibration.experiment.situation import Situation
 from symstiff.calibration.measurements import Measurements
+from symstiff.calibration.plausible import implausible
 from symstiff.discrepancy.assemble import Assembly, assemble
 from symstiff.discrepancy.bank import build
 from symstiff.discrepancy.noise import Noise
@@ -56,8 +58,10 @@ def grow(model: StiffnessModel, instances: Iterable[EffectInstance]) -> Stiffnes
 
 
 @one_thread
-def fit(model: StiffnessModel, table: Measurements, noise: Noise | None = None) -> Fitted:
-    """Identify all parameters of a model jointly, with the noise as the data show it.
+def fit(
+    model: StiffnessModel, table: Measurements, noise: Noise | None = None, without: Collection[str] = ()
+) -> Fitted:
+    """Identify all parameters of a model jointly but those ``without``, with the noise as the data show it.
 
     The device's placement in absolute data is estimated along. Loads and readings that lean on the
     compliances (a wrong load, a turned frame), and laws under such loads, are linearised anew until what is left
@@ -72,7 +76,7 @@ def fit(model: StiffnessModel, table: Measurements, noise: Noise | None = None) 
             found.assembly.problem.y
         ):
             break
-        kept = independent(problem, [model.steps[n] for n in names])
+        kept = independent(problem, [0.0 if n in without else model.steps[n] for n in names])
         own = [names[k] for k in kept if k < len(names)]
         kept_only = replace(problem, A=problem.A[:, kept])
         scan = prepare(kept_only, ()).scan if noise is None else _weighed(kept_only, noise)
@@ -91,6 +95,29 @@ def fit(model: StiffnessModel, table: Measurements, noise: Noise | None = None) 
     return found
 
 
+def fit_told(
+    model: StiffnessModel, base: StiffnessModel, table: Measurements, noise: Noise | None = None
+) -> Fitted:
+    """``fit``, where the table holds absolute positions without the compliances of ``base`` that these do not tell.
+
+    An error of the geometry looks like compliances in them, of sizes that no arm has: those are zero, not values.
+    """
+    if table.kind != "absolute":
+        return fit(model, table, noise)
+    own = [p.name for p in base.compliances if p.name in model.stiffness_parameters]
+    without = set(untold(base, table)) & set(own)
+    found = fit(model, table, noise, without)
+    while more := implausible(base, _sized(found.model, own)):
+        without |= set(more)
+        found = fit(model, table, noise, without)
+    return found
+
+
+def _sized(model: StiffnessModel, names: Iterable[str]) -> dict[str, tuple[float, float]]:
+    """Values and deviations of what a fit determined."""
+    return {n: (model.values[n], model.deviations[n]) for n in names if n in model.deviations}
+
+
 def _weighed(problem: Problem, noise: Noise) -> Scan:
     """The scan of a model without candidates under a noise that is known."""
     return open_scan(build(problem, (), ()), noise, problem.y, problem.A)
@@ -106,7 +133,7 @@ def _rigid(assembly: Assembly) -> Array:
 def independent(problem: Problem, sizes: Sequence[float]) -> list[int]:
     """Columns that say something of their own: the device's placement first, then the model's in order.
 
-    ``sizes`` are usual ones of the model's parameters, whose columns come first.
+    ``sizes`` are usual ones of the model's parameters, whose columns come first; 0 leaves one out.
     """
     named = len(sizes)
     sigma = np.ones(problem.rows) if problem.sigma is None else problem.sigma

@@ -19,14 +19,15 @@ from symstiff.calibration.identify import start_model
 from symstiff.calibration.kept import seen_in
 from symstiff.calibration.loading import as_loading
 from symstiff.calibration.measurements import Measurements
+from symstiff.calibration.point import find_point
 from symstiff.calibration.soundness import outside_class, outside_fixed
 from symstiff.discrepancy.assemble import Assembly, added_loads, assemble
 from symstiff.discrepancy.climb import leaves_less, links_of, wider_model
 from symstiff.discrepancy.diagnose import diagnose
 from symstiff.discrepancy.doubts import doubted
 from symstiff.discrepancy.finding import Finding, Found, Rung, Task
-from symstiff.discrepancy.growth import Fitted, fit, grow
-from symstiff.discrepancy.point import find_point
+from symstiff.discrepancy.growth import Fitted, fit, fit_told, grow
+from symstiff.discrepancy.numbers import milli
 from symstiff.discrepancy.prepare import at_first
 from symstiff.discrepancy.problem import Options
 from symstiff.discrepancy.proof import FEWEST
@@ -66,7 +67,7 @@ def run(task: Task, tell: Tell = lambda stage: None) -> Finding:
     told = model
     model, unseen = seen_in(model, table.kind)
     remarks += unseen
-    model, remark = find_point(model, table)
+    model, remark = find_point(model, table, task.robot)
     remarks += [remark] if remark else []
     doubt = doubted(model, table)
     assembly, first = _diagnosed(model, table, _options(task, task.max_effects), tell, doubt)
@@ -157,18 +158,20 @@ def _finding(
     )  # fmt: skip
     tell("identification")
     grown = grow(base, [e.instance for e in named if e.set_number == 0])
-    after = fit(grown, table)
+    after = fit_told(grown, base, table)
     extent = extent_of(assembly.situation.view)
     if astray([_as_identified(e, after) for e in named if e.set_number == 0], task.robot, extent):
         last = _taken_back(last)
         return _finding(task, table, told, start, base, assembly, first, last, climbed, remarks, tell)
-    before = after if grown is start else fit(start, table, after.noise)
+    before = after if grown is start else fit_told(start, start, table, after.noise)
     verdict, reason = last.verdict, last.reason
     if climbed and verdict == NOTHING:
         verdict, reason = NAMED, "the links give way; beyond the complete model no test rejects"
     testable = verdict != UNTESTABLE
     remarks = [*remarks, *remarked(assembly.situation.view, last)]
-    remarks += _undetermined(base, assembly, last) if last.growth else _left_at_zero(after)
+    remarks += _hidden(after, base) or (
+        _undetermined(base, assembly, last) if last.growth else _left_at_zero(after)
+    )
     if last.rms.unconfirmed:
         named = tuple(replace(e, confidence=min(e.confidence, _UNCONFIRMED)) for e in named)
         remarks.append(
@@ -217,6 +220,28 @@ def _left_at_zero(fitted: Fitted) -> list[str]:
     ]
 
 
+def _hidden(fitted: Fitted, base: StiffnessModel) -> list[str]:
+    """A remark on compliances that geometry hides in absolute positions, and that the written model lacks."""
+    problem, view = fitted.assembly.problem, fitted.assembly.situation.view
+    own = set(fitted.model.stiffness_parameters)
+    zero = [p.name for p in base.compliances if p.name in own & set(fitted.absorbed)]
+    if view.table.kind != "absolute" or not zero:
+        return []
+    size = milli(float(np.sqrt(np.mean(fitted.residual[problem.axis < 3] ** 2))))
+    lacks = (
+        "is no model of the robot under loads" if len(zero) == len(own) else "lacks their part under loads"
+    )
+    return [
+        f"{len(zero)} of the model's {len(own)} compliances ({_few(zero)}) are not determined by these positions "
+        f"beside the geometry and are zero: model.toml leaves {size} mm rms per coordinate and {lacks} before loaded "
+        "poses, or deflections, are measured"
+    ]
+
+
+def _few(names: Sequence[str]) -> str:
+    return ", ".join(names[:4]) + (", …" if len(names) > 4 else "")
+
+
 def _undetermined(model: StiffnessModel, assembly: Assembly, last: Diagnosis) -> list[str]:
     """A remark on parameters of the start model that the data do not determine."""
     known = {
@@ -226,10 +251,9 @@ def _undetermined(model: StiffnessModel, assembly: Assembly, last: Diagnosis) ->
     open_ones = [n for n in model.parameters if n not in known | nominal]
     if not open_ones:
         return []
-    shown = ", ".join(open_ones[:4]) + (", …" if len(open_ones) > 4 else "")
     return [
         f"{len(open_ones)} of the start model's {len(model.parameters)} parameters are not determined by these data "
-        f"({shown}): more poses, or loads in more directions, would show more"
+        f"({_few(open_ones)}): more poses, or loads in more directions, would show more"
     ]
 
 

@@ -62,8 +62,10 @@ def _code(finding: Finding, folder: Path) -> dict[str, Any]:
     """Regenerate the code; a model that no controller can evaluate gets none, with the reason."""
     from symstiff.codegen.generate import generate
 
-    if not finding.testable and finding.grown.absorbed:
-        return _no_code("no code was written: the data do not determine the model", fault=False)
+    absorbed = finding.grown.absorbed
+    if absorbed and not (finding.testable and set(finding.grown.model.stiffness_parameters) - set(absorbed)):
+        what = "the model" if not finding.testable else "any compliance"
+        return _no_code(f"no code was written: the data do not determine {what}", fault=False)
     model = finding.model.of_robot()
     left_out = [e.effect for e in finding.model.effects if e not in model.effects]
     note = (

@@ -63,6 +63,7 @@ def _context(finding: Finding, files: dict[str, Any], changes: list[Line]) -> di
         "sensitivity": _sensitivity(finding),
         "moved": _moved(finding),
         "absorbed": finding.grown.absorbed,
+        "borne": finding.table.kind == "deflection",
         "changes": changes,
         "files": files,
         "decide": _decide(files.get("decide")),

@@ -10,13 +10,13 @@ from dataclasses import replace
 
 import numpy as np
 
+from symstiff.calibration.compact import Array
 from symstiff.calibration.experiment.placement import closest
 from symstiff.calibration.measurements import Measurements
-from symstiff.discrepancy.problem import Array
+from symstiff.calibration.soundness import check_tool
 from symstiff.model import StiffnessModel
-from symstiff.robot.loading import from_table
 from symstiff.robot.schema import Robot
-from symstiff.robot.table import to_table
+from symstiff.robot.tool import tool_of, with_tool
 from symstiff.symbolic.numeric import kinematics
 
 LEAST = 5e-3
@@ -24,13 +24,14 @@ LEAST = 5e-3
 _ROUNDS = 60
 
 
-def find_point(model: StiffnessModel, table: Measurements) -> tuple[StiffnessModel, str]:
+def find_point(model: StiffnessModel, table: Measurements, robot: Robot) -> tuple[StiffnessModel, str]:
     """The model with the tool centre point moved to the point that was measured, and a remark on it.
 
     Only for absolute positions of the tool centre point under no external load, and where the point stands
-    more than 5 mm off; else the model as it is, and no remark.
+    more than 5 mm off; else the model as it is, and no remark. Raises UserError where that is not ``robot``'s tool.
     """
     if table.kind != "absolute" or table.points != ("tcp",) or np.abs(table.w).max(initial=0.0) > 0:
+        check_tool(model, robot)
         return model, ""
     rows = np.flatnonzero(table.measured[:, :3].all(axis=1))
     if len(rows) < 12:
@@ -40,9 +41,8 @@ def find_point(model: StiffnessModel, table: Measurements) -> tuple[StiffnessMod
     length = float(np.linalg.norm(offset))
     if length < LEAST:
         return model, ""
-    moved = replace(model, robot=_with_tool(model.robot, offset))
     shown = ", ".join(f"{1e3 * x:.1f}" for x in offset)
-    return moved, (
+    return _moved(model, offset), (
         f"the measured point stands {1e3 * length:.1f} mm from the tool centre point of the robot file "
         f"({shown} mm in tool axes): taken as measured; say so in [tool] or as a [[marker]]"
     )
@@ -72,21 +72,10 @@ def _offset(attitude: Array, position: Array, seen: Array) -> Array:
     return np.asarray(offset)
 
 
-def _with_tool(robot: Robot, offset: Array) -> Robot:
-    """The robot with the tool centre point shifted, in tool axes, to a micrometre."""
-    table = to_table(robot)
-    before = kinematics(robot, np.zeros((1, robot.dof)))
-    flange = before.R[0, -1]
-    attitude = before.T[0, :3, :3]
-    shift = flange.T @ attitude @ offset
-    tool = dict(table.get("tool", {}))
-    given = [_number(x) for x in tool.get("xyz", [0, 0, 0])]
-    tool["xyz"] = [float(f"{a + b:.6f}") for a, b in zip(given, shift, strict=True)]
-    table["tool"] = tool
-    return from_table(table, robot.name)
-
-
-def _number(value: object) -> float:
-    from symstiff.robot.exact import parse_exact
-
-    return float(parse_exact(value))
+def _moved(model: StiffnessModel, offset: Array) -> StiffnessModel:
+    """The model with the tool centre point shifted, in tool axes, to a micrometre."""
+    before = kinematics(model.robot, np.zeros((1, model.robot.dof)))
+    shift = before.R[0, -1].T @ before.T[0, :3, :3] @ offset
+    given = tool_of(model.robot)
+    x, y, z = (float(f"{a + b:.6f}") for a, b in zip(given, shift, strict=True))
+    return replace(model, robot=with_tool(model.robot, (x, y, z)), file_tool=model.file_tool or given)
