@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from fractions import Fraction
 from pathlib import Path
 
 import numpy as np
@@ -12,6 +13,7 @@ from command_line import Run, assert_users_mistake, run_command_line  # noqa: F4
 from symstiff.calibration.experiment.current import settled
 from symstiff.calibration.identify import identify
 from symstiff.calibration.measurements import Measurements, measurements
+from symstiff.calibration.point import find_point
 from symstiff.calibration.simulation import Truth, clean_response, nominal_truth
 from symstiff.calibration.writing import write_table
 from symstiff.discrepancy.finding import Task
@@ -21,7 +23,9 @@ from symstiff.discrepancy.workflow import run as diagnose
 from symstiff.model import StiffnessModel, load_model
 from symstiff.reduction.reduce import reduce
 from symstiff.report.folder import write_folder
-from symstiff.robot import Robot, load
+from symstiff.robot import Robot, from_table, load
+from symstiff.robot.table import to_table
+from symstiff.symbolic.numeric import forward
 
 SIGMA = 2e-5
 UR10_A, UR10_D = (0, -0.612, -0.5723, 0, 0, 0), (0.1273, 0, 0, 0.163941, 0.1157, 0.0922)
@@ -248,3 +252,20 @@ def test_tables_that_do_not_tell_the_point_refuse_a_model_of_another(run: Run, t
     assert_users_mistake(refused, f"xyz = [{float(x):g}, {float(y):g}, {float(z):g}] under [tool]")
     told = load("ur10").model_copy(update={"tool": probed_model.robot.tool})
     assert identify(told, table, probed_model).model.robot == probed_model.robot
+
+
+def test_the_point_of_a_small_arm_is_found_by_a_share_of_its_reach() -> None:
+    """4 mm beside the tool are a twelfth of a 50 mm arm, and what a calibration finds of one of 1.3 m."""
+    q = np.random.default_rng(3).uniform(-1.5, 1.5, (30, 6))
+    for scale, found in ((0.04, True), (1.0, False)):
+        raw = to_table(load("ur10"))
+        for joint in raw["joint"]:
+            joint["a"], joint["d"] = (float(Fraction(str(joint.get(k, 0)))) * scale for k in ("a", "d"))
+        robot = from_table(raw, "small")
+        T = forward(robot, q)
+        values = np.full((30, 6), np.nan)
+        values[:, :3] = T[:, :3, 3] + T[:, :3, :3] @ np.array([3.0e-3, 0.0, 2.65e-3])
+        table = measurements(q, np.zeros((30, 6)), values=values, kind="absolute")
+        model, remark = find_point(StiffnessModel.of(reduce(robot, "gravity", "position")), table, robot)
+        assert remark.startswith("the measured point stands 4.0 mm from") == found
+        assert (model.robot != robot) == found

@@ -19,8 +19,9 @@ from symstiff.robot.schema import Robot
 from symstiff.robot.tool import tool_of, with_tool
 from symstiff.symbolic.numeric import kinematics
 
-LEAST = 5e-3
-"""Offsets below this are what a calibration finds, not a point that nobody told of [m]."""
+LEAST, LEAST_SHARE = 5e-3, 0.02
+"""Offsets below this [m], of small arms below this share of the reach, are what a calibration finds, not a point that
+nobody told of."""
 _ROUNDS = 60
 
 
@@ -28,7 +29,7 @@ def find_point(model: StiffnessModel, table: Measurements, robot: Robot) -> tupl
     """The model with the tool centre point moved to the point that was measured, and a remark on it.
 
     Only for absolute positions of the tool centre point under no external load, and where the point stands
-    more than 5 mm off; else the model as it is, and no remark. Raises UserError where that is not ``robot``'s tool.
+    more than 5 mm off, or a fiftieth of a small arm's reach; else the model as it is, and no remark. Raises UserError where that is not ``robot``'s tool.
     """
     if table.kind != "absolute" or table.points != ("tcp",) or np.abs(table.w).max(initial=0.0) > 0:
         check_tool(model, robot)
@@ -39,7 +40,7 @@ def find_point(model: StiffnessModel, table: Measurements, robot: Robot) -> tupl
     found = kinematics(model.robot, table.q[rows])
     offset = _offset(found.T[:, :3, :3], found.T[:, :3, 3], table.values[rows, :3])
     length = float(np.linalg.norm(offset))
-    if length < LEAST:
+    if length < min(LEAST, LEAST_SHARE * model.robot.reach):
         return model, ""
     shown = ", ".join(f"{1e3 * x:.1f}" for x in offset)
     return _moved(model, offset), (
