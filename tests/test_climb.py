@@ -54,8 +54,13 @@ def test_links_that_were_named_give_way_to_what_is_significantly_more(
     sizes = {f"k1_{k}{k}": Estimate(1e-7, 1e-8, "rad/(N*m)") for k in range(1, 5)}
     step = some.growth[0]
     name = Name("link_compliance", {"link": 1})
-    few = replace(step, residual=left, model_std=np.ones(2), effects=((name, sizes),))
+    few = replace(step, residual=left, model_std=np.ones(2), effects=((name, sizes),), gained=4)
     whole = replace(step, residual=less, model_std=np.ones(16), effects=())
-    narrow = replace(some, verdict="named", growth=(step, few), rms=Rms(2.0, 1.0, 2.1, 1.0, 0.9))
+    narrow = replace(
+        some,
+        verdict="named",
+        growth=(replace(step, model_std=np.ones(2)), few),
+        rms=Rms(2.0, 1.0, 2.1, 1.0, 0.9),
+    )
     wide = replace(some, growth=(whole,), rms=Rms(1.0, 1.0, held_out, held_out, 0.9))
     assert leaves_less(wide, narrow, np.zeros(ROWS, dtype=np.intp)) is better

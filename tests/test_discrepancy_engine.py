@@ -192,6 +192,23 @@ def test_two_effects_are_both_named_and_the_growth_path_has_both_steps() -> None
     assert {(e.effect, e.where["joint"]) for e in d.effects} == {("bend", 3), ("loop", 2)}
     assert [s.rms for s in d.growth] == sorted((s.rms for s in d.growth), reverse=True)
     assert len(d.growth) == 3
+    assert [s.gained for s in d.growth] == [0, 1, 2]
+
+
+def test_a_step_counts_what_the_data_tell_apart() -> None:
+    """Of three parameters two move the data alike, and one as the model does: the step adds one."""
+    a = arm()
+    t = a.problem.tau[:, 1] / np.max(np.abs(a.problem.tau[:, 1]))
+    law = a.problem.J[:, 1] * np.tanh(2.5 * t)
+    block = np.stack([law, 2.0 * law, a.problem.A[:, 0]], axis=1)
+    names = tuple(Parameter(n, "rad") for n in "abc")
+    d = diagnose(
+        measured(a.problem, scaled(a.problem, law, 300.0), 2),
+        (Candidate("block", {"joint": 2}, names, lambda _: block),),
+        QUICK,
+    )
+    assert [e.effect for e in d.effects] == ["block"]
+    assert [s.gained for s in d.growth] == [0, 1]
 
 
 def test_a_further_effect_must_be_more_believable_than_none() -> None:

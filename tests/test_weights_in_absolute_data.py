@@ -23,6 +23,7 @@ from symstiff.discrepancy.workflow import run as diagnose
 from symstiff.model import StiffnessModel, load_model
 from symstiff.reduction.reduce import reduce
 from symstiff.report.folder import write_folder
+from symstiff.report.residuals import draw_residuals
 from symstiff.robot import Robot, from_table, load
 from symstiff.robot.table import to_table
 from symstiff.symbolic.numeric import forward
@@ -180,11 +181,16 @@ def test_what_geometry_alone_leaves_of_positions_stands_beside_what_the_model_le
     """Most of what a fit removes is placement and geometry, which no model holds: it is no deflection compensated."""
     probe = (0.1, 0.0, 0.15)
     table = probed({2: 8e-5, 3: 9e-5}, probe)
-    residuals = identify(heavy(), table, "joints").training
+    result = identify(heavy(), table, "joints")
+    residuals = result.training
     assert residuals.geometry is not None
     assert residuals.geometry["positional"].rms == pytest.approx(geometry_alone(table, probe), rel=0.02)
     assert residuals.geometry["positional"].rms > 3 * residuals.after["positional"].rms
     assert residuals.to_dict()["compensated"] is None
+    by_pose = draw_residuals(result).axes[3]
+    shown = {line.get_label(): np.sqrt(np.mean(line.get_ydata() ** 2)) for line in by_pose.lines}
+    assert shown["placed, rigid and uncalibrated"] == pytest.approx(1e3 * residuals.before["positional"].rms)
+    assert shown["geometry and compliances"] == pytest.approx(1e3 * residuals.after["positional"].rms)
 
 
 def test_a_compliance_that_positions_do_not_tell_is_zero_everywhere_or_nowhere() -> None:

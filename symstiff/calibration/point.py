@@ -28,8 +28,9 @@ _ROUNDS = 60
 def find_point(model: StiffnessModel, table: Measurements, robot: Robot) -> tuple[StiffnessModel, str]:
     """The model with the tool centre point moved to the point that was measured, and a remark on it.
 
-    Only for absolute positions of the tool centre point under no external load, and where the point stands
-    more than 5 mm off, or a fiftieth of a small arm's reach; else the model as it is, and no remark. Raises UserError where that is not ``robot``'s tool.
+    Only for absolute positions of the tool centre point under no external load, and where the point stands more than
+    5 mm off, or a fiftieth of a small arm's reach; else the model as it is, and no remark. Raises UserError where that
+    is not ``robot``'s tool.
     """
     if table.kind != "absolute" or table.points != ("tcp",) or np.abs(table.w).max(initial=0.0) > 0:
         check_tool(model, robot)

@@ -37,7 +37,6 @@ def run_generate(
     from symstiff.codegen.options import Options
     from symstiff.model import StiffnessModel
     from symstiff.reduction import reduce
-    from symstiff.reduction.complete import left_out
 
     options = Options(precision, layout, targets)
     if model_file is not None and fixed:
@@ -58,8 +57,6 @@ def run_generate(
     write_json(json, result.manifest)  # before a word is said: a closed pipe ends the command
     if reduction is not None:
         print_stages(out, reduction)
-        for remark in left_out(reduction):
-            note(out, remark, "warning")
     _report(out, result)
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -36,7 +37,10 @@ def wider_model(
     missing = parts.get(found.verdict, [])
     if not missing or not all(_is_compliance(task.robot, sizes) for sizes in missing):
         return None
-    return start_model(task.robot, "complete", experiment)[0]
+    wider = start_model(model.robot, "complete", experiment)[
+        0
+    ]  # whose tool is where the measured point was found
+    return replace(wider, file_tool=model.file_tool)
 
 
 def leaves_less(wide: Diagnosis, narrow: Diagnosis, component: Index) -> bool:
@@ -62,7 +66,7 @@ def _chance(wide: Diagnosis, narrow: Diagnosis, component: Index) -> float:
     last, first = narrow.growth[-1], wide.growth[0]
     left, less = (float(np.sum((step.residual / spread) ** 2)) for step in (last, first))
     known = int(np.isfinite(first.model_std).sum())
-    fewer = int(np.isfinite(last.model_std).sum()) + sum(len(sizes) for _, sizes in last.effects)
+    fewer = int(np.isfinite(narrow.growth[0].model_std).sum()) + last.gained
     freedom = len(component) - known
     if known <= fewer or freedom <= 0:
         return 1.0

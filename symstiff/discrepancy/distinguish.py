@@ -98,12 +98,17 @@ def _distinction(known: _Known, effect: str, where: Where, kind: str, shape: Sha
         for k, n in enumerate(own)
         if len(echelon(np.hstack([known.columns, columns[:, [k]]]), known.algebra.p)[1]) == known.rank
     )
-    reason = "" if total > known.rank else _reason(bool(columns.any()), bool(held))
+    of_loads = any(t.at.kind in ("load", "body") for t in realised.terms)
+    reason = "" if total > known.rank else _reason(bool(columns.any()), bool(held), of_loads)
     return Distinction(own, total - known.rank, inside, reason, held)
 
 
-def _reason(moved: bool, held: bool) -> str:
+def _reason(moved: bool, held: bool, of_loads: bool) -> str:
     """Why the parameters that the model does not have add nothing, and that it has the others where it does."""
+    if (
+        of_loads and not moved
+    ):  # the robot itself may give way there: compliances that such loads do not show are not kept
+        return "the model, reduced for such loads, has no compliance in the directions that it adds"
     if held:
         rest = (
             "the columns of the rest are combinations of its own" if moved else "no such load moves the rest"

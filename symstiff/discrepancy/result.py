@@ -93,6 +93,8 @@ class Step:
     """(M,) data's unit."""
     further: Name | None = None
     """The best further candidate."""
+    gained: int = 0
+    """Directions that the effects add to the model's: parameters that the data tell apart."""
 
 
 @dataclass(frozen=True)

@@ -282,9 +282,15 @@ def _steps(
         title = "start model" if g.added is None else f"+ {named_at(g.added.effect, g.added.where)}"
         if g.added is None and climbed:
             title = "complete model (all links elastic)"
-        added = sum(len(estimates) for _, estimates in g.effects)
-        count = len(base.parameters) + added
-        out.append(Rung(title, count, g.residual, g.strata, last.p_missing if k == 0 else g.p_left))
+        out.append(
+            Rung(
+                title,
+                len(base.parameters) + g.gained,
+                g.residual,
+                g.strata,
+                last.p_missing if k == 0 else g.p_left,
+            )
+        )
     return tuple(out)
 
 

@@ -8,6 +8,7 @@ from fractions import Fraction
 
 import sympy as sp
 
+from symstiff.reduction.complete import left_out
 from symstiff.reduction.reduce import Reduction
 from symstiff.reduction.template import pattern
 from symstiff.robot.exact import Exact
@@ -26,6 +27,7 @@ def reduction_remarks(reduction: Reduction) -> list[str]:
         *_of_standing(robot, reduction.experiment.fixed),
         *_of_compliances(robot),
         *_of_aggregations(robot, reduction.inexact_aggregations),
+        *left_out(reduction),
     ]
 
 

@@ -23,7 +23,7 @@ def draw_residuals(result: Identification) -> Any:
     from matplotlib.figure import Figure
 
     table = result.train
-    residuals = 1e3 * (table.values - predict(result.model, table))[:, :3]
+    before, residuals, first, last = _sizes(result)
     figure = Figure(figsize=(10, 3.2), layout="constrained")
     axes = figure.subplots(1, 4, width_ratios=(1, 1, 1, 1.6))
     for k, name in enumerate(AXES):
@@ -32,13 +32,26 @@ def draw_residuals(result: Identification) -> Any:
             axes[k].hist(known, bins=21, color="C0")
             axes[k].set_title(f"{name}: RMS {milli(1e-3 * float(np.sqrt((known**2).mean())))} mm", fontsize=9)
         axes[k].set_xlabel("residual [mm]")
-    before = 1e3 * np.linalg.norm(np.nan_to_num(table.values[:, :3]), axis=1)
-    after = np.linalg.norm(np.nan_to_num(residuals), axis=1)
-    axes[3].semilogy(table.pose, before, "o", color="0.7", label="deflection")
-    axes[3].semilogy(table.pose, after, "o", color="C0", label="after compensation")
+    for values, colour, label in ((before, "0.7", first), (residuals, "C0", last)):
+        axes[3].semilogy(
+            table.pose, np.linalg.norm(np.nan_to_num(values), axis=1), "o", color=colour, label=label
+        )
     axes[3].set(xlabel="pose", ylabel="positional [mm]")
     axes[3].legend(fontsize=8)
     return figure
+
+
+def _sizes(result: Identification) -> tuple[Any, Any, str, str]:
+    """Translations (M, 3) [mm] before and after, and what they are: of positions beside the rigid robot, placed."""
+    if result.train.kind == "absolute":
+        e = result.equations
+        seen, left = (
+            1e3 * e.spread(rows, len(result.train))[:, :3] for rows in (e.y, e.y - e.A @ result.fit.values)
+        )
+        return seen, left, "placed, rigid and uncalibrated", "geometry and compliances"
+    values = 1e3 * result.train.values[:, :3]
+    left = values - 1e3 * predict(result.model, result.train)[:, :3]
+    return values, left, "deflection", "after compensation"
 
 
 def draw_models(table: Measurements, models: Mapping[str, StiffnessModel]) -> Any:
