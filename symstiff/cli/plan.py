@@ -66,21 +66,9 @@ def run_plan(request: PlanRequest) -> None:
     from symstiff.model import StiffnessModel
     from symstiff.reduction import reduce
 
-    if request.criterion not in ("D", "A", "test"):
-        raise UserError(f"--criterion {request.criterion}: use D, A or test")
-    if not 1 <= request.steps <= MOST_STEPS:
-        raise UserError(f"--steps {request.steps}: 1 to {MOST_STEPS}")
-    if (request.candidates or 0) > MOST_CANDIDATES:
-        raise UserError(f"--candidates {request.candidates}: up to {MOST_CANDIDATES}, which fill the memory")
-    targets = {"-o": request.output, "--plot": request.plot, "--json": request.json}
-    check_targets(targets, _inputs(request))
-    twice = next((m for k, m in enumerate(request.markers) if m in request.markers[:k]), None)
-    if twice is not None:
-        raise UserError(f"--markers: {twice} is named twice")
+    _check(request)
     if request.separate is not None:
         return _separate(request)
-    if request.test_poses is not None and request.criterion != "test":
-        raise UserError("--test-poses has no effect without --criterion test: add it, or leave the file out")
     robot = load(request.robot)
     fixed, levels = parse_fixed(request.fixed), _levels(request.levels)
     loads = request.loads or LOADS
@@ -140,6 +128,23 @@ def run_plan(request: PlanRequest) -> None:
     out.print(_applied(applied))
     out.print(_measured(request, measure, sigma))
     out.print(f"wrote {request.output}")
+
+
+def _check(request: PlanRequest) -> None:
+    """Refuse what no plan can follow, before any work."""
+    if request.criterion not in ("D", "A", "test"):
+        raise UserError(f"--criterion {request.criterion}: use D, A or test")
+    if not 1 <= request.steps <= MOST_STEPS:
+        raise UserError(f"--steps {request.steps}: 1 to {MOST_STEPS}")
+    if (request.candidates or 0) > MOST_CANDIDATES:
+        raise UserError(f"--candidates {request.candidates}: up to {MOST_CANDIDATES}, which fill the memory")
+    targets = {"-o": request.output, "--plot": request.plot, "--json": request.json}
+    check_targets(targets, _inputs(request))
+    twice = next((m for k, m in enumerate(request.markers) if m in request.markers[:k]), None)
+    if twice is not None:
+        raise UserError(f"--markers: {twice} is named twice")
+    if request.separate is None and request.test_poses is not None and request.criterion != "test":
+        raise UserError("--test-poses has no effect without --criterion test: add it, or leave the file out")
 
 
 def _inputs(request: PlanRequest) -> list[str | Path]:
