@@ -376,6 +376,10 @@ def test_a_size_of_another_form_is_told_with_what_would_be_right(tmp_path, effec
             '"force_sensor_bias"\nwhere = {joint = 1}\nbias = 1',
             "joint is no place of this shape: leave it out",
         ),
+        (
+            '"transmission_error"\nwhere = {joint = 1, harmonics = [5]}\na = 1e-4\nharmonics = [7]',
+            "harmonics is no place of this shape: leave it out",
+        ),
         ('"force_sensor_bias"\nwhere = 3\nbias = 1', "where: expected a table, found 3"),
         (
             '"backlash"\nwhere = {joint = 1, foo = 2}\ngap = 1e-4',
@@ -400,6 +404,18 @@ def test_a_place_or_a_scale_that_a_shape_does_not_use_is_refused(tmp_path, effec
     (tmp_path / "truth.toml").write_text(f'format = 1\nrobot = "planar2r"\n[[effect]]\neffect = {effect}\n')
     with pytest.raises(UserError, match=says.replace("(", r"\(")):
         load_truth(tmp_path / "truth.toml")
+
+
+@pytest.mark.parametrize(
+    "effect",
+    [
+        '"transmission_error"\nwhere = {joint = 1, harmonics = [7]}\na = 1e-4\nharmonics = 7',
+        '"force_sensor_bias"\nwhere = {load = "force_sensor"}\nbias = 1',
+    ],
+)
+def test_a_place_as_a_verdict_tells_it_may_stand_in_a_truth(tmp_path, effect):
+    (tmp_path / "truth.toml").write_text(f'format = 1\nrobot = "planar2r"\n[[effect]]\neffect = {effect}\n')
+    assert load_truth(tmp_path / "truth.toml").effects
 
 
 @pytest.mark.filterwarnings("error")

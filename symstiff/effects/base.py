@@ -58,13 +58,6 @@ class EffectParameter:
     typical: float
     meaning: str = ""
 
-    def __post_init__(self) -> None:
-        if not _NAME.fullmatch(self.name) or self.name in C_WORDS | _MEMBERS:
-            raise UserError(
-                f"an effect's parameter cannot be called {self.name!r}: it is a member of a C struct beside k, time, "
-                "temperature and branch: use letters, digits and _, e.g. <effect>_<place>_<what>"
-            )
-
 
 @dataclass(frozen=True)
 class Realisation:
@@ -222,6 +215,16 @@ class Effect:
             raise UserError(f"an effect cannot be called {self.identifier!r}: use letters, digits and _")
 
 
+def _check_names(found: Realisation) -> None:
+    """Refuse names that no C struct can hold; what has no terms has no code, and its names may tell of rows."""
+    for p in found.parameters if found.terms else ():
+        if not _NAME.fullmatch(p.name) or p.name in C_WORDS | _MEMBERS:
+            raise UserError(
+                f"an effect's parameter cannot be called {p.name!r}: it is a member of a C struct beside k, time, "
+                "temperature and branch: use letters, digits and _, e.g. <effect>_<place>_<what>"
+            )
+
+
 @dataclass(frozen=True)
 class EffectInstance:
     """An effect in a model: which, where, with which shape."""
@@ -236,7 +239,9 @@ class EffectInstance:
         if entry.places_in is None and not _acceptable(entry, robot, self.where):
             raise UserError(f"{self.effect} cannot be at {dict(self.where)} on {robot.name}")
         try:
-            return entry.realise(robot, self.where, self.shape)
+            found = entry.realise(robot, self.where, self.shape)
+            _check_names(found)
+            return found
         except UserError as error:
             raise UserError(f"{self.effect} at {dict(self.where)}: {error}") from error
         except (KeyError, TypeError, ValueError, IndexError) as error:

@@ -63,6 +63,8 @@ class Shape:
 
 
 SHAPES: dict[tuple[str, str], Shape] = {}
+_PLACELESS = ("load", "measurement", "robot")
+"""Keys by which a verdict says that an effect has no place on the robot."""
 
 
 def phenomenon(
@@ -155,7 +157,7 @@ def build(effect: Effect, chain: Chain, compliance: Floats) -> Additions:
         if name not in effect.values and name not in shape.defaults:
             raise UserError(f"{label}: missing {name}: give its size")
     where = _where(effect.where, shape.place, chain, label)
-    _check_keys(effect.where, shape, label)
+    _check_keys(effect, shape, label)
     values = {
         name: formed(value, shape.forms[name], f"{label}: {name}")
         for name, value in {**shape.defaults, **effect.values}.items()
@@ -166,16 +168,27 @@ def build(effect: Effect, chain: Chain, compliance: Floats) -> Additions:
         raise UserError(f"{label}: {error}") from error
 
 
-def _check_keys(where: Any, shape: Shape, label: str) -> None:
-    """Refuse a place that the shape does not look at: the effect would sit elsewhere, unseen."""
+def _check_keys(effect: Effect, shape: Shape, label: str) -> None:
+    """Refuse a place that the shape does not look at: the effect would sit elsewhere, unseen.
+
+    What a verdict's ``where`` has beside a place on the robot may stand there, if it says what the sizes say.
+    """
+    where = effect.where
     if where is not None and not isinstance(where, Mapping):
         raise UserError(f"{label}: where: expected a table, found {printable(repr(where), 40)}")
-    strange = next((key for key in where or () if key != shape.place), None)
-    if strange is None:
-        return
-    others = [s.shape for s in SHAPES.values() if s.effect == shape.effect and s.place == strange]
-    remedy = f"name a shape that has one ({', '.join(others)})" if others else "leave it out"
-    raise UserError(f"{label}: where: {printable(str(strange), 40)} is no place of this shape: {remedy}")
+    told = {"harmonics": effect.values.get("harmonics"), "rows": effect.values.get("poses")}
+    for key, value in (where or {}).items():
+        if key == shape.place or (_placeless(shape) and key in _PLACELESS):
+            continue
+        if key in told and told[key] is not None and _listed(value) == _listed(told[key]):
+            continue
+        others = [s.shape for s in SHAPES.values() if s.effect == shape.effect and s.place == key]
+        remedy = f"name a shape that has one ({', '.join(others)})" if others else "leave it out"
+        raise UserError(f"{label}: where: {printable(str(key), 40)} is no place of this shape: {remedy}")
+
+
+def _listed(value: Any) -> list[Any]:
+    return list(value) if isinstance(value, list | tuple) else [value]
 
 
 def _where(where: Any, place: str, chain: Chain, label: str) -> Any:
