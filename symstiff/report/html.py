@@ -188,9 +188,7 @@ def _steps(finding: Finding) -> dict[str, Any]:
             {
                 "title": r.title,
                 "parameters": r.parameters,
-                "cells": [
-                    numbers.milli(1e-3 * x) for a in axes for x in r.sizes.get(a, (math.nan, math.nan))
-                ],
+                "cells": [numbers.milli(x / 1e3) for a in axes for x in r.sizes.get(a, (math.nan, math.nan))],
                 "share": "" if r.share is None else f"{100 * r.share:.1f} %",
                 "p": "" if r.p_left is None else numbers.p_text(r.p_left),
             }
