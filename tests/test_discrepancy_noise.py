@@ -390,8 +390,9 @@ def test_the_gap_starts_at_what_the_start_model_leaves_when_it_is_identified_by_
     assert found.noise.approach > SIGMA
     assert found.rms.before == pytest.approx(float(np.sqrt(np.mean(left**2))), rel=2e-3)
     assert found.held_out is not None
-    assert found.rms.held_out_before == found.held_out.before <= found.held_out.alike
+    assert found.rms.held_out_before == found.held_out.before <= found.held_out.alike[0]
     assert found.held_out.after < found.held_out.before
+    assert found.held_out.after <= found.held_out.alike[1]
 
 
 def test_a_shift_of_two_poses_is_no_error_that_all_poses_share_once_it_is_named() -> None:

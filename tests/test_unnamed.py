@@ -302,7 +302,7 @@ def test_what_unused_poses_refute_is_not_named(
     after: float, again: float, verdict: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Most folds have to select something else, and what they select must not predict the poses left out."""
-    proof = HeldOut(2.1e-5, 2.1e-5, after, 2e-5, (), again)
+    proof = HeldOut(2.1e-5, after, (2.1e-5, after), 2e-5, (), again)
     monkeypatch.setattr(engine, "held_out", lambda *_: proof)
     found = _diagnosed(measured(HARDENING, poses=16))
     assert found.verdict == verdict
@@ -323,10 +323,10 @@ def test_the_folds_that_select_what_all_data_do_are_counted() -> None:
 
 
 def test_the_gap_closed_is_a_share_of_what_noise_does_not_explain_and_unknown_where_that_is_little() -> None:
-    assert HeldOut(3.0, 3.0, 1.5, 1.0, (), 1.0).closure == pytest.approx(0.75)
-    assert HeldOut(3.0, 3.0, 3.5, 1.0, (), 1.0).closure == pytest.approx(-0.25)
+    assert HeldOut(3.0, 1.5, (3.0, 1.5), 1.0, (), 1.0).closure == pytest.approx(0.75)
+    assert HeldOut(3.0, 3.5, (3.0, 3.5), 1.0, (), 1.0).closure == pytest.approx(-0.25)
     for before in (1.04, 1.0, 0.9):  # of a gap that is hardly there, chance closes any share
-        assert np.isnan(HeldOut(before, before, 0.9, 1.0, (), 1.0).closure)
+        assert np.isnan(HeldOut(before, 0.9, (before, 0.9), 1.0, (), 1.0).closure)
 
 
 def test_a_law_is_judged_on_poses_that_the_model_has_not_seen_either() -> None:

@@ -31,11 +31,11 @@ class HeldOut:
     """
 
     before: float
-    """By the start model as it is identified by itself: weighed as the grown one is, or by the rows' own noise."""
-    alike: float
-    """By the start model weighed as the grown one is."""
     after: float
-    """With what each fold selected for itself."""
+    """With what each fold selected for itself. Both as well as they can be: rows are weighed by the noise that was
+    found, or by their own noise alone."""
+    alike: tuple[float, float]
+    """Before and after, rows weighed by the noise that was found."""
     noise: float
     selected: tuple[tuple[str, ...], ...]
     """What each fold selected."""
@@ -45,7 +45,7 @@ class HeldOut:
     @property
     def refutes(self) -> bool:
         """Whether most folds select something else, and that predicts the poses left out worse than nothing does."""
-        return self.after > self.alike and self.again < AGAIN
+        return self.alike[1] > self.alike[0] and self.again < AGAIN
 
     @property
     def closure(self) -> float:
@@ -73,7 +73,9 @@ def held_out(
     fold = np.random.default_rng(options.seed).permutation(poses)[problem.place] % folds
     translation = problem.axis < 3 if np.any(problem.axis < 3) else np.ones(problem.rows, bool)
     alone = replace(noise, sharings=(replace(noise.sharings[0], ratio=0.0),))
-    error = {name: np.zeros(problem.rows) for name in ("alone", "alike", "after")}
+    error = np.zeros(
+        (2, 2, problem.rows)
+    )  # weighed by the noise found, and by the rows' own; before and after
     admitted = sets or [()]
     selected, again = [], []
     for k in range(folds):
@@ -82,12 +84,14 @@ def held_out(
         names, chosen = _select(problem, few, noise, train, allowed, len(there[0]))
         selected.append(names)
         again.append(sorted(names) in [_names(bank, found) for found in there])
-        for name, used, weights in (("alone", (), alone), ("alike", (), noise), ("after", chosen, noise)):
-            error[name][test] = _predict(problem, weights, train, test, used)
+        for way, weights in enumerate((noise, alone)):
+            for when, used in enumerate(((), chosen)):
+                error[way, when, test] = _predict(problem, weights, train, test, used)
     told = translation & ~np.isin(problem.pose, poses_of_their_own(problem, bank, entries))
-    rms = {name: float(np.sqrt(np.mean(e[told] ** 2))) for name, e in error.items()}
-    before = min(rms["alone"], rms["alike"])
-    return HeldOut(before, rms["alike"], rms["after"], sigma, tuple(selected), float(np.mean(again)))
+    rms = np.sqrt(np.mean(error[:, :, told] ** 2, axis=2))
+    before, after = (float(x) for x in rms.min(axis=0))
+    alike = (float(rms[0, 0]), float(rms[0, 1]))
+    return HeldOut(before, after, alike, sigma, tuple(selected), float(np.mean(again)))
 
 
 def _names(bank: Bank, entries: Sequence[int]) -> list[str]:

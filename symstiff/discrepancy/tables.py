@@ -198,9 +198,9 @@ def unavailable(candidates: Sequence[Candidate], reason: str) -> tuple[Candidate
 def steps(problem: Problem, ready: Prepared, named: Judged | None, outcome: Outcome) -> tuple[Step, ...]:
     """The growth path: the starting model, then each member of the named set in the order of its strength.
 
-    All under the shared error that is left at its end: before it, what is missing passes for one. Only what is left on
-    the way is that of models that are identified by themselves, by the rows' own noise: weighed as the last one is they
-    may leave more than they have to, and the gap would seem wider than it is.
+    All tests and sizes under the shared error that is left at its end: before it, what is missing passes for one. What
+    is left is that of models identified by the rows' own noise, whose residuals can be compared: weighed by a shared
+    error a model leaves more than it has to, and the gap would seem wider than it is.
     """
     entries: tuple[int, ...] = named.entries if named is not None else ()
     alone = replace(ready, scan=_unshared(ready.scan))
@@ -210,16 +210,15 @@ def steps(problem: Problem, ready: Prepared, named: Judged | None, outcome: Outc
     for count in range(len(entries) + 1):
         used = entries[:count]
         scan = extend(ready.scan, used)
-        model, std, fitted, effects = _fitted(problem, ready, used)
-        on_the_way = count < len(entries)
-        residual = problem.y - (_fitted(problem, alone, used)[2] if on_the_way else fitted)
+        model, std, _, effects = _fitted(problem, ready, used)
+        residual = problem.y - _fitted(problem, alone, used)[2]
         found = evidence(scan)
         owners = [int(ready.bank.owner[e]) for e in used]
         score = np.where(ready.bank.generic, -np.inf, found.score)
         score[owners] = -np.inf
         best = float(np.max(score, initial=-np.inf))
         further = _name(ready.bank.candidates[int(np.argmax(score))]) if np.isfinite(best) else None
-        p_left = outcome.null.p_named(best) if on_the_way or named is None else named.p_left_named
+        p_left = outcome.null.p_named(best) if count < len(entries) or named is None else named.p_left_named
         out.append(
             Step(
                 effects[-1][0] if effects else None, model, std, tuple(effects),
