@@ -4,7 +4,10 @@ from __future__ import annotations
 
 import csv
 import itertools
+import subprocess
+import sys
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -349,6 +352,18 @@ def test_a_cluster_that_does_not_answer_is_one_line(monkeypatch: pytest.MonkeyPa
     monkeypatch.setattr("symstiff.calibration.planning.parallel._SECONDS_TO_CONNECT", 1)
     with pytest.raises(UserError, match="no Dask scheduler answers"):
         map_blocks(slow_square, [(np.eye(2), np.eye(2))], cluster="tcp://127.0.0.1:9")
+
+
+def test_a_cluster_whose_address_is_none_leaves_no_traceback_behind(tmp_path: Path):
+    pytest.importorskip("distributed", reason="Dask is not installed")
+    command = ("plan", "planar2r", "--poses", "3", "--cluster", "foo", "-o", str(tmp_path / "x.csv"))
+    done = subprocess.run(
+        [sys.executable, "-m", "symstiff", *command], capture_output=True, text=True, check=False
+    )
+    assert done.returncode == 2
+    assert [line.startswith("symstiff: --cluster foo: no Dask") for line in done.stderr.splitlines()] == [
+        True
+    ]
 
 
 def test_without_dask_the_message_names_the_extra(monkeypatch: pytest.MonkeyPatch):

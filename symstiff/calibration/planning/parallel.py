@@ -7,6 +7,7 @@ machines of one kind: other processors have other sine routines).
 
 from __future__ import annotations
 
+import asyncio
 import multiprocessing
 import os
 from collections.abc import Callable, Iterator, Sequence
@@ -100,9 +101,15 @@ def _on_cluster(
 def _client(address: str) -> Iterator[Any]:
     try:
         from distributed import Client
+        from distributed.comm import connect
     except ImportError as error:
         raise UserError("--cluster needs Dask: pip install symstiff[dask]") from error
+
+    async def asked() -> None:
+        (await connect(address, timeout=_SECONDS_TO_CONNECT)).abort()
+
     try:
+        asyncio.run(asked())  # a client that finds nobody complains once more when it is gone
         client = Client(address, timeout=_SECONDS_TO_CONNECT, set_as_default=False)
     except (OSError, ValueError, TypeError) as error:
         raise UserError(
