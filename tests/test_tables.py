@@ -125,6 +125,8 @@ def test_tables_cannot_be_changed_behind_a_callers_back(tmp_path):
     [
         ("a,90,0.5,10,-2.5,3,p2", "a,,0.5,10,-2.5,3,p2", 4, "missing"),
         ("b,-45", ",-45", 5, "missing"),
+        ("b,-45", "b\x1b[31m,-45", 5, "cannot be printed"),
+        ("3,p2,1,", "3,p\x072,1,", 4, "cannot be printed"),
         ("-2.5,3,p2,1,", "-2.5,3,p2,,", 4, "missing"),
         ("1.1,2100", "nan,2100", 3, "finite"),
         ("1.1,2100", "inf,2100", 3, "finite"),

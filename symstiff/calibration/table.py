@@ -245,6 +245,10 @@ class _Reader:
         if "" in order:
             row = int(np.argmax(index == order[""]))
             raise self._fail(row, name, f"missing value: give every row its {name}")
+        odd = next((label for label in order if not label.isprintable()), None)
+        if odd is not None:
+            row = int(np.argmax(index == order[odd]))
+            raise self._fail(row, name, f"{printable(odd, SHOWN)} holds a character that cannot be printed")
         return tuple(order), index
 
     def _numbers(self, name: str, rows: Ints | None = None) -> Floats:
