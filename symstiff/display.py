@@ -34,3 +34,9 @@ def shortened(names: Sequence[str], most: int = 12) -> str:
     if len(names) <= most:
         return " ".join(names) or "–"
     return f"{' '.join(names[:3])} … {names[-1]}"
+
+
+def few(names: Sequence[str], most: int = 8) -> str:
+    """Names in a sentence, the first of them where they are many."""
+    more = len(names) - most
+    return ", ".join(names) if more <= 1 else f"{', '.join(names[:most])} and {more} more"

@@ -11,9 +11,13 @@ class UserError(ValueError):
 
     def __init__(self, message: str) -> None:
         line = " ".join(message.split())
-        super().__init__(
-            "".join(c if c.isprintable() else "?" for c in line)
-        )  # no control codes for a terminal
+        super().__init__(printable(line, len(line)))
+
+
+def printable(text: str, longest: int = 120) -> str:
+    """The text without control characters, and cut where it is long."""
+    clean = "".join(c if c.isprintable() else "?" for c in text)
+    return clean if len(clean) <= longest else f"{clean[: longest - 3]}..."
 
 
 A_ROBOT = ("a robot", "load('kuka_kr270') gives one")

@@ -8,11 +8,11 @@ from typing import Annotated, Any, Literal
 from pydantic import AfterValidator, BaseModel, ConfigDict, StrictInt, StrictStr, ValidationError
 
 from symstiff.effects.base import EffectInstance
-from symstiff.errors import UserError, require_path
+from symstiff.errors import UserError, printable, require_path
 from symstiff.model import StiffnessModel
 from symstiff.reduction.physical import physical_stages
 from symstiff.robot.loading import from_table, toml_table
-from symstiff.robot.mistakes import explain, printable
+from symstiff.robot.mistakes import explain
 from symstiff.robot.schema import Format, Number, not_a_stiffness
 
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Container, Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -52,11 +52,13 @@ def fit_absolute(model: StiffnessModel, table: Measurements) -> AbsoluteFit:
     """
     current = settled(model, table)
     silent = tuple(n for n in model.parameters if n not in current.names)
+    geometry = _geometry(current)
+    columns = [*_elastic(current, model), *_hidden(current, geometry), *geometry]
     untold: dict[str, tuple[float, float]] = {}
-    found = _fitted(current, table, model, untold)
+    found = _fitted(current, table, columns)
     while more := implausible(model, found.known):
         untold |= {name: found.known[name] for name in more}
-        found = _fitted(current, table, model, untold)
+        found = _fitted(current, table, [c for c in columns if c.name not in untold])
     return replace(found, silent=silent, untold=untold)
 
 
@@ -66,40 +68,55 @@ def untold(model: StiffnessModel, table: Measurements) -> tuple[str, ...]:
     return tuple(p.name for p in model.compliances if p.name not in found.known)
 
 
-def _fitted(
-    current: Current, table: Measurements, model: StiffnessModel, without: Container[str]
-) -> AbsoluteFit:
-    """The fit of all columns but those of some compliances."""
-    view, count = current.situation.view, len(current.names)
-    constant = [k for k, v in enumerate(view.joints) if v.kind == "link"]
-    chosen = [constant[k] for k in _independent(view.J[:, constant])]
+@dataclass(frozen=True, eq=False)
+class _Column:
+    """A parameter of the fit: values (M,) of its column; whether it is a constant of the geometry."""
+
+    name: str
+    unit: str
+    values: np.ndarray
+    constant: bool = False
+
+
+def _elastic(current: Current, model: StiffnessModel) -> list[_Column]:
+    """The model's own parameters."""
+    return [_Column(n, model.units[n], current.A[:, k]) for k, n in enumerate(current.names)]
+
+
+def _geometry(current: Current) -> list[_Column]:
+    """Constants at the links' virtual joints, as many as are independent."""
+    view = current.situation.view
+    links = [k for k, v in enumerate(view.joints) if v.kind == "link"]
+    chosen = [links[k] for k in _independent(view.J[:, links])]
+    return [
+        _Column(f"geometry_{v.body}_{v.axis}", "rad" if v.rotational else "m", view.J[:, k], True)
+        for k, v in ((k, view.joints[k]) for k in chosen)
+    ]
+
+
+def _hidden(current: Current, geometry: Sequence[_Column]) -> list[_Column]:
+    """Compliances that only the links' weights show, as far as model and geometry do not hold them."""
+    count = len(current.names)
     beside = current.A[:, count : count + len(current.hidden)]
-    shown = _independent(_outside(beside, np.hstack([current.A[:, :count], view.J[:, chosen]])))
-    own = [k for k, name in enumerate(current.names) if name not in without]
-    names = [current.names[k] for k in own]
-    hidden = [current.hidden[k] for k in shown]
-    joints = [view.joints[k] for k in chosen]
+    others = np.column_stack([current.A[:, :count], *(c.values for c in geometry)])
+    shown = _independent(_outside(beside, others))
+    return [_Column(current.hidden[k].name, current.hidden[k].unit, beside[:, k]) for k in shown]
+
+
+def _fitted(current: Current, table: Measurements, columns: Sequence[_Column]) -> AbsoluteFit:
+    """The fit of some columns."""
+    view = current.situation.view
     known = sigma_of(view)
-    A = np.hstack([current.A[:, own], beside[:, shown], view.J[:, chosen]])
-    e = Equations(A, current.y, known, view.state, view.component)
+    e = Equations(np.column_stack([c.values for c in columns]), current.y, known, view.state, view.component)
     fit = estimate(
-        e.A,
-        e.y,
-        weights(e),
-        (*names, *(p.name for p in hidden), *(f"geometry_{v.body}_{v.axis}" for v in joints)),
-        units=(
-            *(model.units[n] for n in names),
-            *(p.unit for p in hidden),
-            *("rad" if v.rotational else "m" for v in joints),
-        ),
-        blocks=shared_blocks(e, table),
-        estimated=known is None,
+        e.A, e.y, weights(e), tuple(c.name for c in columns), units=tuple(c.unit for c in columns),
+        blocks=shared_blocks(e, table), estimated=known is None,
+    )  # fmt: skip
+    geometry = np.column_stack([c.values for c in columns if c.constant])
+    before, after, alone = (
+        e.spread(rows, len(table)) for rows in (e.y, e.A @ fit.values, _explained(e, geometry))
     )
-    before, after, geometry = (
-        e.spread(rows, len(table)) for rows in (e.y, e.A @ fit.values, _explained(e, view.J[:, chosen]))
-    )
-    sizes_left = replace(residual_table(before, after), geometry=sizes(before - geometry))
-    return AbsoluteFit(fit, e, sizes_left)
+    return AbsoluteFit(fit, e, replace(residual_table(before, after), geometry=sizes(before - alone)))
 
 
 def _explained(e: Equations, columns: np.ndarray) -> np.ndarray:

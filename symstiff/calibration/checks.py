@@ -6,15 +6,14 @@ import numpy as np
 
 from symstiff.calibration.columns import SHOWN
 from symstiff.calibration.measurements import Measurements
-from symstiff.errors import A_ROBOT, A_TABLE, UserError, require
+from symstiff.calibration.plausible import SOFTEST
+from symstiff.errors import A_ROBOT, A_TABLE, UserError, printable, require
 from symstiff.robot import Robot
-from symstiff.robot.mistakes import printable
 
 _SAME_POSE = 1e-3  # rad or m; commanded configurations of one label agree far better than this
 _FAR_OUTSIDE = 0.1  # of the joint's range
 _SHOWN = 3
 _STIFFEST = 1e-8  # m/N; machine tools have 1e-8, robots of any size a hundred times as much
-_SOFTEST = 1e-3  # m/N; the arms that bend most have 1e-4
 _TINY = float(np.radians(6.4))
 _FEW = 3  # configurations that may all be near zero
 _LEAST_LOAD = 1e-20  # N, N·m; far below what rounding leaves of a load that is 0
@@ -213,7 +212,7 @@ def _of_units(table: Measurements) -> list[str]:
         return []
     moved = np.sqrt(np.nansum(table.values[loaded, :3] ** 2, axis=1))
     a_newton = float(np.median(moved / loads[loaded]))
-    if a_newton == 0.0 or _STIFFEST <= a_newton <= _SOFTEST:
+    if a_newton == 0.0 or _STIFFEST <= a_newton <= SOFTEST:
         return []
     size, no_robot = (
         (f"{1e9 * a_newton:.2g} nm", "stiff")

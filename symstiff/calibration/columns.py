@@ -10,8 +10,7 @@ from typing import Literal
 
 from symstiff.calibration.measurements import COMPONENTS, CONTEXT, Kind
 from symstiff.calibration.units import FACTORS, LARGEST_LOAD, dimensions, parse_header
-from symstiff.errors import UserError
-from symstiff.robot.mistakes import printable
+from symstiff.errors import UserError, printable
 
 _LOADS = {"fx": "force", "fy": "force", "fz": "force", "mx": "moment", "my": "moment", "mz": "moment"}
 _MEASURED = {c: ("angle" if c.startswith("r") else "length") for c in COMPONENTS}

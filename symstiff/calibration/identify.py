@@ -45,13 +45,12 @@ from symstiff.calibration.soundness import (
 )
 from symstiff.calibration.table import check_robot
 from symstiff.effects.base import find
-from symstiff.errors import UserError
+from symstiff.errors import UserError, printable
 from symstiff.model import StiffnessModel, joints_only
 from symstiff.reduction import Reduction, reduce
 from symstiff.reduction.complete import complete_map
 from symstiff.reduction.remarks import reduction_remarks
 from symstiff.reduction.svd import numeric_partition
-from symstiff.robot.mistakes import printable
 from symstiff.robot.schema import Robot
 
 

@@ -11,6 +11,7 @@ import numpy as np
 
 from symstiff.calibration.compact import Array
 from symstiff.calibration.rank import RankDecision
+from symstiff.display import few
 from symstiff.errors import UserError
 from symstiff.reduction.admissible import JOINT, LINK
 from symstiff.robot.tool import tool_of, with_tool
@@ -218,12 +219,6 @@ def missing_information(
     if mixed:
         parts.append(f"not told apart: {few(mixed)}; needed: {_separate(mixed)}")
     return "; ".join(parts)
-
-
-def few(names: Sequence[str], most: int = 8) -> str:
-    """Names, the first where they are many."""
-    more = len(names) - most
-    return ", ".join(names) if more <= 1 else f"{', '.join(names[:most])} and {more} more"
 
 
 def check_determined(

@@ -30,8 +30,7 @@ from symstiff.calibration.measurements import (
 from symstiff.calibration.units import KELVIN
 from symstiff.calibration.writing import columns as columns_of
 from symstiff.calibration.writing import write_table
-from symstiff.errors import UserError, require
-from symstiff.robot.mistakes import printable
+from symstiff.errors import UserError, printable, require
 
 __all__ = [
     "Measurements",

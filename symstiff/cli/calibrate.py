@@ -142,7 +142,7 @@ def run_compensate(model_file: Path, trajectory: Path, output: Path, json: str |
 
 def _of_rows(found: Compensated, beyond: np.ndarray, table: Measurements) -> list[str]:
     """Remarks on rows that keep their command, by reason, and on those (N,) whose command leaves the joint limits."""
-    from symstiff.calibration.soundness import few
+    from symstiff.display import few
 
     def lines(rows: np.ndarray) -> str:
         return f"{rows.sum()} of {len(table)} poses (line {few([str(k) for k in table.line[rows]])})"

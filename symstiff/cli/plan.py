@@ -61,8 +61,8 @@ def run_plan(request: PlanRequest) -> None:
     from symstiff.calibration.planning.measurement import Measurement
     from symstiff.calibration.planning.poses import draw_plan, poses_table, save_figure, summary
     from symstiff.calibration.poses import gain_of_steps, in_steps, with_markers
-    from symstiff.calibration.soundness import few
     from symstiff.calibration.table import write_table
+    from symstiff.display import few
     from symstiff.model import StiffnessModel
     from symstiff.reduction import reduce
 

@@ -51,12 +51,12 @@ def run_generate(
             model = StiffnessModel.of(reduction)
         else:
             model = _identified(robot, model_file, loads, measure)
-            for remark in of_tool(model):
-                note(out, remark)
         result = generate(model, output, options, compile_c=compile_c, footprint=compile_c, progress=progress)
     write_json(json, result.manifest)  # before a word is said: a closed pipe ends the command
     if reduction is not None:
         print_stages(out, reduction)
+    for remark in of_tool(model):
+        note(out, remark)
     _report(out, result)
 
 

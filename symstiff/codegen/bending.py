@@ -64,9 +64,8 @@ def bending(
         if found and (_changes(program, states(found), [k]) > _SHOWN).any():
             continue
         change = np.where(usable, _changes(program, tried, [k])[0], 0.0)
-        if (
-            change.max() > _SHOWN
-        ):  # the first of the best, to a tenth of a power of ten: the same on every machine
+        if change.max() > _SHOWN:
+            # the first of the best, to a tenth of a power of ten: the same on every machine
             digits = np.round(np.log10(np.maximum(change, _SHOWN)), 1)
             found.append(scaled[int(digits.argmax())])
     return found

@@ -22,10 +22,9 @@ from symstiff.codegen.options import Options
 from symstiff.codegen.reference import Case, cases, plausible_values, tolerance
 from symstiff.errors import UserError
 
-CONFIGURATIONS = (
-    64  # random ones over the joint range that the bounds of a compiled library are measured at; laws of
-)
-# effects add those where they bend
+CONFIGURATIONS = 64
+"""Random ones over the joint range at which the bounds of a compiled library are measured; laws of effects add those
+where they bend."""
 TWIST = (slice(0, 3), slice(3, 6))
 Errors = dict[str, float]
 

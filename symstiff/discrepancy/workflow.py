@@ -37,6 +37,7 @@ from symstiff.discrepancy.result import Diagnosis, Estimate, Name, Rms
 from symstiff.discrepancy.speech import named as named_at
 from symstiff.discrepancy.used import used
 from symstiff.discrepancy.verdict import AMBIGUOUS, NAMED, NOTHING, UNEXPLAINED, UNTESTABLE
+from symstiff.display import few
 from symstiff.effects.base import EffectInstance
 from symstiff.errors import UserError, require
 from symstiff.model import StiffnessModel
@@ -232,14 +233,10 @@ def _hidden(fitted: Fitted, base: StiffnessModel) -> list[str]:
         "is no model of the robot under loads" if len(zero) == len(own) else "lacks their part under loads"
     )
     return [
-        f"{len(zero)} of the model's {len(own)} compliances ({_few(zero)}) are not determined by these positions "
+        f"{len(zero)} of the model's {len(own)} compliances ({few(zero, 4)}) are not determined by these positions "
         f"beside the geometry and are zero: model.toml leaves {size} mm rms per coordinate and {lacks} before loaded "
         "poses, or deflections, are measured"
     ]
-
-
-def _few(names: Sequence[str]) -> str:
-    return ", ".join(names[:4]) + (", …" if len(names) > 4 else "")
 
 
 def _undetermined(model: StiffnessModel, assembly: Assembly, last: Diagnosis) -> list[str]:
@@ -253,7 +250,7 @@ def _undetermined(model: StiffnessModel, assembly: Assembly, last: Diagnosis) ->
         return []
     return [
         f"{len(open_ones)} of the start model's {len(model.parameters)} parameters are not determined by these data "
-        f"({_few(open_ones)}): more poses, or loads in more directions, would show more"
+        f"({few(open_ones, 4)}): more poses, or loads in more directions, would show more"
     ]
 
 
@@ -282,15 +279,8 @@ def _steps(
         title = "start model" if g.added is None else f"+ {named_at(g.added.effect, g.added.where)}"
         if g.added is None and climbed:
             title = "complete model (all links elastic)"
-        out.append(
-            Rung(
-                title,
-                len(base.parameters) + g.gained,
-                g.residual,
-                g.strata,
-                last.p_missing if k == 0 else g.p_left,
-            )
-        )
+        count, p_left = len(base.parameters) + g.gained, last.p_missing if k == 0 else g.p_left
+        out.append(Rung(title, count, g.residual, g.strata, p_left))
     return tuple(out)
 
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from typing import Any
 
 from markupsafe import Markup
@@ -18,6 +18,7 @@ from symstiff.discrepancy.result import CandidateResult, Estimate, Name
 from symstiff.discrepancy.sharing import JOINTS
 from symstiff.discrepancy.speech import named, spoken
 from symstiff.discrepancy.verdict import INSUFFICIENT
+from symstiff.display import few
 from symstiff.effects.base import catalogue
 from symstiff.report import law_plots, plots, unnamed, words
 from symstiff.report.code import Line, formulas
@@ -134,7 +135,7 @@ def _card(finding: Finding, group: list[Found]) -> dict[str, Any]:
     name = named(e.effect, e.where)
     if len(group) > 1:
         name = words.names(group)
-    confounded = dict.fromkeys(words.name_text(n) for g in group for n in g.confounded_with)
+    confounded = _names(n for g in group for n in g.confounded_with)
     return {
         "set": e.set_number + 1,
         "name": name,
@@ -144,7 +145,7 @@ def _card(finding: Finding, group: list[Found]) -> dict[str, Any]:
         "parameters": [(n, numbers.quantity(v)) for g in group for n, v in g.parameters.items()],
         "p": numbers.p_equals(max(g.p_value for g in group)),
         "confidence": words.confidence(group, finding.verdict == INSUFFICIENT),
-        "confounded": _few(list(confounded), 6),
+        "confounded": few(confounded, 6),
         "shape": words.shape_text(finding, e),
     }
 
@@ -300,9 +301,7 @@ def _candidates(finding: Finding) -> list[dict[str, str]]:
             "sufficient": answer[c.sufficient],
             "plausible": answer[c.plausible],
             "testable": f"yes, {numbers.percent(c.share_left)} left",
-            "confused": _few(
-                [words.name_text(n) for n in c.confused_with if n != Name(c.effect, c.where)], 3
-            ),
+            "confused": few(_names([n for n in c.confused_with if n != Name(c.effect, c.where)]), 3),
         }
         for c in [c for c in finding.candidates if c.testable][:_MOST_CANDIDATES]
     ]
@@ -324,10 +323,9 @@ def _together(group: list[CandidateResult]) -> str:
     return f"{spoken(group[0].effect)} {words.places([c.where for c in group])}".strip()
 
 
-def _few(names: list[str], most: int = 12) -> str:
-    unique = list(dict.fromkeys(names))
-    more = f" and {len(unique) - most} more" if len(unique) > most else ""
-    return ", ".join(unique[:most]) + more
+def _names(found: Iterable[Name]) -> list[str]:
+    """Effects at their places in words, each once."""
+    return list(dict.fromkeys(words.name_text(n) for n in found))
 
 
 def _sensitivity(finding: Finding) -> list[tuple[str, str, str]]:

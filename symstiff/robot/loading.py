@@ -12,9 +12,9 @@ from typing import Any
 
 from pydantic import ValidationError
 
-from symstiff.errors import UserError, require_path
+from symstiff.errors import UserError, printable, require_path
 from symstiff.robot.exact import Decimal
-from symstiff.robot.mistakes import explain, printable
+from symstiff.robot.mistakes import explain
 from symstiff.robot.schema import Robot
 
 _MAX_BYTES = 250_000

@@ -8,6 +8,7 @@ from typing import Any, cast
 
 from pydantic import ValidationError
 
+from symstiff.errors import printable
 from symstiff.robot.exact import shown
 from symstiff.robot.schema import KEYS
 
@@ -20,12 +21,6 @@ def explain(error: ValidationError) -> str:
     key = _key(details["loc"])
     message = _message(cast(Mapping[str, Any], details))
     return f"{key}: {message}" if key else message
-
-
-def printable(text: str, longest: int = 120) -> str:
-    """The text without control characters, and cut where it is long."""
-    clean = "".join(c if c.isprintable() else "?" for c in text)
-    return clean if len(clean) <= longest else f"{clean[: longest - 3]}..."
 
 
 def _urgency(details: Mapping[str, Any]) -> int:

@@ -10,8 +10,7 @@ from typing import Any, Literal
 
 import numpy as np
 
-from symstiff.errors import UserError
-from symstiff.robot.mistakes import printable
+from symstiff.errors import UserError, printable
 
 _NOTATION = re.compile(r"^(\w+)(?:\[(\d*)\]|(\{\}))?$")
 _POSITIVE = ("knee", "tau0", "tau_ref", "tau_max", "T", "width")

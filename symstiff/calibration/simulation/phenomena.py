@@ -17,8 +17,7 @@ import numpy as np
 from symstiff.calibration.simulation.chain import Chain, Floats
 from symstiff.calibration.simulation.equilibrium import Law, States, Torque, Weight, Wrench
 from symstiff.calibration.simulation.forms import Form, form_of_option, form_of_size, formed
-from symstiff.errors import UserError
-from symstiff.robot.mistakes import printable
+from symstiff.errors import UserError, printable
 
 Reading = Callable[[States, Floats, str], Floats]
 """``reading(states, values, kind)``: what the device makes of values (M, 6), deflections or absolute."""

@@ -56,10 +56,9 @@ from symstiff.calibration.simulation.forms import number
 from symstiff.calibration.simulation.nominal import nominal_truth
 from symstiff.calibration.simulation.phenomena import Effect
 from symstiff.calibration.simulation.rehearsal import rehearse
-from symstiff.errors import UserError, require_path
+from symstiff.errors import UserError, printable, require_path
 from symstiff.robot import Robot, library, load
 from symstiff.robot.loading import toml_table
-from symstiff.robot.mistakes import printable
 
 _TERM = re.compile(r"^(?:c(\d+)|k(\d+)_([1-6])([1-6]))$")
 Triple = tuple[float, float, float]
