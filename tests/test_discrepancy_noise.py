@@ -5,20 +5,17 @@ from __future__ import annotations
 import weakref
 from collections.abc import Sequence
 from dataclasses import replace
-from itertools import pairwise
 from typing import Any
 
 import numpy as np
 import pytest
 
 from symstiff.discrepancy import prepare as prepare_module
-from symstiff.discrepancy.bank import build
 from symstiff.discrepancy.diagnose import diagnose
-from symstiff.discrepancy.noise import start
 from symstiff.discrepancy.prepare import prepare, settled
 from symstiff.discrepancy.problem import Array, Candidate, Options, Parameter, Problem
-from symstiff.discrepancy.scan import Scan, evidence, likeliest, open_scan
-from symstiff.discrepancy.sharing import EACH, JOINTS, LEARNED, Sharing, Split, sizes
+from symstiff.discrepancy.scan import Scan, evidence, likeliest
+from symstiff.discrepancy.sharing import EACH, JOINTS, LEARNED, sizes
 from symstiff.discrepancy.strata import strata
 from tests.test_discrepancy_engine import QUICK, SIGMA, arm, catalogue, measured, saturating, scaled
 
@@ -305,63 +302,6 @@ def test_noise_of_positions_and_of_rotations_is_not_mixed() -> None:
         assert (noise.approach_p < 0.01) == bool(approach)
         if approach:
             assert noise.approach == pytest.approx(approach * SIGMA, rel=0.4)
-
-
-def test_strata_know_loads_that_are_told_to_few_digits() -> None:
-    """The model's columns are proportional to the load but for rounding: they stay within that stratum."""
-    a = arm(15)
-    jitter = 1.0 + 1e-4 * np.random.default_rng(3).normal(size=a.problem.A.shape)
-    problem = measured(a.problem)
-    exact, rounded = (
-        {s.name: s.degrees_of_freedom for s in strata(p, prepare(p, ()).scan)}
-        for p in (problem, replace(problem, A=problem.A * jitter))
-    )
-    assert exact == rounded
-
-
-def test_strata_share_out_the_whole_residual() -> None:
-    """Against nested dense least squares, rows that share nothing."""
-    problem = measured(arm(10).problem)
-    assert problem.time is not None
-    assert problem.load is not None
-    noise = replace(start(problem, Split()), sharings=(Sharing(),))
-    parts = strata(problem, open_scan(build(problem, (), ()), noise, problem.y, problem.A))
-    axes = (problem.axis[:, None] == np.unique(problem.axis)).astype(float)
-    each = np.hstack([axes * (problem.pose == p)[:, None] for p in range(problem.poses)])
-    clock = problem.time - problem.time.mean()
-    further = {
-        "time": np.hstack([axes * clock[:, None], axes * clock[:, None] ** 2]),
-        "loading against unloading": each * problem.branch[:, None],  # type: ignore[index]
-        "proportional to load, by pose": each * problem.load[:, None],
-        "common to a pose's load cases": each,
-        "nonlinear in load": each * problem.load[:, None] ** 2,
-    }
-    X, left = problem.A, [_left_of(problem, problem.A)]
-    for columns in further.values():
-        X = np.hstack([X, columns])
-        left.append(_left_of(problem, X))
-    assert [s.name for s in parts] == [*further, "rest"]
-    assert [s.degrees_of_freedom for s in parts[:-1]] == [a[1] - b[1] for a, b in pairwise(left)]
-    reference = left[-1][0] / left[-1][1]
-    wanted = [(a[0] - b[0]) / reference for a, b in pairwise(left)]
-    assert [s.sum_of_squares for s in parts[:-1]] == pytest.approx(wanted, rel=1e-6)
-    assert parts[-1].sum_of_squares == pytest.approx(left[-1][1])
-
-
-def _left_of(problem: Problem, X: Array) -> tuple[float, int]:
-    """Sum of squares that columns leave, and its degrees of freedom."""
-    scaled_to_one = X / np.linalg.norm(X, axis=0)
-    fitted, _, rank, _ = np.linalg.lstsq(scaled_to_one, problem.y, rcond=1e-10)
-    rest = problem.y - scaled_to_one @ fitted
-    return float(rest @ rest), problem.rows - int(rank)
-
-
-def test_load_nonlinearity_shows_in_its_own_stratum() -> None:
-    a = arm(20)
-    signal = scaled(a.problem, a.problem.J[:, 1] * a.problem.tau[:, 1] ** 3, 900.0)
-    ready = prepare(measured(a.problem, signal), a.candidates)
-    p = {s.name: s.p_value for s in strata(a.problem, ready.scan)}
-    assert p["nonlinear in load"] < 1e-3
 
 
 def test_what_is_missing_does_not_make_the_start_model_worse_than_it_is() -> None:
