@@ -124,7 +124,10 @@ def test_a_rail_whose_error_repeats_is_no_robot_that_misses_its_poses() -> None:
     assert law.virtual_joint == "joint 3"
     assert "sin(9" in law.expression
     assert law.explained > 0.4
-    assert "with" not in law_text(found, law)  # no load is in it
+    assert not law.scales  # no load is in it, and nobody speaks of one
+    assert "with" not in law_text(found, law)
+    page = render(found, {"code": CODE, "decide": None}, [])
+    assert "To copy, in m: <code>" in page
 
 
 @pytest.fixture(scope="module")

@@ -111,19 +111,13 @@ def _print_identification(out: Console, result: Identification) -> None:
     for column in ("parameter", "value", "σ", "σ/value", "95 % ±", "unit"):
         table.add_column(column, justify="left" if column in ("parameter", "unit") else "right")
     for k, name in enumerate(fit.names):
-        value, std = (
-            float(fit.values[k] if name not in model.values else model.values[name]),
-            float(fit.std[k]),
-        )
+        value, std = float(model.values.get(name, fit.values[k])), float(fit.std[k])
+        if not isfinite(std):
+            table.add_row(name, *["–"] * 4, fit.units[k])
+            continue
         share = f"{100 * std / abs(value):.1f} %" if value else "–"
-        table.add_row(
-            name,
-            f"{value:.4e}",
-            f"{std:.1e}",
-            share,
-            f"{(fit.upper[k] - fit.lower[k]) / 2:.1e}",
-            fit.units[k],
-        )
+        half = (fit.upper[k] - fit.lower[k]) / 2
+        table.add_row(name, f"{value:.4e}", f"{std:.1e}", share, f"{half:.1e}", fit.units[k])
     print_table(out, table)
     print_residuals(out, [("identified poses", result.training), ("held-out poses", result.validation)])
     out.print(str(fit.rank))

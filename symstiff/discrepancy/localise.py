@@ -55,6 +55,12 @@ class FittedLaw:
     deviations: float = 0.0
     """Size in standard deviations, what further terms would explain of noise taken away; 0 where not known."""
 
+    @property
+    def scales(self) -> Mapping[str, float]:
+        """The largest load behind every load's name in the expression [N, N·m]."""
+        own = {"tau": self.tau_scale} if re.search(r"\btau\b", self.expression) else {}
+        return own | dict(self.other_scales)
+
 
 @dataclass(frozen=True)
 class FittedDevice:

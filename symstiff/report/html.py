@@ -266,7 +266,7 @@ def _unnamed(finding: Finding) -> dict[str, Any] | None:
             "expression": law.expression,
             "symbol": shift(finding, law.virtual_joint),
             "unit": "rad" if rotates(finding, law.virtual_joint) else "m",
-            "scales": {"tau": f"{law.tau_scale:.4g}", **{n: f"{x:.4g}" for n, x in law.other_scales.items()}},
+            "scales": {n: f"{x:.4g}" for n, x in law.scales.items()},
             "explained": unnamed.explained(law),
             "validated": f"{100 * law.cross_validated:.0f} %",
         },

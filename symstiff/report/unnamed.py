@@ -65,7 +65,7 @@ def law_text(finding: Finding, law: FittedLaw) -> str:
     text = text.strip().removeprefix("+").strip()
     text = re.sub(r"^− ", "−", text)
     joints = finding.task.robot.joint
-    others = f" and t = τ/({number(law.tau_scale, 4)} {load})" if re.search(r"\bt\b", text) else ""
+    others = f" and t = τ/({number(law.tau_scale, 4)} {load})" if "tau" in law.scales else ""
     for name, largest in law.other_scales.items():
         own = name.removeprefix("tau")
         slides = own == "x" or joints[int(own) - 1].prismatic
