@@ -2,11 +2,15 @@
 
 from __future__ import annotations
 
+import os
 from typing import Any
 
 import pytest
 
-from symstiff.robot import Robot, from_table
+for name in ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS"):
+    os.environ.setdefault(name, "1")  # before NumPy: pytest-xdist has a process for every core already
+
+from symstiff.robot import Robot, from_table  # noqa: E402
 
 
 @pytest.fixture(scope="session")

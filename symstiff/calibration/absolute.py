@@ -6,10 +6,8 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
-import scipy.linalg
 
-from symstiff.calibration.compact import triangular
-from symstiff.calibration.decomposition import svd
+from symstiff.calibration.decomposition import independent, svd
 from symstiff.calibration.estimate import Estimate, estimate
 from symstiff.calibration.experiment.current import Current, settled, sigma_of
 from symstiff.calibration.measurements import Measurements
@@ -18,8 +16,8 @@ from symstiff.calibration.residuals import ResidualTable, residual_table, sizes
 from symstiff.calibration.rows import Equations, shared_blocks, weights
 from symstiff.model import StiffnessModel
 
-_OUTSIDE = 1e-4
-"""Least part of a column outside others for it to count."""
+_INSIDE, _OUTSIDE = 1e-6, 1e-4
+"""Least part of a column outside others for it to count: of a constant of the geometry, and of a weight's effect."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -87,7 +85,7 @@ def _geometry(current: Current) -> list[_Column]:
     """Constants at the links' virtual joints, as many as are independent."""
     view = current.situation.view
     links = [k for k, v in enumerate(view.joints) if v.kind == "link"]
-    chosen = [links[k] for k in _independent(view.J[:, links])]
+    chosen = [links[k] for k in independent(view.J[:, links], _INSIDE)]
     return [
         _Column(f"geometry_{v.body}_{v.axis}", "rad" if v.rotational else "m", view.J[:, k], True)
         for k, v in ((k, view.joints[k]) for k in chosen)
@@ -98,8 +96,9 @@ def _hidden(current: Current, geometry: Sequence[_Column]) -> list[_Column]:
     """Compliances that only the links' weights show, as far as model and geometry do not hold them."""
     count = len(current.names)
     beside = current.A[:, count : count + len(current.hidden)]
-    others = np.column_stack([current.A[:, :count], *(c.values for c in geometry)])
-    shown = _independent(_outside(beside, others))
+    held = [current.A[:, :count], *(c.values[:, None] for c in geometry)]
+    first = count + len(geometry)
+    shown = [k - first for k in independent(np.hstack([*held, beside]), _OUTSIDE) if k >= first]
     return [_Column(current.hidden[k].name, current.hidden[k].unit, beside[:, k]) for k in shown]
 
 
@@ -125,23 +124,3 @@ def _explained(e: Equations, columns: np.ndarray) -> np.ndarray:
     spread = np.ones(len(e.y)) if sigma is None else sigma
     basis = svd((columns / np.linalg.norm(columns, axis=0)) / spread[:, None])[0]
     return np.asarray(spread * (basis @ (basis.T @ (e.y / spread))))
-
-
-def _outside(columns: np.ndarray, others: np.ndarray) -> np.ndarray:
-    """What of columns, scaled to length one, lies outside the span of others; nothing where that is rounding."""
-    size = np.linalg.norm(columns, axis=0)
-    scaled = columns / np.where(size > 0, size, 1.0)
-    length = np.linalg.norm(others, axis=0)
-    U, s, _ = svd(others / np.where(length > 0, length, 1.0))
-    U = U[:, s > 1e-9 * s[0]]
-    left = scaled - U @ (U.T @ scaled)
-    return np.asarray(np.where(np.linalg.norm(left, axis=0) > _OUTSIDE, left, 0.0))
-
-
-def _independent(columns: np.ndarray) -> list[int]:
-    """Columns that span all of them, by pivoted QR of the scaled matrix."""
-    size = np.linalg.norm(columns, axis=0)
-    scaled = columns / np.where(size > 0, size, 1.0)
-    triangle, order = scipy.linalg.qr(triangular(scaled), mode="r", pivoting=True)
-    rank = int((np.abs(np.diag(triangle)) > 1e-6).sum())
-    return sorted(int(k) for k in order[:rank])

@@ -8,8 +8,8 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from symstiff.calibration.planning.parallel import one_blas_thread
 from symstiff.errors import UserError
+from symstiff.threads import one_thread
 
 Array = npt.NDArray[np.float64]
 
@@ -84,7 +84,7 @@ def checked(
 def triangular(stacked: Array, block: int = 4096) -> Array:
     """R of a QR decomposition, by blocks of rows: the triangles of blocks are stacked and reduced again."""
     if len(stacked) > block + stacked.shape[1]:
-        with one_blas_thread():  # several threads lose on narrow blocks, badly so on a busy machine
+        with one_thread():  # several threads lose on narrow blocks, badly so on a busy machine
             parts = [np.linalg.qr(stacked[k : k + block], mode="r") for k in range(0, len(stacked), block)]
         stacked = np.vstack(parts)
     return np.asarray(np.linalg.qr(stacked, mode="r"))

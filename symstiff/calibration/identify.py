@@ -52,6 +52,7 @@ from symstiff.reduction.complete import complete_map
 from symstiff.reduction.remarks import reduction_remarks
 from symstiff.reduction.svd import numeric_partition
 from symstiff.robot.schema import Robot
+from symstiff.threads import one_thread
 
 
 @dataclass(frozen=True, eq=False)
@@ -127,6 +128,7 @@ def start_model(
     return model, None
 
 
+@one_thread()
 def identify(
     robot: Robot,
     table: Measurements,

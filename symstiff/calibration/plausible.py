@@ -8,7 +8,9 @@ from symstiff.model import StiffnessModel
 from symstiff.reduction.physical import Parameter
 
 SOFTEST = 1e-3
-"""Deflection a newton [m/N] that no arm has, stretched out; those that bend most have a tenth."""
+"""Deflection a newton [m/N] that no arm has, stretched out."""
+_VAGUE = 0.1
+"""Share of it that the arms that bend most have: where the deviation is above that, any arm's size fits."""
 _CLEARLY = 2.0
 """Standard deviations below zero from which a joint's compliance is negative for sure."""
 
@@ -19,7 +21,7 @@ def implausible(model: StiffnessModel, found: Mapping[str, tuple[float, float]])
     ``found``: value and standard deviation of those that were fitted, in the model's units.
     """
     parts = [(p, *found[p.name]) for p in model.compliances if p.name in found]
-    vague = tuple(p.name for p, _, std in parts if std > _largest(p, model))
+    vague = tuple(p.name for p, _, std in parts if std > _VAGUE * _largest(p, model))
     if vague:
         return vague
     beyond = {p.name: abs(v) / _largest(p, model) for p, v, std in parts if _impossible(p, v, std, model)}

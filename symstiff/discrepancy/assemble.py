@@ -10,7 +10,6 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from threadpoolctl import threadpool_limits
 
 from symstiff.calibration.experiment.current import Current, settled, sigma_of
 from symstiff.calibration.experiment.situation import Situation, View, has_weights, loads_of, under_weights
@@ -64,15 +63,14 @@ def assemble(
     if table.kind == "none" or not table.measured.any():
         raise UserError("nothing measured: give deflections (dx[mm] …) or positions (x[mm] …)")
     found = catalogue().values() if effects is None else effects
-    with threadpool_limits(1):  # small matrices: threads cost more than they give
-        weigh = None if noise is None else noise.weigh
-        current = settled(model, table, weigh)
-        situation = current.situation
-        if believed is not None:
-            situation = _believing(situation, settled(believed, table, weigh).situation)
-        problem = _problem(situation, current)
-        candidates = grouped(problem, tuple(candidates_of(model, situation, problem, found)))
-        candidates = structural(model, situation, candidates)
+    weigh = None if noise is None else noise.weigh
+    current = settled(model, table, weigh)
+    situation = current.situation
+    if believed is not None:
+        situation = _believing(situation, settled(believed, table, weigh).situation)
+    problem = _problem(situation, current)
+    candidates = grouped(problem, tuple(candidates_of(model, situation, problem, found)))
+    candidates = structural(model, situation, candidates)
     fitted = {n: current.fitted[n] for n in model.parameters if n in current.fitted}
     return Assembly(problem, candidates, situation, current.names, fitted)
 

@@ -16,9 +16,9 @@ from symstiff.discrepancy.growth import columns_of
 from symstiff.discrepancy.problem import Array
 from symstiff.discrepancy.scan import column_space
 from symstiff.discrepancy.separation import Decider, Hypotheses, deciding_poses
-from symstiff.discrepancy.threads import one_thread
 from symstiff.effects.base import EffectInstance, Scales, find
 from symstiff.model import StiffnessModel
+from symstiff.threads import one_thread
 
 if TYPE_CHECKING:
     from symstiff.calibration.planning.region import Region
@@ -126,7 +126,7 @@ def _with_levels(loads: Array) -> Array:
     return np.vstack([loads, *(level * largest[None] for level in added)])
 
 
-@one_thread
+@one_thread()
 def decide_poses(
     model: StiffnessModel, rivals: Sequence[Rival], experiment: Experiment, sigma: Array, choice: Choice,
     taken: Measurements | None = None, tell: Callable[[str], None] = lambda stage: None,

@@ -38,7 +38,6 @@ from symstiff.discrepancy.tables import (
     unavailable,
 )
 from symstiff.discrepancy.testability import testable
-from symstiff.discrepancy.threads import one_thread
 from symstiff.discrepancy.verdict import (
     AMBIGUOUS,
     INSUFFICIENT,
@@ -58,7 +57,6 @@ LEAST_FREEDOM = 5
 """Degrees of freedom outside the model below which no test is made."""
 
 
-@one_thread
 def diagnose(
     problem: Problem,
     candidates: Sequence[Candidate],

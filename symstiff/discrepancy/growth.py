@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from symstiff.calibration.absolute import untold
+from symstiff.calibration.decomposition import independent
 from symstiff.calibration.experiment.placement import placement_columns
 from symstiff.calibration.experiment.rounding import without_rounding
 from symstiff.calibration.experiment.situation import Situation
@@ -19,7 +20,6 @@ from symstiff.discrepancy.noise import Noise
 from symstiff.discrepancy.prepare import prepare
 from symstiff.discrepancy.problem import Array, Problem
 from symstiff.discrepancy.scan import Scan, coefficients, one_sharing, open_scan
-from symstiff.discrepancy.threads import one_thread
 from symstiff.effects.base import EffectInstance, find
 from symstiff.model import StiffnessModel
 
@@ -57,7 +57,6 @@ def grow(model: StiffnessModel, instances: Iterable[EffectInstance]) -> Stiffnes
     return model
 
 
-@one_thread
 def fit(
     model: StiffnessModel, table: Measurements, noise: Noise | None = None, without: Collection[str] = ()
 ) -> Fitted:
@@ -76,7 +75,7 @@ def fit(
             found.assembly.problem.y
         ):
             break
-        kept = independent(problem, [0.0 if n in without else model.steps[n] for n in names])
+        kept = with_meaning(problem, [0.0 if n in without else model.steps[n] for n in names])
         own = [names[k] for k in kept if k < len(names)]
         kept_only = replace(problem, A=problem.A[:, kept])
         scan = prepare(kept_only, ()).scan if noise is None else _weighed(kept_only, noise)
@@ -96,18 +95,21 @@ def fit(
 
 
 def fit_told(
-    model: StiffnessModel, base: StiffnessModel, table: Measurements, noise: Noise | None = None
+    model: StiffnessModel, table: Measurements, noise: Noise | None = None, like: Fitted | None = None
 ) -> Fitted:
-    """``fit``, where the table holds absolute positions without the compliances of ``base`` that these do not tell.
+    """``fit``, where the table holds absolute positions without the compliances that these do not tell.
 
     An error of the geometry looks like compliances in them, of sizes that no arm has: those are zero, not values.
+    ``like``: a fit of the model with effects besides, whose zeros hold here too.
     """
     if table.kind != "absolute":
         return fit(model, table, noise)
-    own = [p.name for p in base.compliances if p.name in model.stiffness_parameters]
-    without = set(untold(base, table)) & set(own)
+    own = {p.name for p in model.compliances} & set(model.stiffness_parameters)
+    if like is not None and own <= set(like.model.stiffness_parameters):
+        return fit(model, table, noise, own & set(like.absorbed))
+    without = own & set(untold(model, table))
     found = fit(model, table, noise, without)
-    while more := implausible(base, _sized(found.model, own)):
+    while more := implausible(model, _sized(found.model, own)):
         without |= set(more)
         found = fit(model, table, noise, without)
     return found
@@ -130,7 +132,7 @@ def _rigid(assembly: Assembly) -> Array:
     return np.asarray(y - placement @ np.linalg.lstsq(placement, y, rcond=None)[0]) if placement.size else y
 
 
-def independent(problem: Problem, sizes: Sequence[float]) -> list[int]:
+def with_meaning(problem: Problem, sizes: Sequence[float]) -> list[int]:
     """Columns that say something of their own: the device's placement first, then the model's in order.
 
     ``sizes`` are usual ones of the model's parameters, whose columns come first; 0 leaves one out.
@@ -139,20 +141,8 @@ def independent(problem: Problem, sizes: Sequence[float]) -> list[int]:
     sigma = np.ones(problem.rows) if problem.sigma is None else problem.sigma
     A = problem.A / sigma[:, None]
     A[:, :named] = without_rounding(A[:, :named], np.array(sizes))
-    length = np.linalg.norm(A, axis=0)
-    basis = np.zeros((problem.rows, 0))
-    kept: list[int] = []
-    for k in (*range(named, A.shape[1]), *range(named)):
-        if length[k] == 0.0:
-            continue
-        left = A[:, k] / length[k]
-        for _ in range(2):  # once more against rounding
-            left = left - basis @ (basis.T @ left)
-        size = float(np.linalg.norm(left))
-        if size > _INSIDE:
-            basis = np.column_stack([basis, left / size])
-            kept.append(k)
-    return sorted(kept)
+    order = np.roll(np.arange(A.shape[1]), -named)
+    return sorted(int(order[k]) for k in independent(A[:, order], _INSIDE))
 
 
 def contribution(assembly: Assembly, instance: EffectInstance, values: dict[str, float]) -> Array:

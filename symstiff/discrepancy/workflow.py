@@ -42,6 +42,7 @@ from symstiff.effects.base import EffectInstance
 from symstiff.errors import UserError, require
 from symstiff.model import StiffnessModel
 from symstiff.reduction.remarks import reduction_remarks
+from symstiff.threads import one_thread
 
 Tell = Callable[[str], None]
 _WORTH = 0.01
@@ -50,6 +51,7 @@ _UNCONFIRMED = 0.75
 """Most confidence in what poses that were not used do not confirm."""
 
 
+@one_thread()
 def run(task: Task, tell: Tell = lambda stage: None) -> Finding:
     """Diagnose a table. Raises UserError for data that do not fit the robot or hold nothing measured."""
     require(task, Task, "a task", "Task(robot, table) is one")
@@ -159,12 +161,12 @@ def _finding(
     )  # fmt: skip
     tell("identification")
     grown = grow(base, [e.instance for e in named if e.set_number == 0])
-    after = fit_told(grown, base, table)
+    after = fit_told(grown, table)
     extent = extent_of(assembly.situation.view)
     if astray([_as_identified(e, after) for e in named if e.set_number == 0], task.robot, extent):
         last = _taken_back(last)
         return _finding(task, table, told, start, base, assembly, first, last, climbed, remarks, tell)
-    before = after if grown is start else fit_told(start, start, table, after.noise)
+    before = after if grown is start else fit_told(start, table, after.noise, after)
     verdict, reason = last.verdict, last.reason
     if climbed and verdict == NOTHING:
         verdict, reason = NAMED, "the links give way; beyond the complete model no test rejects"

@@ -12,11 +12,11 @@ import multiprocessing
 import os
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor, ThreadPoolExecutor
-from contextlib import AbstractContextManager, contextmanager
-from functools import cache
+from contextlib import contextmanager
 from typing import Any, TypeVar
 
 from symstiff.errors import UserError
+from symstiff.threads import one_thread
 
 Item = TypeVar("Item")
 Result = TypeVar("Result")
@@ -131,19 +131,5 @@ def _call_installed(block: tuple[Any, ...]) -> Any:
 
 
 def _call(function: Callable[..., Result], block: tuple[Any, ...]) -> Result:
-    with one_blas_thread():
+    with one_thread():
         return function(*block)
-
-
-def one_blas_thread() -> AbstractContextManager[Any]:
-    """Keep BLAS to one thread: its own threads change rounding, and starve on a busy machine."""
-    return _controller().limit(limits=1, user_api="blas")  # type: ignore[no-any-return]
-
-
-@cache
-def _controller() -> Any:
-    import numpy  # noqa: F401  the controller sees only the libraries loaded before it is made
-    import scipy.linalg  # noqa: F401
-    from threadpoolctl import ThreadpoolController
-
-    return ThreadpoolController()

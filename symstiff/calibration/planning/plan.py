@@ -34,9 +34,10 @@ from symstiff.calibration.planning.exchange import (
     random_start,
 )
 from symstiff.calibration.planning.measurement import Measurement
-from symstiff.calibration.planning.parallel import Progress, one_blas_thread
+from symstiff.calibration.planning.parallel import Progress
 from symstiff.calibration.planning.refine import CasadiObservation, Problem, Refined, refine
 from symstiff.errors import UserError
+from symstiff.threads import one_thread
 
 _POOL = 3000
 _RIDGE = 1e-9  # of the scaled information of one pose; carries the start while it is rank-deficient
@@ -145,7 +146,7 @@ def plan_poses(
     scale = check_rank(rows, parameters, space.levels)
     rows *= scale
     criterion = criterion_of(goal, observation, scale)
-    with one_blas_thread():
+    with one_thread():
         selection, design = _select(rows, candidates, criterion, goal.poses, search, progress)
     problem = Problem(space, evaluator, scale, criterion)
     chosen = _take(candidates, selection.chosen)
