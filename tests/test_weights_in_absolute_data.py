@@ -21,7 +21,8 @@ from symstiff.discrepancy.finding import Task
 from symstiff.discrepancy.growth import fit
 from symstiff.discrepancy.scan import column_space
 from symstiff.discrepancy.workflow import run as diagnose
-from symstiff.model import StiffnessModel, load_model
+from symstiff.effects.base import EffectInstance
+from symstiff.model import StiffnessModel, joints_only, load_model
 from symstiff.reduction.reduce import reduce
 from symstiff.report.folder import write_folder
 from symstiff.report.residuals import draw_residuals
@@ -154,6 +155,53 @@ def test_a_probe_that_nobody_told_of_leaves_the_compliances_right(
         assert abs(found.model.values[f"c{j}"] - c) < 4 * found.model.deviations[f"c{j}"] < 1e-6
     assert any("mm from the tool centre point" in remark for remark in found.remarks)
     assert found.training.after["positional"].rms < 1.2 * SIGMA * np.sqrt(3)
+
+
+def gap_of_a_gear(force: np.ndarray, q: np.ndarray, gap: float, width: float) -> np.ndarray:
+    """(3,) position of the UR10's tool centre point under a force, with soft joints 2, 3 and a gap in joint 3."""
+    f, turned = frames(q), np.array(q)
+    for j, c in {2: 8e-6, 3: 9e-6}.items():
+        axis, origin = f[j - 1][:3, 2], f[j - 1][:3, 3]
+        arms = (f[i + 1][:3, 3] + f[i + 1][:3, :3] @ np.array(COM[i]) - origin for i in range(j - 1, 6))
+        load = axis @ np.cross(f[6][:3, 3] - origin, force)
+        load += sum(-9.80665 * m * np.cross(axis, arm)[2] for m, arm in zip(MASS[j - 1 :], arms, strict=True))
+        turned[j - 1] += c * load + (gap / 2 * np.tanh(load / width) if j == 3 else 0.0)
+    return np.asarray(frames(turned)[6][:3, 3])
+
+
+def with_gap() -> Measurements:
+    """Positions under loads that turn the third gear's load over, of the arm above."""
+    rng, poses, shares = np.random.default_rng(2), 40, (0.0, 0.5, 1.0)
+    q = np.repeat(rng.uniform(-2, 2, (poses, 6)), len(shares), axis=0)
+    sides = np.repeat([1.0 if k % 2 else -1.0 for k in range(poses)], len(shares))
+    force = (sides * np.tile(shares, poses))[:, None] * np.array([20.0, -30.0, -60.0])
+    read = np.array([gap_of_a_gear(f, row, 4e-4, 1.0) for f, row in zip(force, q, strict=True)])
+    values = np.hstack([read + 1e-5 * rng.normal(size=read.shape), np.full((len(q), 3), np.nan)])
+    w, pose = np.hstack([force, np.zeros((len(q), 3))]), np.repeat(np.arange(poses), len(shares))
+    return measurements(q, w, values=values, pose=pose, kind="absolute", joint_units=["rad"] * 6)
+
+
+@pytest.mark.parametrize("way", ["diagnosis", "identification", "identified again"])
+def test_a_gap_found_under_the_arms_weight_turns_over_where_the_whole_load_does(
+    way: str, tmp_path: Path
+) -> None:
+    """What the written model says of a load at the tool counts the weight that the gear carries besides."""
+    robot, table = heavy(), with_gap()
+    gap = EffectInstance("backlash", {"joint": 3}, {"width": 1.0})
+    if way == "diagnosis":
+        model = diagnose(Task(robot, table, "joints")).model
+    else:
+        model = identify(robot, table, joints_only(robot, "force", "position").with_effect(gap)).model
+        if way == "identified again":
+            model.save(tmp_path / "model.toml")
+            model = identify(robot, table, load_model(tmp_path / "model.toml")).model
+    assert [(e.effect, e.where) for e in model.effects] == [("backlash", {"joint": 3})]
+    assert model.values["backlash_3_gap"] == pytest.approx(4e-4, rel=0.05)
+    loaded = np.flatnonzero(table.w.any(axis=1))
+    moved = [gap_of_a_gear(w[:3], q, 4e-4, 1.0) - gap_of_a_gear(0 * w[:3], q, 4e-4, 1.0)
+             for q, w in zip(table.q[loaded], table.w[loaded], strict=True)]  # fmt: skip
+    error = model.deflection(table.q[loaded], table.w[loaded])[:, :3] - moved
+    assert np.sqrt(np.mean(np.sum(error**2, axis=1))) < 1e-5
 
 
 def geometry_alone(table: Measurements, probe: tuple[float, float, float]) -> float:

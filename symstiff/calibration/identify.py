@@ -177,7 +177,7 @@ def identify(
     model, elsewhere = find_point(model, table, robot)
     remarks += [*left_out, *unseen, *([elsewhere] if elsewhere else [])]
     if table.kind == "absolute":
-        return _from_absolute(model, reduction, table, remarks)
+        return _from_absolute(model, told, reduction, table, remarks)
     train, validation = _split(table, held_out, seed)
     found = fit_model(model, train, robust=robust)
     fitted, e = found.estimate, found.equations
@@ -191,7 +191,7 @@ def identify(
     training = residual_table(_measured(train), predict(model, train))
     remarks += [*settled(found), *explained(training), *fits(fitted, e), *unlike_file(model, robot)]
     return Identification(
-        completed(model, told),
+        completed(model, told, table.kind),
         reduction,
         fitted,
         e,
@@ -227,7 +227,11 @@ def _of_laws(model: StiffnessModel) -> tuple[StiffnessModel, list[str]]:
 
 
 def _from_absolute(
-    model: StiffnessModel, reduction: Reduction | None, table: Measurements, remarks: list[str]
+    model: StiffnessModel,
+    told: StiffnessModel,
+    reduction: Reduction | None,
+    table: Measurements,
+    remarks: list[str],
 ) -> Identification:
     found = fit_absolute(model, table)
     nothing = (*found.silent, *found.untold)
@@ -242,6 +246,7 @@ def _from_absolute(
         *unlike_file(model, model.robot),
         *of_sag(model.robot),
     ]
+    model = completed(model, told, table.kind)
     return Identification(
         model, reduction, found.fit, found.equations, found.residuals, None, None, None, tuple(remarks), table, None
     )  # fmt: skip

@@ -1,8 +1,15 @@
-"""What a start model holds and a table of deflections does not show: offsets, geometry, links' weight. It is kept."""
+"""A model as a table's rows show it, and back as it is told.
+
+Deflections do not show offsets, geometry and links' weight: these are kept. Absolute positions show joints under
+their whole load, the links' weight in it: laws that count it by themselves are fitted as laws of the whole load.
+"""
 
 from __future__ import annotations
 
-from symstiff.effects.base import find, place_name
+from dataclasses import replace
+
+from symstiff.effects.arm import ASSUMED
+from symstiff.effects.base import EffectInstance, find, place_name
 from symstiff.model import StiffnessModel
 from symstiff.symbolic.terms import Term, tau
 
@@ -11,8 +18,11 @@ def seen_in(model: StiffnessModel, kind: str) -> tuple[StiffnessModel, list[str]
     """The model without the effects that cancel in deflections, and a remark on them.
 
     Such an effect has no column to be fitted by: what rows say of it is second order, and would overwrite its values.
-    Gears whose law bends do feel a link's weight: that is left out, with a remark on it.
+    Gears whose law bends do feel a link's weight: that is left out, with a remark on it. In absolute positions laws
+    are those of the whole load.
     """
+    if kind == "absolute":
+        return model.with_effects([_counting(e, 0.0) for e in model.effects]), []
     if kind != "deflection":
         return model, []
     unseen = [e for e in model.effects if kind not in find(e.effect).seen_in]
@@ -36,13 +46,31 @@ def _bends(term: Term) -> bool:
     return term.factor.has(load) and bool(term.factor.diff(load).has(load))
 
 
-def completed(model: StiffnessModel, told: StiffnessModel) -> StiffnessModel:
-    """A fitted model with the effects that the one told has beside, in its order, with the values from there."""
-    missing = [e for e in told.effects if e not in model.effects]
-    if not missing:
-        return model
+def _counting(effect: EffectInstance, weights: float) -> EffectInstance:
+    """The effect with a law that counts the links' weight by itself (1), or leaves it to the load (0)."""
+    default = find(effect.effect).weights
+    if default is None or ASSUMED.keys() & effect.shape.keys():
+        return effect
+    shape = {key: value for key, value in effect.shape.items() if key != "weights"}
+    return replace(effect, shape=shape if weights == default else {**shape, "weights": weights})
+
+
+def completed(model: StiffnessModel, told: StiffnessModel, kind: str) -> StiffnessModel:
+    """A fitted model with the effects that the one told has beside, in its order, with the values from there.
+
+    ``kind`` of the table: what absolute positions showed counts the masses of the robot file from here on.
+    """
+    shown = list(model.effects)
+    if kind == "absolute" and any(link.mass for link in model.robot.links):
+        shown = [_counting(e, 1.0) for e in shown]
+    places = [(e.effect, e.where) for e in shown]
+    missing = [e for e in told.effects if (e.effect, e.where) not in places]
     own = {p.name for p in told.with_effects(missing).effect_parameters} - set(model.parameters)
     values = dict(model.values) | {n: v for n, v in told.values.items() if n in own}
     deviations = dict(model.deviations) | {n: v for n, v in told.deviations.items() if n in own}
-    found = [e for e in model.effects if e not in told.effects]
-    return model.with_effects([*told.effects, *found]).with_values(values, deviations)
+    named = [(e.effect, e.where) for e in told.effects]
+    known = [
+        shown[places.index(at)] if at in places else e for at, e in zip(named, told.effects, strict=True)
+    ]
+    new = [e for e, at in zip(shown, places, strict=True) if at not in named]
+    return model.with_effects([*known, *new]).with_values(values, deviations)

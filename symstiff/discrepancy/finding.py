@@ -97,7 +97,7 @@ class Finding:
     @property
     def model(self) -> StiffnessModel:
         """The grown model, with what the data cannot show as it was told."""
-        return completed(self.grown.model, self.told)
+        return completed(self.grown.model, self.told, self.task.table.kind)
 
     @property
     def named(self) -> tuple[Found, ...]:

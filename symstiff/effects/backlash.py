@@ -58,5 +58,6 @@ EFFECT = Effect(
     told={"width": "turning over within ± {} LOAD", "weights": "", **TOLD},
     assumed=ASSUMED,
     odds=odds,
+    weights=1.0,
     moves=lambda robot, shape: {"width": Move(2.0), **ARM_MOVES},
 )

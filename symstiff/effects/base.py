@@ -207,6 +207,9 @@ class Effect:
     """How a shape's values, by key, are moved: what lies between those that are profiled."""
     odds: Callable[[Robot, Shape], float] = _alike
     """Prior weight of a shape; below one where the robot file tells otherwise."""
+    weights: float | None = None
+    """Whether its law counts the links' weight where the shape's entry ``weights`` does not say (1, 0); None: no such
+    entry."""
     unlikely: Callable[[Robot, Where], str] = _likely
     """Why it is not looked for at one of its places, by what the robot file tells; empty where it is."""
 

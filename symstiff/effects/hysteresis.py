@@ -79,5 +79,6 @@ EFFECT = Effect(
     },
     assumed=ASSUMED,
     odds=odds,
+    weights=0.0,
     moves=lambda robot, shape: {"width": Move(2.7), "loop": Move(1.2), **ARM_MOVES},
 )  # fmt: skip

@@ -128,5 +128,6 @@ EFFECT = Effect(
     },
     assumed=ASSUMED,
     odds=odds,
+    weights=1.0,
     moves=lambda robot, shape: {"load": Move(1.6), TOWARDS: ARM_MOVES[TOWARDS]},
 )  # fmt: skip
