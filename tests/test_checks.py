@@ -109,14 +109,16 @@ def test_few_poses_arrays_and_slides_near_zero_are_not_taken_for_radians(tmp_pat
     assert not doubted(read_poses(path), from_table(gantry))
 
 
-def test_a_pose_measured_anew_or_planned_twice_is_no_copy() -> None:
+def test_a_pose_copied_under_another_label_is_left_out_and_one_measured_anew_is_not() -> None:
     once, labels = deflected(), tuple(f"again{k}" for k in range(5))
     again = replace(once, labels=labels)
-    assert any("copied pose" in w for w in check_robot(concatenate([once, again]), arm()))
-    anew = replace(again, values=again.values + 1e-6)
-    assert not check_robot(concatenate([once, anew]), arm())
-    plans = [replace(t, kind="none", values=np.full((5, 6), np.nan)) for t in (once, again)]
-    assert not check_robot(concatenate(plans), arm())
+    kept, (told,) = without_copies(concatenate([once, again]))
+    np.testing.assert_array_equal(kept.values, once.values)
+    assert told.startswith("5 of 5 repeats")
+    anew = concatenate([once, replace(again, values=again.values + 1e-6)])
+    assert without_copies(anew) == (anew, [])
+    kept, (told,) = without_copies(concatenate([anew, again.select([2])]))  # one copy among many repeats
+    assert (len(kept), told[:21]) == (10, "1 of 6 repeats read t")
 
 
 def test_only_rows_that_have_no_load_and_read_nothing_are_left_out() -> None:
@@ -139,10 +141,28 @@ def test_equal_readings_of_other_steps_and_directions_are_no_copies() -> None:
         assert without_copies(table) == (table, [])
 
 
-def test_a_few_equal_repeats_among_many_are_chance() -> None:
-    once = deflected()
-    rows = np.tile(np.arange(5), 3)
-    values = once.values[rows] + 1e-6 * np.random.default_rng(0).normal(size=(15, 6))
-    values[5:8] = values[:3]  # three of ten repeats
-    table = replace(once.select(rows), values=values, repeat=np.repeat([1.0, 2.0, 3.0], 5))
-    assert without_copies(table) == (table, [])
+def repeated(grid: float) -> Measurements:
+    """300 readings and two repeats of each, with a noise of a micrometre, read to a grid."""
+    rows = np.tile(np.arange(5), 180)
+    noise = 1e-6 * np.random.default_rng(0).normal(size=(len(rows), 6))
+    values, steps = np.round((deflected().values[rows] + noise) / grid) * grid, np.arange(300) // 5
+    repeat = np.repeat([1.0, 2.0, 3.0], 300)
+    return replace(
+        deflected().select(rows), values=values, load_step=np.tile(steps.astype(float), 3), repeat=repeat
+    )
+
+
+def test_repeats_that_coarse_readings_make_equal_are_no_copies() -> None:
+    coarse = repeated(3e-6)
+    readings = np.column_stack([coarse.pose, coarse.load_step, np.nan_to_num(coarse.values)])
+    assert len(np.unique(readings, axis=0)) < 895
+    assert without_copies(coarse) == (coarse, [])
+
+
+def test_a_few_copied_repeats_among_many_are_left_out() -> None:
+    honest = repeated(1e-9)
+    values = honest.values.copy()
+    values[300:330] = values[:30]
+    kept, (told,) = without_copies(replace(honest, values=values))
+    assert len(kept) == 870
+    assert told.startswith("30 of 600 repeats")

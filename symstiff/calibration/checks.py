@@ -17,6 +17,7 @@ _STIFFEST = 1e-8  # m/N; machine tools have 1e-8, robots of any size a hundred t
 _TINY = float(np.radians(6.4))
 _FEW = 3  # configurations that may all be near zero
 _LEAST_LOAD = 1e-20  # N, N·m; far below what rounding leaves of a load that is 0
+_WONDER = 0.1  # of the equal rows that coarse readings explain, above which all of them are honest
 _APART = 1e6  # the largest sigma over the smallest; beyond it the weights of rows drown each other's digits
 
 
@@ -123,28 +124,43 @@ def without_zeros(table: Measurements) -> tuple[Measurements, list[str]]:
 
 
 def without_copies(table: Measurements) -> tuple[Measurements, list[str]]:
-    """The table without repeats that are copies of a reading, and a remark, where most repeats are.
+    """The table without rows that are copies of an earlier one, also under another label, and a remark.
 
-    Repeats of honest readings differ, unless these are coarser than the noise; either way they say nothing of it.
+    Honest repeats differ, unless readings are coarser than the noise: then single components agree as well. Where most
+    repeats are equal, they say nothing of the noise either way.
     """
-    state = np.column_stack([table.pose, table.point, table.w, table.branch, table.load_step])
-    rows = np.arange(len(table))
-    repeats = _first_equal(state) != rows
-    copies = _first_equal(np.column_stack([state, table.values])) != rows
-    if 2 * np.sum(copies) <= np.sum(repeats):
+    rows, step = np.arange(len(table)), [table.w, table.point, table.branch, table.load_step]
+    states = [np.column_stack([at, *step]) for at in (table.pose, table.q)]
+    earlier = np.minimum(*(_first_equal(state) for state in states))
+    equal = np.minimum(*(_first_equal(np.column_stack([state, table.values])) for state in states))
+    again, copies = np.flatnonzero(earlier != rows), np.flatnonzero(equal != rows)
+    if 2 * len(copies) <= len(again) and _by_chance(table.values, earlier, again, copies):
         return table, []
-    return table.select(~copies), [
-        f"{np.sum(copies)} of {np.sum(repeats)} repeats read the same to the last digit as an earlier one: copies, or "
-        "readings coarser than the noise. They say nothing of the noise and are left out"
+    row = int(copies[0])
+    return table.select(np.setdiff1d(rows, copies)), [
+        f"{len(copies)} of {len(again)} repeats read the same to the last digit as an earlier one (first: "
+        f"{table.place(row)}, as {table.place(int(equal[row]))}): copies, or readings coarser than the noise. They say "
+        "nothing of the noise and are left out"
     ]
+
+
+def _by_chance(values: np.ndarray, earlier: np.ndarray, again: np.ndarray, copies: np.ndarray) -> bool:
+    """Whether as many equal rows are no wonder, by how often a single component of the other repeats is equal."""
+    others = np.setdiff1d(again, copies)
+    pairs = np.isfinite(values[others]) & np.isfinite(values[earlier[others]])
+    alike = pairs & (values[others] == values[earlier[others]])
+    components = int(np.isfinite(values[copies]).sum(axis=1).min(initial=6))
+    if components < 2 or not len(copies):
+        return True
+    chance = (alike.sum() + 1.0) / (pairs.sum() + 2.0)
+    return bool(len(again) * chance**components > _WONDER * len(copies))
 
 
 def check_robot(table: Measurements, robot: Robot) -> list[str]:
     """Check a table against a robot: joints, their kinds, markers; return warnings, one line each.
 
     Raises UserError where the table cannot belong to the robot. Warned of: joint values far outside the
-    limits, the same measurement under two pose labels, compliances that no serial robot has, and sigma of one kind of
-    component alone.
+    limits, compliances that no serial robot has, and sigma of one kind of component alone.
     """
     require(robot, Robot, *A_ROBOT)
     require(table, Measurements, *A_TABLE)
@@ -166,13 +182,7 @@ def check_robot(table: Measurements, robot: Robot) -> list[str]:
                 f"{table.place(int(rows[0]))}: robot {robot.name} has no marker {printable(name, SHOWN)!r}: "
                 f"use one of {', '.join(sorted(known))}, or add a [[marker]] to the robot file"
             )
-    return (
-        _outside_limits(table, robot)
-        + _tiny_angles(table)
-        + _copied(table)
-        + _of_units(table)
-        + _half_stated(table)
-    )
+    return _outside_limits(table, robot) + _tiny_angles(table) + _of_units(table) + _half_stated(table)
 
 
 def _outside_limits(table: Measurements, robot: Robot) -> list[str]:
@@ -240,18 +250,4 @@ def _half_stated(table: Measurements) -> list[str]:
     return [
         f"sigma is stated for {stated[0]} and not for {other}: it is not used, both are told by what the model leaves; "
         f"state that of {other} too"
-    ]
-
-
-def _copied(table: Measurements) -> list[str]:
-    if table.kind == "none":
-        return []
-    first = _first_equal(np.column_stack([table.q, table.w, table.point, table.values]))
-    again = np.flatnonzero(table.pose[first] != table.pose)
-    if not again.size:
-        return []
-    row = int(again[0])
-    return [
-        f"{table.place(row)}: same joints, load and measured values as {table.place(int(first[row]))} "
-        f"under another label ({again.size} such rows): a copied pose adds no information"
     ]

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 
@@ -19,9 +20,13 @@ Poses that are used however many readings they have."""
 def used(table: Measurements, max_poses: int | None = None) -> tuple[Measurements, list[str]]:
     """The part of a table that is used, and a remark on everything that is not."""
     remarks = []
-    table, said = thinned(table, max_poses)
-    remarks += said
-    for part in (known_throughout, without_zeros, without_copies, under_load):
+    for part in (
+        without_zeros,
+        without_copies,
+        partial(thinned, max_poses=max_poses),
+        known_throughout,
+        under_load,
+    ):
         table, said = part(table)
         remarks += said
     return table, remarks
