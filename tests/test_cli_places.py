@@ -197,8 +197,9 @@ def test_text_of_users_is_no_markup(run: Run, place: Path) -> None:
     (place / "way.csv").write_text(POSES.replace("a0", "[/x]"))
     done = run("compensate", "m.toml", "way.csv", "-o", "d[bold]y.csv")
     assert (done.code, "wrote d[bold]y.csv" in done.out) == (0, True)
-    copied = (place / "data.csv").read_text().splitlines()
-    (place / "twice.csv").write_text("\n".join([*copied, copied[1].replace("a0", "[/x]")]) + "\n")
+    rows = (place / "data.csv").read_text().splitlines()
+    again = rows[1].replace("a0", "[/x]").replace(",0.01,", "1,0.01,", 1)  # the last reading differs: no copy
+    (place / "twice.csv").write_text("\n".join([*rows, again]) + "\n")
     done = run("identify", "planar2r", "twice.csv", "--start", "joints", "-o", "m.toml")
     assert (done.code, "[/x] = a0" in done.out) == (0, True)
 

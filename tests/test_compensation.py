@@ -94,6 +94,14 @@ def test_a_deflection_beyond_all_numbers_is_refused() -> None:
         compensate(absurd, np.array([REGULAR]), np.array([LOAD]) * 1e6)
 
 
+@pytest.mark.parametrize("what", ["joint", "load"])
+def test_a_row_that_is_no_number_among_good_ones_is_refused_by_its_number(what: str) -> None:
+    q, w = np.tile(REGULAR, (3, 1)), np.tile(LOAD, (3, 1))
+    (q if what == "joint" else w)[1, 2] = np.nan
+    with pytest.raises(UserError, match="row 1 has a joint value or a load"):
+        compensate(model("kuka_kr270"), q, w)
+
+
 def test_an_attitude_that_turns_without_end_is_told_as_it_is() -> None:
     m = model("kuka_kr270", "wrench")
     q, w = np.array([REGULAR]), np.array([[0.0, 0.0, 0.0, 1e13, 0.0, 0.0]])

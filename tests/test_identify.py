@@ -83,6 +83,20 @@ def test_a_saved_model_predicts_the_same(result, tmp_path: Path) -> None:
     assert again.deviations == result.model.deviations
 
 
+def test_a_start_is_a_path_too_and_nothing_else(result, tmp_path: Path) -> None:
+    result.model.save(tmp_path / "model.toml")
+    again = identify(load("kuka_kr270"), virtual(), tmp_path / "model.toml")
+    assert again.model.parameters == result.model.parameters
+    with pytest.raises(UserError, match="expected a start model, found None"):
+        identify(load("kuka_kr270"), virtual(), None)
+
+
+def test_a_table_of_poses_alone_holds_nothing_measured() -> None:
+    table = replace(virtual(), kind="none", values=np.full((120, 6), np.nan))
+    with pytest.raises(UserError, match="nothing measured"):
+        identify(load("kuka_kr270"), table)
+
+
 def test_joints_alone_compensate_less_and_have_five_parameters(result) -> None:
     table = virtual()
     joints = identify(load("kuka_kr270"), table, "joints")

@@ -58,7 +58,9 @@ def check_sigmas(table: Measurements) -> None:
 
 
 def check_measured(table: Measurements) -> None:
-    """Refuse deflections that are 0 in every row: no robot is as stiff as that, nothing was measured."""
+    """Refuse tables without a measurement, and deflections that are 0 in every row: no robot is as stiff as that."""
+    if table.kind == "none" or not table.measured.any():
+        raise UserError("nothing measured: give deflections (dx[mm] …) or positions (x[mm] …)")
     if table.kind == "deflection" and not np.any(np.nan_to_num(table.values)):
         raise UserError(f"{table.place(0)}: every deflection is 0: the columns hold no measurement")
 

@@ -45,7 +45,7 @@ from symstiff.calibration.soundness import (
 )
 from symstiff.calibration.table import check_robot
 from symstiff.effects.base import find
-from symstiff.errors import UserError, printable
+from symstiff.errors import UserError, printable, require
 from symstiff.model import StiffnessModel, joints_only
 from symstiff.reduction import Reduction, reduce
 from symstiff.reduction.complete import complete_map
@@ -100,7 +100,7 @@ class Identification:
 
 
 def start_model(
-    robot: Robot, start: str | StiffnessModel, experiment: ExperimentClass
+    robot: Robot, start: str | Path | StiffnessModel, experiment: ExperimentClass
 ) -> tuple[StiffnessModel, Reduction | None]:
     """The model to fit: ``complete`` (reduced for the experiment), ``joints``, a model file, or the model itself."""
     if isinstance(start, StiffnessModel):
@@ -119,12 +119,14 @@ def start_model(
             experiment.points,
         )
         return joints_only(robot, loads, measure, fixed, points), None
+    remedy = "give complete, joints, the path of a model.toml, or the model itself"
+    require(start, (str, Path), "a start model", remedy)
     if not Path(start).exists():
         raise UserError(
-            f"--start {printable(start)}: no such model file: give complete, joints, or the path of a model.toml"
+            f"--start {printable(str(start))}: no such model file: give complete, joints, or the path of a model.toml"
         )
     model = usable_model(start)
-    check_same_robot(model, robot, start)
+    check_same_robot(model, robot, str(start))
     return model, None
 
 
@@ -132,7 +134,7 @@ def start_model(
 def identify(
     robot: Robot,
     table: Measurements,
-    start: str | StiffnessModel = "complete",
+    start: str | Path | StiffnessModel = "complete",
     *,
     loads: str | None = None,
     measure: str | None = None,

@@ -69,12 +69,17 @@ def compensate(
     redundant the motion is. Not solved are rows in a singular pose (fewer directions of motion than the arm has
     elsewhere), rows that did not converge or whose error would grow, and rows that would move a joint by
     more than 0.25 rad or m, where a correction of compliance errors has no meaning. Effects of the measurement alone
-    are no laws of the robot and move nothing. Raises UserError where a deflection overflows.
+    are no laws of the robot and move nothing. Raises UserError for values that are no numbers, and where a deflection
+    overflows.
     """
     require(model, StiffnessModel, *A_MODEL)
     model = model.of_robot()
     q = np.atleast_2d(np.asarray(q, dtype=float))
     w = np.broadcast_to(np.asarray(w, dtype=float), (len(q), 6))
+    if not (finite := np.isfinite(q).all(axis=1) & np.isfinite(w).all(axis=1)).all():
+        raise UserError(
+            f"row {int(np.argmin(finite))} has a joint value or a load that is no finite number: correct it"
+        )
     moment = {k: np.broadcast_to(x, len(q)) for k, x in (context or {}).items()}
     target = forward(model.robot, q)
     evaluator = for_poses(model, _TYPICAL_ROUNDS * len(q))
