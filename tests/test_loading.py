@@ -5,8 +5,13 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from symstiff.calibration.identify import identify
 from symstiff.calibration.loading import as_loading, load_factor
 from symstiff.calibration.measurements import Measurements, measurements
+from symstiff.calibration.simulation import Effect, Noise, Truth, nominal_truth, simulate
+from symstiff.effects.base import EffectInstance
+from symstiff.model import joints_only
+from symstiff.robot import load
 
 
 def driven(*factors: float, branch: tuple[float, ...]) -> Measurements:
@@ -33,6 +38,8 @@ def test_the_way_up_may_go_to_negative_loads() -> None:
     [
         ((0.5, 1, 0.5), (1, 1, -1)),
         ((0.5, 1, -0.5, -1, -0.5), (1, 1, 1, 1, -1)),  # loaded from zero to both sides
+        ((1, 0.5, -1, -0.5), (1, -1, 1, -1)),  # push and pull
+        ((1, -1, 0.5, -0.5), (1, 1, -1, -1)),  # the same, sorted by branch
         ((-1, -0.5, 0.5, 1), (np.nan,) * 4),
         ((-1, -0.5, 0.5, 1), (1, 1, 1, 1)),  # never unloaded: nothing to tell
     ],
@@ -42,6 +49,35 @@ def test_tables_that_tell_loading_from_unloading_stay_as_they_are(
 ) -> None:
     table = driven(*factors, branch=branch)
     assert as_loading(table) is table
+
+
+def test_a_short_way_there_and_back_is_driven_through_zero() -> None:
+    table = driven(-1, 1, 0.5, -0.5, branch=(1, 1, -1, -1))
+    found = as_loading(table)
+    assert found.branch == pytest.approx([-1, 1, -1, 1])
+    assert as_loading(found) is found
+
+
+@pytest.mark.parametrize(
+    ("factors", "branch"),
+    [((-1, -0.5, 0.5, 1, 0.5, -0.5), (1, 1, 1, 1, -1, -1)), ((1, 0.5, -1, -0.5), (1, -1, 1, -1))],
+)
+def test_a_virtual_experiment_gives_back_the_loop_that_was_put_in(
+    factors: tuple[float, ...], branch: tuple[float, ...]
+) -> None:
+    """Driven through zero, and by push and pull."""
+    robot, rng, poses = load("ur10"), np.random.default_rng(3), 25
+    q = np.repeat(rng.uniform(-2, 2, (poses, 6)), len(factors), axis=0)
+    w = np.outer(np.tile(factors, poses), [30.0, 60.0, -100.0, 0.0, 0.0, 0.0])
+    design = measurements(q, w, pose=np.repeat(np.arange(poses), len(factors)), branch=np.tile(branch, poses),
+                          joint_units=["rad"] * 6)  # fmt: skip
+    loop = Effect("hysteresis", {"joint": 3}, "constant", {"width": 1e-4})
+    values = {n: 0.0 if n.startswith("k") else v for n, v in nominal_truth(robot).items()}
+    made = simulate(Truth(robot, values, (loop,), Noise((0.002,) * 3)), design, 1)
+    assert np.array_equal(made.branch, design.branch)
+    law = EffectInstance("hysteresis", {"joint": 3}, {"width": 5.0, "weights": 1.0})
+    found = identify(robot, made, joints_only(robot, "force", "pose").with_effect(law)).model
+    assert found.values["hysteresis_3_width"] == pytest.approx(1e-4, rel=0.1)
 
 
 def test_load_factors_are_shares_of_the_largest_load_with_their_side() -> None:

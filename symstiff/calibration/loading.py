@@ -49,10 +49,19 @@ def _by_pose(table: Measurements) -> list[Ints]:
 
 
 def _through_zero(share: Floats, branch: Floats, step: Floats) -> float:
-    """+1 or -1: which way the load goes on the branch up where it runs through zero; 0 where it does not."""
-    up = branch > 0
-    if not np.any(branch < 0) or not (np.any(share[up] > 0) and np.any(share[up] < 0)):
+    """+1 or -1: which way the load goes on the branch up where it runs through zero; 0 where it does not.
+
+    One load to each side tells no way where one falls between them (push and pull), or falls the same way after them.
+    """
+    told = np.flatnonzero(np.isfinite(branch) & (branch != 0.0))
+    if np.isfinite(step[told]).all():
+        told = told[np.argsort(step[told], kind="stable")]
+    up, down = (np.flatnonzero(side * branch[told] > 0) for side in (1, -1))
+    load = share[told]
+    if not len(down) or not (np.any(load[up] > 0) and np.any(load[up] < 0)):
         return 0.0
-    order = np.argsort(step[up], kind="stable") if np.isfinite(step[up]).all() else slice(None)
-    change = np.diff(share[up][order])
-    return 1.0 if np.all(change >= 0) else (-1.0 if np.all(change <= 0) else 0.0)
+    change = np.diff(load[up])
+    way = 1.0 if np.all(change >= 0) else (-1.0 if np.all(change <= 0) else 0.0)
+    if np.any((down > up[0]) & (down < up[-1])):
+        return way if len(up) > 2 else 0.0
+    return way if np.all(way * np.diff(load[down]) <= 0) else 0.0

@@ -8,6 +8,7 @@ from typing import Any, Literal
 
 import numpy as np
 
+from symstiff.calibration.loading import as_loading
 from symstiff.calibration.measurements import Measurements, measurements
 from symstiff.calibration.simulation.chain import Chain, Floats, chain_of, posture
 from symstiff.calibration.simulation.equilibrium import (
@@ -90,7 +91,7 @@ def simulate(truth: Truth, design: Measurements, seed: int) -> Measurements:
     approach, noise, unloaded = (np.random.default_rng(s) for s in np.random.SeedSequence(seed).spawn(3))
     group = design.approach
     errors = approach.standard_normal((int(group.max()) + 1, truth.robot.dof + 3))[group]
-    values = _clean(experiment, design, kind, errors[:, 3:] * truth.noise.approach_mrad * 1e-3)
+    values = _clean(experiment, as_loading(design), kind, errors[:, 3:] * truth.noise.approach_mrad * 1e-3)
     values[:, :3] += errors[:, :3] * np.array(truth.noise.approach_mm) * 1e-3
     if kind == "deflection":
         before = unloaded.standard_normal((int(group.max()) + 1, len(design.points), 3))[group, design.point]
