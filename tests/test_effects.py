@@ -416,3 +416,24 @@ def test_a_size_that_divides_has_to_be_above_zero(effect: str, shape: dict[str, 
     where = {"measurement": "frame"} if effect == "thermal_drift" else {"joint": 2}
     with pytest.raises(UserError, match="give a value above zero"):
         EffectInstance(effect, where, shape).realise(load("ur10"))
+
+
+@pytest.mark.parametrize(
+    ("effect", "where", "shape", "why"),
+    [
+        ("transmission_error", {"joint": 3, "harmonics": "12"}, {}, "harmonics = '12'"),
+        ("gravity_compensator", {"joint": 2}, {"angle_1": 1.0, "angle_2": -1.0}, "ascending order"),
+        ("gravity_compensator", {"joint": 2}, {"angle_1": 1.0, "angle_2": 1.0}, "ascending order"),
+    ],
+)
+def test_what_would_be_read_as_something_else_is_refused(
+    effect: str, where: dict[str, Any], shape: dict[str, float], why: str
+) -> None:
+    with pytest.raises(UserError, match=why):
+        EffectInstance(effect, where, shape).realise(load("ur10"))
+
+
+def test_compliances_by_angle_say_at_which_angle_they_hold() -> None:
+    law = EffectInstance("gravity_compensator", {"joint": 2}, {"angle_1": -1.0, "angle_2": 0.5})
+    meanings = [p.meaning for p in law.realise(load("ur10")).parameters]
+    assert ["q2 = -1 rad" in meanings[0], "q2 = 0.5 rad" in meanings[1]] == [True, True]

@@ -90,7 +90,9 @@ def test_harmonics_that_are_none_are_refused(run: Run, tmp_path: Path, harmonics
     assert place.search(text)
     path.write_text(place.sub(f"harmonics = [{harmonics}]", text))
     mistake = run("generate", "scara", "--model", path, "-o", tmp_path / "out", "--no-compile")
-    assert_users_mistake(mistake, "model.toml", "transmission_error", "give different numbers above zero")
+    assert_users_mistake(
+        mistake, "model.toml", "transmission_error", "give different numbers above zero in a list"
+    )
 
 
 def test_a_stiffness_among_a_models_compliances_is_refused(run: Run, tmp_path: Path) -> None:

@@ -12,6 +12,7 @@ from symstiff.discrepancy.finding import Finding, Task
 from symstiff.discrepancy.laws import Law, _laws_of_angle, largest_load
 from symstiff.discrepancy.localise import FittedLaw
 from symstiff.discrepancy.problem import Array, Problem
+from symstiff.discrepancy.remarks import _of_rows
 from symstiff.discrepancy.workflow import run
 from symstiff.effects.base import EffectInstance
 from symstiff.report.code import formulas
@@ -170,3 +171,13 @@ def test_the_formula_of_a_slides_law_has_its_way_on_the_left() -> None:
     (turn,) = formulas(load("scara"), EffectInstance("backlash", {"joint": 2}, {"weights": 0.0}))
     assert "<mi>q</mi>" in slide.mathml.partition("<mo>=</mo>")[0]
     assert "&#952;" in turn.mathml.partition("<mo>=</mo>")[0]
+
+
+def test_rows_are_no_slips_where_a_law_is_told_that_is_still_in_what_is_left(found: Finding) -> None:
+    last, view = found.last, found.assembly.situation.view
+    residual = last.growth[-1].residual.copy()
+    residual[3] = 1e3 * np.abs(residual).max()
+    last = replace(last, growth=(*last.growth[:-1], replace(last.growth[-1], residual=residual)))
+    assert last.law is not None
+    assert _of_rows(view, last) == []
+    assert len(_of_rows(view, replace(last, law=None, device_law=None))) == 1

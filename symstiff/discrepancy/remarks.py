@@ -170,6 +170,8 @@ def _of_rows(view: View, last: Diagnosis) -> list[str]:
     """Few readings far beside all others: slips of the pen, or readings that changed places."""
     if not last.growth or last.noise.degrees_of_freedom < FEW:  # few rows hold what the model leaves
         return []
+    if last.law is not None or last.device_law is not None:  # a law is told that still is in what is left
+        return []
     beside = _beside(view, last.growth[-1].residual)
     rows = np.flatnonzero(beside > BESIDE)
     first = np.argsort(-beside)[:2]

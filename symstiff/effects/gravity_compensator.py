@@ -99,8 +99,13 @@ def _numeric_stiffness() -> Callable[..., np.ndarray]:
 def _by_angle(robot: Robot, where: Where, j: int, angles: list[float]) -> Realisation:
     """One compliance a distinct angle, linear between them, constant outside."""
     found, terms = [], []
+    if not all(a < b for a, b in pairwise(angles)):
+        raise ValueError(
+            f"angle_1 … angle_{len(angles)} = {angles}: give different angles in ascending order"
+        )
     for k, hat in enumerate(_hats(q(j), [exact(v) for v in angles]), start=1):
-        c = parameter(NAME, where, f"c{k}", "rad/(N*m)", 0.0, 1e-2, 1e-6)
+        meant = f"compliance of the joint at q{j} = {angles[k - 1]:.6g} rad, linear between, constant outside"
+        c = parameter(NAME, where, f"c{k}", "rad/(N*m)", 0.0, 1e-2, 1e-6, meant)
         found.append(c)
         terms.append(Term(c.name, actuated_joint(j), load_of(j) * hat))
     return Realisation(tuple(found), tuple(terms), replaces=_own_compliance(robot, j))

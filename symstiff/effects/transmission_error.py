@@ -35,10 +35,13 @@ def _realise(robot: Robot, where: Where, shape: Shape) -> Realisation:
 
 def _orders(where: Where) -> list[float]:
     """The harmonics of a place. Raises ValueError for one that is not above zero, or stands there twice."""
-    orders = list(where.get("harmonics", [1]))
-    if not orders or not all(0 < float(n) < inf for n in orders) or len(set(orders)) < len(orders):
-        raise ValueError(f"harmonics = {orders}: give different numbers above zero, 1 for once a turn")
-    return orders
+    orders = where.get("harmonics", [1])
+    several = isinstance(orders, (list, tuple)) and len(set(orders)) == len(orders) > 0
+    if not several or not all(0 < float(n) < inf for n in orders):
+        raise ValueError(
+            f"harmonics = {orders!r}: give different numbers above zero in a list, 1 for once a turn"
+        )
+    return list(orders)
 
 
 EFFECT = Effect(

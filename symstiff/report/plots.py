@@ -156,7 +156,7 @@ def draw_map(finding: Finding) -> Picture:
     return Picture(
         out[0],
         "Root mean square of the residuals of a pose and axis in units of the noise (1: nothing but noise); "
-        f"the darkest colour stands for {top:.0f} and more.",
+        f"the darkest colour stands for {top:.2g} and more.",
     )
 
 
