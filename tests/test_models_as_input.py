@@ -285,3 +285,15 @@ def test_a_law_at_no_virtual_joint_has_no_column_in_closed_form(
     terms = joints_only(PLANAR).with_effect(EffectInstance(effect, where)).terms
     with pytest.raises(UserError, match="no virtual joint of planar2r"):
         symstiff.observation_matrix(symstiff.ElasticChain(PLANAR), terms=terms)
+
+
+def test_two_laws_of_one_parameter_are_refused_and_equal_ones_are_not(run: Run, tmp_path: Path) -> None:
+    """A gap that turns over within two widths would be two laws with one size."""
+    path, gap = tmp_path / "model.toml", {"joint": 2}
+    twice = (EffectInstance("backlash", gap, {"width": w}) for w in (50.0, 5.0))
+    scara().with_effects(tuple(twice)).save(path)
+    mistake = run("generate", "scara", "--model", path, "-o", tmp_path / "out", "--no-compile")
+    assert_users_mistake(mistake, "model.toml", "two laws of one parameter, backlash_2_gap")
+    blocks = [EffectInstance(name, {"link": 2}) for name in ("link_compliance", "link_asymmetry")]
+    scara().with_effects(blocks).save(path)
+    assert load_model(path).effects == tuple(blocks)
