@@ -15,7 +15,7 @@ import numpy as np
 import numpy.typing as npt
 
 from symstiff.display import html_table
-from symstiff.effects.base import EffectInstance, EffectParameter, Realisation
+from symstiff.effects.base import EffectInstance, EffectParameter, Realisation, realise_all
 from symstiff.errors import A_ROBOT, UserError, require
 from symstiff.files import write_file
 from symstiff.reduction.complete import known_values
@@ -84,8 +84,8 @@ class StiffnessModel:
 
     @cached_property
     def realisations(self) -> tuple[Realisation, ...]:
-        """The effects' parameters and terms on this robot."""
-        return tuple(e.realise(self.robot) for e in self.effects)
+        """The effects' parameters and terms on this robot. Raises UserError for two laws of one parameter."""
+        return realise_all(self.effects, self.robot)
 
     @property
     def stiffness_parameters(self) -> tuple[str, ...]:
@@ -263,8 +263,8 @@ class StiffnessModel:
         return other
 
     def with_effect(self, instance: EffectInstance) -> StiffnessModel:
-        """The model grown by an effect."""
-        return replace(self, effects=(*self.effects, instance))
+        """The model grown by an effect. Raises UserError for another law of a parameter that the model has."""
+        return self.with_effects((*self.effects, instance))
 
     @cached_property
     def structure_hash(self) -> str:

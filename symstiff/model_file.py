@@ -14,7 +14,6 @@ from symstiff.reduction.physical import physical_stages
 from symstiff.robot.loading import from_table, toml_table
 from symstiff.robot.mistakes import explain
 from symstiff.robot.schema import Format, Number, not_a_stiffness
-from symstiff.symbolic.terms import Term
 
 
 def _deviation(value: float) -> float:
@@ -121,7 +120,6 @@ def _complete(model: StiffnessModel, origin: str) -> None:
                 f"{origin}: effect: {effect.effect} at {dict(effect.where)} knows no shape key "
                 f"{printable(unread[0], 40)!r}: correct or remove it"
             )
-    _one_law_each(model, origin)
     for key, numbers in (("values", model.values), ("deviations", model.deviations)):
         unknown = sorted(set(numbers) - parameters)
         if unknown:
@@ -136,17 +134,3 @@ def _complete(model: StiffnessModel, origin: str) -> None:
         )
     if not parameters:
         raise UserError(f"{origin}: parameters: a model has at least one parameter or effect")
-
-
-def _one_law_each(model: StiffnessModel, origin: str) -> None:
-    """Refuse two effects that give one parameter different laws; effects that share entries of a link agree on them."""
-    seen: dict[str, tuple[EffectInstance, set[Term]]] = {}
-    for effect, realised in zip(model.effects, model.realisations, strict=True):
-        for p in realised.parameters:
-            law = {term for term in realised.terms if term.parameter == p.name}
-            earlier, other = seen.setdefault(p.name, (effect, law))
-            if other != law:
-                raise UserError(
-                    f"{origin}: effect: {earlier.effect} with the shape {dict(earlier.shape)} and {effect.effect} with "
-                    f"{dict(effect.shape)} are two laws of one parameter, {p.name}: keep one of them"
-                )

@@ -33,6 +33,13 @@ xyz = [0.05, 0.1, 0.2]
 """
 
 
+POSES = "pose,q1[deg],q2[deg],fx[N],fy[N]\n" + "".join(
+    f"a{k},{10 * k},{30 + 7 * k * k},{100 - 10 * k},{50 + 9 * k}\n" for k in range(6)
+)
+TRUTH = 'format = 1\nrobot = "planar2r"\n[noise]\nsigma_mm = 0.01\n'
+IDENTIFY = ("identify", "planar2r", "data.csv", "--start", "joints", "-o", "m.toml")
+
+
 @dataclass(frozen=True)
 class Result:
     code: int
@@ -71,6 +78,16 @@ def run_command_line(
         return Result(code, out, err)
 
     return _run
+
+
+@pytest.fixture(name="place")
+def measured_arm(run: Run, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """A folder with the measurements of a planar arm."""
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "truth.toml").write_text(TRUTH)
+    (tmp_path / "poses.csv").write_text(POSES)
+    assert run("simulate", "truth.toml", "--poses", "poses.csv", "-o", "data.csv").code == 0
+    return tmp_path
 
 
 def assert_users_mistake(result: Result, *words: str) -> None:

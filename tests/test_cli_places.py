@@ -5,38 +5,25 @@ from __future__ import annotations
 import csv
 import io
 import json
-import os
-import signal
-import subprocess
-import sys
-import time
 from importlib import import_module
 from pathlib import Path
 from pkgutil import walk_packages
 
 import pytest
-from command_line import OBLIQUE, Result, Run, assert_users_mistake, run_command_line  # noqa: F401
+from command_line import (  # noqa: F401
+    IDENTIFY,
+    OBLIQUE,
+    POSES,
+    TRUTH,
+    Result,
+    Run,
+    assert_users_mistake,
+    measured_arm,
+    run_command_line,
+)  # fmt: skip
 
 import symstiff
-from symstiff.cli.plain import plain
 
-POSES = "pose,q1[deg],q2[deg],fx[N],fy[N]\n" + "".join(
-    f"a{k},{10 * k},{30 + 7 * k * k},{100 - 10 * k},{50 + 9 * k}\n" for k in range(6)
-)
-TRUTH = 'format = 1\nrobot = "planar2r"\n[noise]\nsigma_mm = 0.01\n'
-
-
-@pytest.fixture(name="place")
-def _place(run: Run, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    """A folder with the measurements of a planar arm."""
-    monkeypatch.chdir(tmp_path)
-    (tmp_path / "truth.toml").write_text(TRUTH)
-    (tmp_path / "poses.csv").write_text(POSES)
-    assert run("simulate", "truth.toml", "--poses", "poses.csv", "-o", "data.csv").code == 0
-    return tmp_path
-
-
-IDENTIFY = ("identify", "planar2r", "data.csv", "--start", "joints", "-o", "m.toml")
 REFUSED = [
     ((*IDENTIFY, "--plot", "missing/x.png"), "choose another place with --plot"),
     ((*IDENTIFY, "--plot", "x.foo"), ".png or .svg"),
@@ -202,113 +189,6 @@ def test_text_of_users_is_no_markup(run: Run, place: Path) -> None:
     (place / "twice.csv").write_text("\n".join([*rows, again]) + "\n")
     done = run("identify", "planar2r", "twice.csv", "--start", "joints", "-o", "m.toml")
     assert (done.code, "[/x] = a0" in done.out) == (0, True)
-
-
-@pytest.mark.parametrize("command", [("robots",), ("inspect", "planar2r")])
-def test_characters_that_an_encoding_lacks_stop_no_command(command: tuple[str, ...]) -> None:
-    environment = {**os.environ, "PYTHONIOENCODING": "cp1252"}
-    for extra in ((), ("--json", "-")):
-        done = subprocess.run(
-            [sys.executable, "-m", "symstiff", *command, *extra],
-            capture_output=True,
-            env=environment,
-            check=False,
-        )
-        assert done.returncode == 0, done.stderr
-    assert json.loads(done.stdout)  # the last one: whole in any encoding
-
-
-@pytest.mark.parametrize("encoding", ["ascii", "cp1252", "cp437", "latin-1"])
-def test_signs_and_exponents_are_told_in_every_encoding(encoding: str) -> None:
-    done = subprocess.run(
-        [sys.executable, "-m", "symstiff", "inspect", "kuka_kr270", "--loads", "gravity"],
-        capture_output=True,
-        env={**os.environ, "PYTHONIOENCODING": encoding},
-        check=True,
-    )
-    shown = done.stdout.decode(encoding)
-    assert "(k0_44 + k0_55 - k1_66 - k1_44)/a_1 - a_1*k0_33" in shown.replace("·", "*")
-    assert "?" not in shown
-    text = plain("(2.64 ± 0.11)·10⁻⁷ rad, 1.5·10¹⁵, −τ₁², σ ≤ π, Größe", encoding)
-    written = text.encode(encoding).decode(encoding).replace("·", "*").replace("±", "+-")
-    assert written.startswith("(2.64 +- 0.11)*10^-7 rad, 1.5*10^15, -")
-    assert written.endswith("Gr??e" if encoding == "ascii" else "Größe")
-
-
-@pytest.mark.parametrize(("number", "code"), [(signal.SIGINT, 130), (signal.SIGTERM, 143)])
-def test_a_stopped_command_leaves_nothing_behind(tmp_path: Path, number: signal.Signals, code: int) -> None:
-    program = (
-        "import signal, sys, time\nsignal.signal(signal.SIGINT, signal.default_int_handler)\n"  # a shell's background
-        "from symstiff.cli import main\nimport symstiff.codegen.generate as g\n"
-        "def slow(*_):\n    print('now', flush=True)\n    time.sleep(60)\n"
-        "g.write_tree = slow\nsys.argv = ['symstiff', 'generate', 'planar2r', '-o', 'out']\nmain()\n"
-    )
-    job = subprocess.Popen(
-        [sys.executable, "-c", program],
-        cwd=tmp_path,
-        stdout=subprocess.PIPE,
-        stderr=subprocess.PIPE,
-        text=True,
-    )
-    assert job.stdout is not None
-    while "now" not in (line := job.stdout.readline()):
-        assert line or job.poll() is None
-    time.sleep(0.05)
-    job.send_signal(number)
-    _, err = job.communicate(timeout=30)
-    assert job.returncode == code
-    assert err.strip() == ("symstiff: interrupted" if number == signal.SIGINT else "")
-    assert list(tmp_path.iterdir()) == []
-
-
-@pytest.mark.parametrize(
-    ("arguments", "written"),
-    [
-        (("generate", "planar2r", "--no-compile", "-o", "out"), "out"),
-        (("identify", "planar2r", "data.csv", "--start", "joints", "-o", "out"), "out"),
-        (("diagnose", "planar2r", "data.csv", "--start", "joints", "-o", "out"), "out"),
-        (("plan", "planar2r", "--poses", "9", "--candidates", "128", "-o", "out"), "out"),
-        (("simulate", "truth.toml", "--poses", "poses.csv", "-o", "out"), "out"),
-        (("compensate", "model.toml", "poses.csv", "-o", "out"), "out"),
-        (("inspect", "planar2r"), "j.json"),
-        (("robots",), "j.json"),
-        (("targets",), "j.json"),
-    ],
-    ids=lambda a: a[0],
-)
-def test_a_reader_that_goes_away_costs_no_file(
-    run: Run, place: Path, arguments: tuple[str, ...], written: str
-) -> None:
-    if arguments[0] == "compensate":
-        assert run(*IDENTIFY[:-1], "model.toml").code == 0
-    code, err = without_reader(place, *arguments, "--json", "j.json")
-    assert (code, err) == (141, "")
-    assert (place / written).exists()
-    assert json.loads((place / "j.json").read_text())
-
-
-@pytest.mark.parametrize("arguments", [("robots", "--json", "-"), ("--help",), ("plan", "--help")])
-def test_a_reader_that_goes_away_is_no_fault_of_ours(tmp_path: Path, arguments: tuple[str, ...]) -> None:
-    code, err = without_reader(tmp_path, *arguments)
-    assert code == 141
-    assert "symstiff:" not in err
-    assert "Error" not in err
-
-
-def without_reader(folder: Path, *arguments: str) -> tuple[int, str]:
-    """Exit code and standard error of a command that writes into a pipe which nobody reads."""
-    read, write = os.pipe()
-    os.close(read)
-    done = subprocess.run(
-        [sys.executable, "-m", "symstiff", *arguments],
-        cwd=folder,
-        stdout=write,
-        stderr=subprocess.PIPE,
-        text=True,
-        check=False,
-    )
-    os.close(write)
-    return done.returncode, done.stderr
 
 
 def test_targets_and_simulate_have_json(run: Run, place: Path) -> None:

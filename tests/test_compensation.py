@@ -98,8 +98,9 @@ def test_a_deflection_beyond_all_numbers_is_refused() -> None:
 def test_a_row_that_is_no_number_among_good_ones_is_refused_by_its_number(what: str) -> None:
     q, w = np.tile(REGULAR, (3, 1)), np.tile(LOAD, (3, 1))
     (q if what == "joint" else w)[1, 2] = np.nan
-    with pytest.raises(UserError, match="row 1 has a joint value or a load"):
-        compensate(model("kuka_kr270"), q, w)
+    for way in (compensate, compensate_online):
+        with pytest.raises(UserError, match="row 1 has a joint value or a load"):
+            way(model("kuka_kr270"), q, w)
 
 
 def test_an_attitude_that_turns_without_end_is_told_as_it_is() -> None:

@@ -1,9 +1,8 @@
-"""The catalogue: what it holds, that every effect flows through the model, and that others can add to it."""
+"""The catalogue: what it holds, and that every effect flows through the model."""
 
 from __future__ import annotations
 
 import math
-import sys
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -15,8 +14,6 @@ import sympy as sp
 from symstiff.calibration.simulation.chain import chain_of, joint_index
 from symstiff.calibration.simulation.chain import posture as posture_of
 from symstiff.calibration.simulation.equilibrium import Mechanism, States, Weight, loads
-from symstiff.codegen.compiler import find_compiler
-from symstiff.codegen.generate import generate
 from symstiff.discrepancy.distinguish import distinction
 from symstiff.effects import EffectInstance, catalogue
 from symstiff.effects.arm import weight_load
@@ -316,87 +313,6 @@ def test_what_a_model_of_joints_lacks_can_be_told_from_it() -> None:
     assert distinguishable(model, "link_compliance", {"link": 1})
     assert distinguishable(model, "base_compliance", {"link": 0})
     assert distinguishable(model, "nonlinear_stiffness", {"joint": 2})
-
-
-PLUGIN = '''
-"""A joint that gives way with the square root of its load."""
-import sympy as sp
-from symstiff.effects.base import Effect, EffectParameter, Realisation
-from symstiff.symbolic.terms import Term, actuated_joint, tau
-
-
-def realise(robot, where, shape):
-    at = actuated_joint(where["joint"])
-    size = EffectParameter(f"root_law_{where['joint']}_a", "rad", -1e-3, 1e-3, 1e-5)
-    return Realisation((size,), (Term(size.name, at, sp.sign(tau(at)) * sp.sqrt(sp.Abs(tau(at)))),))
-
-
-EFFECT = Effect(
-    identifier="root_law",
-    title="Root law",
-    description="Deflection with the root of the load.",
-    seen_in=frozenset({"deflection"}),
-    places=lambda robot: tuple({"joint": j} for j in range(1, robot.dof + 1)),
-    realise=realise,
-    confused_with=("nonlinear_stiffness",),
-    separated_by="load levels",
-)
-'''
-
-
-@pytest.fixture
-def plugin(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Effect]:
-    """A distribution outside the package that registers one effect by its entry point."""
-    (tmp_path / "root_law_plugin.py").write_text(PLUGIN, encoding="utf-8")
-    info = tmp_path / "root_law_plugin-1.0.dist-info"
-    info.mkdir()
-    (info / "METADATA").write_text("Metadata-Version: 2.1\nName: root-law-plugin\nVersion: 1.0\n")
-    (info / "entry_points.txt").write_text("[symstiff.effects]\nroot_law = root_law_plugin:EFFECT\n")
-    monkeypatch.syspath_prepend(str(tmp_path))
-    catalogue.cache_clear()
-    yield catalogue()["root_law"]
-    sys.modules.pop("root_law_plugin", None)
-    catalogue.cache_clear()
-
-
-def test_an_effect_from_outside_goes_all_the_way(plugin: Effect, tmp_path: Path) -> None:
-    robot = load("planar2r")
-    model = joints_only(robot).with_effect(EffectInstance(plugin.identifier, {"joint": 2}))
-    values = {**dict.fromkeys(model.parameters, 1e-6), "root_law_2_a": 2e-5}
-    model = model.with_values(values)
-    q_, w_, _ = experiment(2)
-    with_law = model.deflection(q_, w_)
-    without = model.deflection(q_, w_, {**values, "root_law_2_a": 0.0})
-    column = model.observation(q_, w_)[:, :, -1]
-    np.testing.assert_allclose(with_law - without, 2e-5 * column, atol=1e-14)
-    assert np.abs(with_law - without).max() > 1e-5
-    assert distinguishable(joints_only(robot), "root_law", {"joint": 2})
-    assert letter(sp.Symbol("root_law_2_a")) in model._repr_latex_()
-    model.save(tmp_path / "model.toml")
-    assert load_model(tmp_path / "model.toml").parameters == model.parameters
-    written = generate(model, tmp_path / "code", compile_c=find_compiler() is not None)
-    assert "root_law_2_a" in written.manifest["effect_parameters"]
-    source = (written.folder / "planar2r.c").read_text(encoding="utf-8")
-    assert "root_law_2_a" in source
-    if find_compiler() is None:
-        pytest.skip("no C compiler: the generated code was not compiled")
-    assert written.verification.compiled
-    assert written.verification.errors["c"] < 1e-10
-
-
-def test_a_plugin_that_is_no_effect_is_named(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    info = tmp_path / "wrong-1.0.dist-info"
-    info.mkdir()
-    (info / "METADATA").write_text("Metadata-Version: 2.1\nName: wrong\nVersion: 1.0\n")
-    (info / "entry_points.txt").write_text("[symstiff.effects]\nwrong = math:pi\n")
-    monkeypatch.syspath_prepend(str(tmp_path))
-    catalogue.cache_clear()
-    try:
-        with pytest.raises(UserError, match="wrong"):
-            catalogue()
-    finally:
-        monkeypatch.undo()
-        catalogue.cache_clear()
 
 
 @pytest.mark.parametrize(

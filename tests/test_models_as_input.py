@@ -289,11 +289,18 @@ def test_a_law_at_no_virtual_joint_has_no_column_in_closed_form(
 
 def test_two_laws_of_one_parameter_are_refused_and_equal_ones_are_not(run: Run, tmp_path: Path) -> None:
     """A gap that turns over within two widths would be two laws with one size."""
-    path, gap = tmp_path / "model.toml", {"joint": 2}
-    twice = (EffectInstance("backlash", gap, {"width": w}) for w in (50.0, 5.0))
-    scara().with_effects(tuple(twice)).save(path)
+    path = tmp_path / "model.toml"
+    wide, sharp = (EffectInstance("backlash", {"joint": 2}, {"width": w}) for w in (50.0, 5.0))
+    grown = scara().with_effect(wide)
+    with pytest.raises(UserError, match="two laws of one parameter, backlash_2_gap"):
+        grown.with_effect(sharp)
+    grown.save(path)
+    (entry,) = re.findall(r"^ *\{ effect = .*$", path.read_text(), re.MULTILINE)
+    path.write_text(path.read_text().replace(entry, f"{entry}\n{entry.replace('50', '5')}"))
     mistake = run("generate", "scara", "--model", path, "-o", tmp_path / "out", "--no-compile")
-    assert_users_mistake(mistake, "model.toml", "two laws of one parameter, backlash_2_gap")
-    blocks = [EffectInstance(name, {"link": 2}) for name in ("link_compliance", "link_asymmetry")]
+    assert_users_mistake(
+        mistake, "model.toml", "effect: backlash", "two laws of one parameter, backlash_2_gap"
+    )
+    blocks = tuple(EffectInstance(name, {"link": 2}) for name in ("link_compliance", "link_asymmetry"))
     scara().with_effects(blocks).save(path)
-    assert load_model(path).effects == tuple(blocks)
+    assert load_model(path).effects == blocks

@@ -12,7 +12,7 @@ import pytest
 from symstiff.calibration.experiment.placement import closest
 from symstiff.calibration.experiment.situation import Situation, look
 from symstiff.calibration.identify import identify
-from symstiff.calibration.measurements import Measurements
+from symstiff.calibration.measurements import Measurements, concatenate
 from symstiff.calibration.simulation import Device, Truth, nominal_truth
 from symstiff.discrepancy import numbers
 from symstiff.discrepancy.assemble import assemble
@@ -287,6 +287,16 @@ def test_repeats_that_are_copies_say_nothing_of_the_noise() -> None:
     honest = run(Task(load(ROBOT), thrice(once, 2e-5)))
     assert honest.last.noise.source == "repeats"
     assert not any("copies" in r for r in honest.remarks)
+
+
+def test_poses_copied_under_another_label_change_nothing() -> None:
+    """Counted as measured anew they halve the noise of what has no noise, and effects come out of it."""
+    once = measured(HARDENING)
+    copies = replace(once, labels=tuple(f"again {label}" for label in once.labels))
+    alone, found = (run(Task(load(ROBOT), table)) for table in (once, concatenate([once, copies])))
+    assert (found.verdict, found.rms) == (alone.verdict, alone.rms)
+    assert {e.effect: e.parameters for e in found.named} == {e.effect: e.parameters for e in alone.named}
+    assert any("copies" in r for r in found.remarks)
 
 
 def test_times_that_some_rows_lack_are_not_used_and_that_is_said() -> None:

@@ -118,16 +118,23 @@ def frames(q: np.ndarray) -> list[np.ndarray]:
     return found
 
 
-def sagging(q: np.ndarray, compliance: dict[int, float], probe: np.ndarray) -> np.ndarray:
-    """(3,) position of a probe on the UR10's flange, whose joints give way under the links' weight."""
-    f, sag = frames(q), np.zeros(6)
+def bent(
+    q: np.ndarray, compliance: dict[int, float], point: np.ndarray, force: np.ndarray, gap: float = 0.0
+) -> np.ndarray:
+    """(3,) position of a point on the UR10's flange whose joints give way under the links' weight and a force there.
+
+    Joint 3 has a ``gap`` besides, that turns over within a newton metre.
+    """
+    f, turned = frames(q), np.array(q)
+    tip = f[6][:3, 3] + f[6][:3, :3] @ point
     for j, c in compliance.items():
         axis, origin = f[j - 1][:3, 2], f[j - 1][:3, 3]
         arms = (f[i + 1][:3, 3] + f[i + 1][:3, :3] @ np.array(COM[i]) - origin for i in range(j - 1, 6))
         moments = (-9.80665 * m * np.cross(axis, arm)[2] for m, arm in zip(MASS[j - 1 :], arms, strict=True))
-        sag[j - 1] = c * sum(moments)
-    tip = frames(q + sag)[6]
-    return np.asarray(tip[:3, 3] + tip[:3, :3] @ probe)
+        load = sum(moments) + axis @ np.cross(tip - origin, force)
+        turned[j - 1] += c * load + (gap / 2 * np.tanh(load) if j == 3 else 0.0)
+    moved = frames(turned)[6]
+    return np.asarray(moved[:3, 3] + moved[:3, :3] @ point)
 
 
 def probed(
@@ -136,7 +143,7 @@ def probed(
     """Positions of a probe that the robot file does not tell, of a UR10 with joint offsets of a milliradian."""
     rng = np.random.default_rng(5)
     q, offset = rng.uniform(-2.5, 2.5, (200, 6)), 1e-3 * rng.normal(size=6)
-    read = np.array([sagging(row + offset, compliance, np.array(probe)) for row in q])
+    read = np.array([bent(row + offset, compliance, np.array(probe), np.zeros(3)) for row in q])
     read += noise * rng.normal(size=read.shape)
     values = np.hstack([read, np.full((len(q), 3), np.nan)])
     sigma = np.where(np.isfinite(values), noise, np.nan) if stated else None
@@ -157,16 +164,9 @@ def test_a_probe_that_nobody_told_of_leaves_the_compliances_right(
     assert found.training.after["positional"].rms < 1.2 * SIGMA * np.sqrt(3)
 
 
-def gap_of_a_gear(force: np.ndarray, q: np.ndarray, gap: float, width: float) -> np.ndarray:
-    """(3,) position of the UR10's tool centre point under a force, with soft joints 2, 3 and a gap in joint 3."""
-    f, turned = frames(q), np.array(q)
-    for j, c in {2: 8e-6, 3: 9e-6}.items():
-        axis, origin = f[j - 1][:3, 2], f[j - 1][:3, 3]
-        arms = (f[i + 1][:3, 3] + f[i + 1][:3, :3] @ np.array(COM[i]) - origin for i in range(j - 1, 6))
-        load = axis @ np.cross(f[6][:3, 3] - origin, force)
-        load += sum(-9.80665 * m * np.cross(axis, arm)[2] for m, arm in zip(MASS[j - 1 :], arms, strict=True))
-        turned[j - 1] += c * load + (gap / 2 * np.tanh(load / width) if j == 3 else 0.0)
-    return np.asarray(frames(turned)[6][:3, 3])
+def gapped(q: np.ndarray, force: np.ndarray) -> np.ndarray:
+    """(3,) position of the tool centre point with a gap of 0.4 mrad in joint 3."""
+    return bent(q, {2: 8e-6, 3: 9e-6}, np.zeros(3), force, 4e-4)
 
 
 def with_gap() -> Measurements:
@@ -175,7 +175,7 @@ def with_gap() -> Measurements:
     q = np.repeat(rng.uniform(-2, 2, (poses, 6)), len(shares), axis=0)
     sides = np.repeat([1.0 if k % 2 else -1.0 for k in range(poses)], len(shares))
     force = (sides * np.tile(shares, poses))[:, None] * np.array([20.0, -30.0, -60.0])
-    read = np.array([gap_of_a_gear(f, row, 4e-4, 1.0) for f, row in zip(force, q, strict=True)])
+    read = np.array([gapped(row, f) for f, row in zip(force, q, strict=True)])
     values = np.hstack([read + 1e-5 * rng.normal(size=read.shape), np.full((len(q), 3), np.nan)])
     w, pose = np.hstack([force, np.zeros((len(q), 3))]), np.repeat(np.arange(poses), len(shares))
     return measurements(q, w, values=values, pose=pose, kind="absolute", joint_units=["rad"] * 6)
@@ -198,7 +198,7 @@ def test_a_gap_found_under_the_arms_weight_turns_over_where_the_whole_load_does(
     assert [(e.effect, e.where) for e in model.effects] == [("backlash", {"joint": 3})]
     assert model.values["backlash_3_gap"] == pytest.approx(4e-4, rel=0.05)
     loaded = np.flatnonzero(table.w.any(axis=1))
-    moved = [gap_of_a_gear(w[:3], q, 4e-4, 1.0) - gap_of_a_gear(0 * w[:3], q, 4e-4, 1.0)
+    moved = [gapped(q, w[:3]) - gapped(q, 0 * w[:3])
              for q, w in zip(table.q[loaded], table.w[loaded], strict=True)]  # fmt: skip
     error = model.deflection(table.q[loaded], table.w[loaded])[:, :3] - moved
     assert np.sqrt(np.mean(np.sum(error**2, axis=1))) < 1e-5

@@ -17,7 +17,7 @@ _STIFFEST = 1e-8  # m/N; machine tools have 1e-8, robots of any size a hundred t
 _TINY = float(np.radians(6.4))
 _FEW = 3  # configurations that may all be near zero
 _LEAST_LOAD = 1e-20  # N, N·m; far below what rounding leaves of a load that is 0
-_WONDER = 0.1  # of the equal rows that coarse readings explain, above which all of them are honest
+_CHANCE = 0.1  # share of the equal rows that coarse readings explain, above which they pass for honest
 _APART = 1e6  # the largest sigma over the smallest; beyond it the weights of rows drown each other's digits
 
 
@@ -131,10 +131,10 @@ def without_copies(table: Measurements) -> tuple[Measurements, list[str]]:
     Honest repeats differ, unless readings are coarser than the noise: then single components agree as well. Where most
     repeats are equal, they say nothing of the noise either way.
     """
-    rows, step = np.arange(len(table)), [table.w, table.point, table.branch, table.load_step]
-    states = [np.column_stack([at, *step]) for at in (table.pose, table.q)]
-    earlier = np.minimum(*(_first_equal(state) for state in states))
-    equal = np.minimum(*(_first_equal(np.column_stack([state, table.values])) for state in states))
+    rows = np.arange(len(table))
+    configuration = _first_equal(table.q[_first_rows(table.pose, len(table.labels))])[table.pose]
+    state = np.column_stack([configuration, table.point, table.w, table.branch, table.load_step])
+    earlier, equal = _first_equal(state), _first_equal(np.column_stack([state, table.values]))
     again, copies = np.flatnonzero(earlier != rows), np.flatnonzero(equal != rows)
     if 2 * len(copies) <= len(again) and _by_chance(table.values, earlier, again, copies):
         return table, []
@@ -147,7 +147,10 @@ def without_copies(table: Measurements) -> tuple[Measurements, list[str]]:
 
 
 def _by_chance(values: np.ndarray, earlier: np.ndarray, again: np.ndarray, copies: np.ndarray) -> bool:
-    """Whether as many equal rows are no wonder, by how often a single component of the other repeats is equal."""
+    """Whether coarse readings explain equal rows, by how often a single component of the other repeats is equal.
+
+    values: (M, 6); earlier: (M,) first row of the same state; again, copies: rows that repeat one, and that equal one.
+    """
     others = np.setdiff1d(again, copies)
     pairs = np.isfinite(values[others]) & np.isfinite(values[earlier[others]])
     alike = pairs & (values[others] == values[earlier[others]])
@@ -155,7 +158,7 @@ def _by_chance(values: np.ndarray, earlier: np.ndarray, again: np.ndarray, copie
     if components < 2 or not len(copies):
         return True
     chance = (alike.sum() + 1.0) / (pairs.sum() + 2.0)
-    return bool(len(again) * chance**components > _WONDER * len(copies))
+    return bool(len(again) * chance**components > _CHANCE * len(copies))
 
 
 def check_robot(table: Measurements, robot: Robot) -> list[str]:

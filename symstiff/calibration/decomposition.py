@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from scipy import linalg
 
-from symstiff.calibration.compact import Array
+from symstiff.calibration.compact import Array, triangular
 
 
 def svd(A: Array) -> tuple[Array, Array, Array]:
@@ -24,8 +24,10 @@ def svd(A: Array) -> tuple[Array, Array, Array]:
 def independent(A: Array, least: float) -> list[int]:
     """Columns of A (M, N) with more than ``least`` of their length outside those taken before them, in order.
 
-    No pivots: where columns tie, rounding would choose among them, another one on each machine.
+    No pivots: where columns tie, rounding would choose among them, another one on each machine. The triangle of A has
+    the same angles between its columns, and few rows.
     """
+    A = triangular(A)
     length = np.linalg.norm(A, axis=0)
     basis = np.zeros((len(A), min(A.shape)))
     taken: list[int] = []

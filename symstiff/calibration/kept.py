@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 
+from symstiff.calibration.experiment.situation import has_weights
 from symstiff.effects.arm import ASSUMED
 from symstiff.effects.base import EffectInstance, find, place_name
 from symstiff.model import StiffnessModel
@@ -61,7 +62,7 @@ def completed(model: StiffnessModel, told: StiffnessModel, kind: str) -> Stiffne
     ``kind`` of the table: what absolute positions showed counts the masses of the robot file from here on.
     """
     shown = list(model.effects)
-    if kind == "absolute" and any(link.mass for link in model.robot.links):
+    if kind == "absolute" and has_weights(model.robot):
         shown = [_counting(e, 1.0) for e in shown]
     places = [(e.effect, e.where) for e in shown]
     missing = [e for e in told.effects if (e.effect, e.where) not in places]

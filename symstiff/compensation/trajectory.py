@@ -50,11 +50,12 @@ def compensate_online(
     """q_cmd = q − J(q)⁺·Δt(q, W): one step, as the generated C function ``compensate`` (N, n).
 
     Rows in a singular pose, or that would move a joint by more than 0.25 rad or m, keep their q. The generated code has
-    no rank but the number of joints or 6: an arm that nowhere has it is singular everywhere.
+    no rank but the number of joints or 6: an arm that nowhere has it is singular everywhere. Raises UserError for what
+    is no number.
     """
     require(model, StiffnessModel, *A_MODEL)
     model = model.of_robot()
-    q = np.atleast_2d(np.asarray(q, dtype=float))
+    q, w = _numbers(q, w)
     dt = for_poses(model, len(q)).deflection(q, w, context=context)
     step, regular = _step(model, q, dt, min(model.robot.dof, 6))
     return np.where((regular & _small(step))[:, None], q - step, q)
@@ -74,12 +75,7 @@ def compensate(
     """
     require(model, StiffnessModel, *A_MODEL)
     model = model.of_robot()
-    q = np.atleast_2d(np.asarray(q, dtype=float))
-    w = np.broadcast_to(np.asarray(w, dtype=float), (len(q), 6))
-    if not (finite := np.isfinite(q).all(axis=1) & np.isfinite(w).all(axis=1)).all():
-        raise UserError(
-            f"row {int(np.argmin(finite))} has a joint value or a load that is no finite number: correct it"
-        )
+    q, w = _numbers(q, w)
     moment = {k: np.broadcast_to(x, len(q)) for k, x in (context or {}).items()}
     target = forward(model.robot, q)
     evaluator = for_poses(model, _TYPICAL_ROUNDS * len(q))
@@ -162,6 +158,18 @@ def _rank(model: StiffnessModel) -> int:
 def _weighed_jacobian(model: StiffnessModel, q: np.ndarray) -> np.ndarray:
     """Jacobians (N, 6, n) with rotations as lengths."""
     return np.asarray(joint_jacobian(model.robot, q) * _scale(model)[None, :, None])
+
+
+def _numbers(q: np.ndarray, w: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """q (N, n) and w (N, 6) as rows. Raises UserError for one that is no finite number."""
+    q = np.atleast_2d(np.asarray(q, dtype=float))
+    w = np.broadcast_to(np.asarray(w, dtype=float), (len(q), 6))
+    finite = np.isfinite(q).all(axis=1) & np.isfinite(w).all(axis=1)
+    if not finite.all():
+        raise UserError(
+            f"row {int(np.argmin(finite))} has a joint value or a load that is no finite number: correct it"
+        )
+    return q, w
 
 
 def _step(

@@ -21,7 +21,6 @@ from symstiff.discrepancy.devices import device_laws
 from symstiff.discrepancy.noise import Noise
 from symstiff.discrepancy.problem import Array, Candidate, Problem
 from symstiff.effects.base import Effect, EffectInstance, catalogue
-from symstiff.errors import UserError
 from symstiff.model import StiffnessModel
 from symstiff.symbolic.terms import VirtualJoint
 
@@ -57,11 +56,10 @@ def assemble(
     ``believed`` is the model with effects that it lacks, and with values: candidates' laws see the loads that those
     add, and loads act on its compliances. Raises UserError where table and robot do not fit, or nothing was measured.
     """
-    from symstiff.calibration.checks import check_robot
+    from symstiff.calibration.checks import check_measured, check_robot
 
     check_robot(table, model.robot)
-    if table.kind == "none" or not table.measured.any():
-        raise UserError("nothing measured: give deflections (dx[mm] …) or positions (x[mm] …)")
+    check_measured(table)
     found = catalogue().values() if effects is None else effects
     weigh = None if noise is None else noise.weigh
     current = settled(model, table, weigh)

@@ -153,7 +153,7 @@ class _Known:
 
     def beside(self, instance: EffectInstance, own: tuple[str, ...]) -> np.ndarray:
         """(rows, own) columns of an effect's parameters beside what is known."""
-        terms = tuple(dict.fromkeys((*self.terms, *self.model.with_effect(instance).terms)))
+        terms = tuple(dict.fromkeys((*self.terms, *instance.realise(self.model.robot).terms)))
         return self._raised(terms, (*self.names, *own), own)
 
     def _raised(self, terms: tuple[Term, ...], names: tuple[str, ...], raised: Sequence[str]) -> np.ndarray:

@@ -7,7 +7,7 @@ A catalogue file defines one ``Effect``; a plugin registers one under the entry 
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cache
 from importlib import import_module, metadata
@@ -208,8 +208,8 @@ class Effect:
     odds: Callable[[Robot, Shape], float] = _alike
     """Prior weight of a shape; below one where the robot file tells otherwise."""
     weights: float | None = None
-    """Whether its law counts the links' weight where the shape's entry ``weights`` does not say (1, 0); None: no such
-    entry."""
+    """The shape's entry ``weights`` where it is left out: 1, its law counts the links' weight by itself, or 0, it takes
+    the load as it comes. None: its shapes have no such entry."""
     unlikely: Callable[[Robot, Where], str] = _likely
     """Why it is not looked for at one of its places, by what the robot file tells; empty where it is."""
 
@@ -295,6 +295,25 @@ class _Read(Mapping[str, float]):
 
     def __len__(self) -> int:
         return len(self._shape)
+
+
+def realise_all(effects: Sequence[EffectInstance], robot: Robot) -> tuple[Realisation, ...]:
+    """Parameters and terms of effects of one model.
+
+    Raises UserError for two that give one parameter different laws; effects that share entries of a link agree on them.
+    """
+    found = tuple(effect.realise(robot) for effect in effects)
+    laws: dict[str, tuple[EffectInstance, set[Term]]] = {}
+    for effect, realised in zip(effects, found, strict=True):
+        for p in realised.parameters:
+            law = {term for term in realised.terms if term.parameter == p.name}
+            earlier, other = laws.setdefault(p.name, (effect, law))
+            if other != law:
+                raise UserError(
+                    f"{earlier.effect} with the shape {dict(earlier.shape)} and {effect.effect} with "
+                    f"{dict(effect.shape)} are two laws of one parameter, {p.name}: keep one of them"
+                )
+    return found
 
 
 def _acceptable(entry: Effect, robot: Robot, where: Where) -> bool:

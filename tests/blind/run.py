@@ -13,7 +13,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from threadpoolctl import threadpool_limits
 
 from symstiff.discrepancy.assemble import Assembly, assemble
 from symstiff.discrepancy.finding import Finding, Task
@@ -21,6 +20,7 @@ from symstiff.discrepancy.prepare import prepare
 from symstiff.discrepancy.problem import Problem
 from symstiff.discrepancy.scan import column_space
 from symstiff.discrepancy.workflow import run as diagnose
+from symstiff.threads import one_thread
 from tests.blind.apart import apart, limit
 from tests.blind.baselines import aic, bic, cross_validation, lasso
 from tests.blind.generate import Case, Options, case
@@ -51,7 +51,7 @@ def benchmark(
 
 def one(number: int, options: Options, others: bool = True) -> dict[str, Any]:
     """One case: generate, diagnose the table, score."""
-    with threadpool_limits(1):
+    with one_thread():
         return _one(number, options, others)
 
 
