@@ -25,6 +25,7 @@ from symstiff.effects.base import EffectInstance
 from symstiff.model import StiffnessModel, joints_only, load_model
 from symstiff.reduction.reduce import reduce
 from symstiff.report.folder import write_folder
+from symstiff.report.law_plots import draw_law
 from symstiff.report.residuals import draw_residuals
 from symstiff.robot import Robot, from_table, load
 from symstiff.robot.table import to_table
@@ -189,7 +190,11 @@ def test_a_gap_found_under_the_arms_weight_turns_over_where_the_whole_load_does(
     robot, table = heavy(), with_gap()
     gap = EffectInstance("backlash", {"joint": 3}, {"width": 1.0})
     if way == "diagnosis":
-        model = diagnose(Task(robot, table, "joints")).model
+        found = diagnose(Task(robot, table, "joints"))
+        picture = draw_law(found, found.named[0])
+        assert picture is not None
+        assert "τ is the joint's whole load" in picture.caption
+        model = found.model
     else:
         model = identify(robot, table, joints_only(robot, "force", "position").with_effect(gap)).model
         if way == "identified again":

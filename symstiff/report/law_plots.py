@@ -70,10 +70,21 @@ def draw_law(finding: Finding, effect: Found) -> Picture | None:
     name = finding.assembly.problem.virtual_joints[law.joint]
     caption = (
         f"{_title(effect)}: deflection of {name} that the data ask for (points, ± one standard deviation; the rest of "
-        "the model taken away), and the fitted law (red)."
+        f"the model taken away), and the fitted law (red).{_of_whole_load(finding, effect)}"
     )
     return Picture(
         _draw(finding, law, points, f"law {effect.set_number} {effect.effect} {effect.where}"), caption
+    )
+
+
+def _of_whole_load(finding: Finding, effect: Found) -> str:
+    """A sentence where the law is shown over another load than the written model takes: that counts weight itself."""
+    written = (e for e in finding.model.effects if (e.effect, e.where) == (effect.effect, effect.where))
+    if all(e.shape == effect.shape for e in written):
+        return ""
+    return (
+        " τ is the joint's whole load, the links' weight in it, as the positions show it; model and code add the "
+        "weight of the robot file's masses to the load at the tool, and give what the load adds."
     )
 
 
