@@ -263,8 +263,8 @@ class StiffnessModel:
         return other
 
     def with_effect(self, instance: EffectInstance) -> StiffnessModel:
-        """The model grown by an effect. Raises UserError for another law of a parameter that the model has."""
-        return self.with_effects((*self.effects, instance))
+        """The model grown by an effect; it keeps the values of compliances that this replaces."""
+        return replace(self, effects=(*self.effects, instance))
 
     @cached_property
     def structure_hash(self) -> str:

@@ -293,7 +293,7 @@ def test_two_laws_of_one_parameter_are_refused_and_equal_ones_are_not(run: Run, 
     wide, sharp = (EffectInstance("backlash", {"joint": 2}, {"width": w}) for w in (50.0, 5.0))
     grown = scara().with_effect(wide)
     with pytest.raises(UserError, match="two laws of one parameter, backlash_2_gap"):
-        grown.with_effect(sharp)
+        _ = grown.with_effect(sharp).parameters
     grown.save(path)
     (entry,) = re.findall(r"^ *\{ effect = .*$", path.read_text(), re.MULTILINE)
     path.write_text(path.read_text().replace(entry, f"{entry}\n{entry.replace('50', '5')}"))
