@@ -14,6 +14,7 @@ from symstiff.discrepancy.bank import mixes
 from symstiff.discrepancy.problem import Array
 from symstiff.discrepancy.scan import (
     Evidence,
+    Layer,
     Mask,
     Scan,
     at_sharings,
@@ -22,6 +23,7 @@ from symstiff.discrepancy.scan import (
     evidence,
     of_squares,
 )
+from symstiff.threads import in_threads
 
 
 @dataclass(frozen=True, eq=False)
@@ -47,21 +49,22 @@ def beside(scan: Scan, entries: tuple[int, ...]) -> Beside:
     """A scan with some entries in the model: what the extended scan would say."""
     if not entries:
         return Beside(scan, by_direction(scan))
-    layers, squares, gained = [], [], 0
-    for layer in scan.layers:
-        U, s = directions(scan, layer, entries)
-        y = layer.y - U @ (U.T @ layer.y)
-        mix = mixes(scan.bank, layer.alive, layer.variance, U.T @ layer.Q)
-        squares.append(mix((layer.Q.T @ y)[None])[0] ** 2)
-        determinant = layer.determinant + 2.0 * float(np.log(s).sum())
-        layers.append(
-            replace(
-                layer, y=y, variance=mix.variance, rank=mix.rank, rss=float(y @ y), determinant=determinant
-            )
-        )
-        gained = len(s)
-    after = Scan(scan.bank, scan.noise, tuple(layers), scan.freedom - gained)
-    return Beside(after, np.stack(squares))
+    found = in_threads(lambda layer: _after(scan, layer, entries), scan.layers)
+    layers, squares, gained = zip(*found, strict=True)
+    return Beside(Scan(scan.bank, scan.noise, layers, scan.freedom - gained[-1]), np.stack(squares))
+
+
+def _after(scan: Scan, layer: Layer, entries: tuple[int, ...]) -> tuple[Layer, Array, int]:
+    """A layer after some entries, the squares that each direction explains there, and the directions that they add."""
+    U, s = directions(scan, layer, entries)
+    y = layer.y - U @ (U.T @ layer.y)
+    mix = mixes(scan.bank, layer.alive, layer.variance, U.T @ layer.Q)
+    squares = mix((layer.Q.T @ y)[None])[0] ** 2
+    determinant = layer.determinant + 2.0 * float(np.log(s).sum())
+    after = replace(
+        layer, y=y, variance=mix.variance, rank=mix.rank, rss=float(y @ y), determinant=determinant
+    )
+    return after, squares, len(s)
 
 
 def evidence_beside(scan: Scan, entries: tuple[int, ...]) -> Evidence:

@@ -17,7 +17,7 @@ from symstiff.calibration.plausible import implausible
 from symstiff.discrepancy.assemble import Assembly, assemble
 from symstiff.discrepancy.bank import build
 from symstiff.discrepancy.noise import Noise
-from symstiff.discrepancy.prepare import prepare
+from symstiff.discrepancy.prepare import at_first, prepare
 from symstiff.discrepancy.problem import Array, Problem
 from symstiff.discrepancy.scan import Scan, coefficients, one_sharing, open_scan
 from symstiff.effects.base import EffectInstance, find
@@ -64,23 +64,34 @@ def fit(
 
     The device's placement in absolute data is estimated along. Loads and readings that lean on the
     compliances (a wrong load, a turned frame), and laws under such loads, are linearised anew until what is left
-    settles. ``noise``: one that is known, as of a better model of the same table. Raises UserError for data that
-    do not fit the robot.
+    settles; the noise is learned from what is left then. ``noise``: one that is known, as of a better model of the same
+    table. Raises UserError for data that do not fit the robot.
     """
-    known, weights, found = model, noise, None
-    for _ in range(1 if model.is_linear and table.kind != "absolute" else _ROUNDS):
+    if noise is not None:
+        return _linearised(model, model, table, without, noise)
+    near = model if _linear(model, table) else _linearised(model, model, table, without).model
+    problem = _columns(model, assemble(near, table, effects=()), without)[0]
+    return _linearised(model, near, table, without, one_sharing(prepare(problem, ()).scan))
+
+
+def _linear(model: StiffnessModel, table: Measurements) -> bool:
+    """Whether one linearisation is exact."""
+    return model.is_linear and table.kind != "absolute"
+
+
+def _linearised(
+    model: StiffnessModel, near: StiffnessModel, table: Measurements, without: Collection[str],
+    noise: Noise | None = None,
+) -> Fitted:  # fmt: skip
+    """The fit of linearisations from the values of ``near`` on, by a noise or as the model alone shows it."""
+    known, weights, found = near, noise, None
+    for _ in range(1 if _linear(model, table) else _ROUNDS):
         assembly = assemble(known, table, effects=(), noise=weights)
-        problem, names = assembly.problem, assembly.names
-        if found is not None and np.linalg.norm(problem.y) > _ASTRAY * np.linalg.norm(
-            found.assembly.problem.y
-        ):
+        if found is not None and _length(assembly.problem.y) > _ASTRAY * _length(found.assembly.problem.y):
             break
-        kept = with_meaning(problem, [0.0 if n in without else model.steps[n] for n in names])
-        own = [names[k] for k in kept if k < len(names)]
-        kept_only = replace(problem, A=problem.A[:, kept])
-        scan = prepare(kept_only, ()).scan if noise is None else _weighed(kept_only, noise)
-        weights = one_sharing(scan)
-        value, std, fitted = coefficients(scan, problem.A[:, kept], problem.y, ())
+        problem, own = _columns(model, assembly, without)
+        weights = at_first(problem) if noise is None else noise
+        value, std, fitted = coefficients(_weighed(problem, weights), problem.A, problem.y, ())
         values = dict.fromkeys(model.parameters, 0.0) | _nominal(model)
         values |= dict(zip(own, value[: len(own)].tolist(), strict=True))
         deviations = {n: float(s) for n, s in zip(own, std[: len(own)], strict=True) if np.isfinite(s)}
@@ -88,10 +99,23 @@ def fit(
         left, before = problem.y - fitted, found.residual if found is not None else None
         absorbed = tuple(n for n in model.parameters if n not in own and n not in _nominal(model))
         found = Fitted(known, absorbed, left, _rigid(assembly), assembly, weights)
-        if before is not None and np.linalg.norm(left - before) < _SETTLED * np.linalg.norm(left):
+        if before is not None and _length(left - before) < _SETTLED * _length(left):
             break
     assert found is not None
     return found
+
+
+def _columns(
+    model: StiffnessModel, assembly: Assembly, without: Collection[str]
+) -> tuple[Problem, list[str]]:
+    """The problem with the columns that say something of their own, and the parameters of those that come first."""
+    problem, names = assembly.problem, assembly.names
+    kept = with_meaning(problem, [0.0 if n in without else model.steps[n] for n in names])
+    return replace(problem, A=problem.A[:, kept]), [names[k] for k in kept if k < len(names)]
+
+
+def _length(rows: Array) -> float:
+    return float(np.linalg.norm(rows))
 
 
 def fit_told(

@@ -39,6 +39,8 @@ REPEATABILITY = 5.0
 """The same where every axis is read once in a pose: how a robot misses its poses is in the residual then."""
 _KNOWN = 1.3
 """Factor to which the variance that a pose's rows share is known, about."""
+_AT_ONCE = 1 << 17
+"""Numbers that are worked on together, so that they stay near the processor."""
 _LEAST = 1e-12
 """Least standard deviation that is told [m, rad]."""
 ENOUGH = 20
@@ -70,10 +72,12 @@ class Noise:
         for rows, U, gain in roots:
             if not np.any(gain):
                 continue
-            n, m = rows.shape
-            part = X[rows.ravel()].reshape(n, m, -1)
-            along = gain[:, :, None] * np.matmul(U.transpose(0, 2, 1), part)
-            out[rows.ravel()] += np.matmul(U, along).reshape(n * m, -1)
+            at_once = max(1, _AT_ONCE // max(rows.shape[1] * X.shape[1], 1))
+            for k in range(0, len(rows), at_once):
+                some = slice(k, k + at_once)
+                part = X[rows[some]]
+                along = gain[some, :, None] * np.matmul(U[some].transpose(0, 2, 1), part)
+                out[rows[some]] = part + np.matmul(U[some], along)
         return out
 
     def weigh(self, rows: Array) -> Array:

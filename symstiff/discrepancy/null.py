@@ -8,6 +8,10 @@ import numpy as np
 
 from symstiff.discrepancy.problem import Array
 from symstiff.discrepancy.scan import Mask, Scan, candidate_evidence, entry_evidence
+from symstiff.threads import in_threads
+
+_AT_ONCE = 128
+"""Draws that are scored together."""
 
 
 @dataclass(frozen=True)
@@ -55,6 +59,12 @@ def null(scan: Scan, draws: int, seed: int, allowed: Array | None = None) -> Nul
 
 def simulated_scores(scan: Scan, errors: Array) -> Array:
     """Scores of all candidates for residuals (M, B) in units of the noise's spread: (candidates, B)."""
+    parts = [errors[:, k : k + _AT_ONCE] for k in range(0, errors.shape[1], _AT_ONCE)]
+    return np.hstack(in_threads(lambda part: _scores(scan, part), parts))
+
+
+def _scores(scan: Scan, errors: Array) -> Array:
+    """The same for few enough residuals that what each direction explains of them stays near the processor."""
     squares, rss = [], []
     for layer in scan.layers:
         e = scan.noise.apply(layer.whiten, errors)

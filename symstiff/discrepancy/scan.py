@@ -18,6 +18,7 @@ from symstiff.discrepancy.marginal import of_rank, of_sizes
 from symstiff.discrepancy.noise import Noise
 from symstiff.discrepancy.problem import Array, Index
 from symstiff.discrepancy.sharing import Roots, Sharing
+from symstiff.threads import in_threads
 
 Mask = np.ndarray[tuple[int, ...], np.dtype[np.bool_]]
 
@@ -76,19 +77,13 @@ class Scan:
 
 def open_scan(bank: Bank, noise: Noise, y: Array, A: Array) -> Scan:
     """Whiten by every sharing and project data and candidates off the model's column space."""
-    layers = []
     basis = column_space(A / noise.spread[:, None])
-    rank = P = basis.shape[1]
-    own = np.column_stack([y, bank.columns]) / noise.spread[:, None]
-    for sharing in noise.sharings:
-        whiten = noise.root(sharing, -0.5)
-        data = noise.apply(whiten, np.column_stack([own[:, 0], basis, own[:, 1:]]))
-        layer = _layer(
-            bank, sharing, whiten, noise.root(sharing, 0.5), data[:, 0], data[:, 1 : 1 + P], data[:, 1 + P :],
-            noise.log_determinant(sharing),
-        )  # fmt: skip
-        layers.append(layer)
-    return Scan(bank, noise, tuple(layers), len(y) - rank)
+    together = np.column_stack([y, bank.columns]) / noise.spread[:, None]
+    together = np.column_stack([together[:, 0], basis, together[:, 1:]])
+    layers = in_threads(
+        lambda sharing: _layer(bank, noise, sharing, together, basis.shape[1]), noise.sharings
+    )
+    return Scan(bank, noise, tuple(layers), len(y) - basis.shape[1])
 
 
 def column_space(A: Array, tolerance: float = 1e-9) -> Array:
@@ -101,22 +96,23 @@ def column_space(A: Array, tolerance: float = 1e-9) -> Array:
     return np.asarray(U[:, s > tolerance * s[0]])
 
 
-def _layer(
-    bank: Bank, sharing: Sharing, whiten: Roots, colour: Roots,
-    y: Array, A: Array, columns: Array, determinant: float,
-) -> Layer:  # fmt: skip
+def _layer(bank: Bank, noise: Noise, sharing: Sharing, together: Array, rank: int) -> Layer:
+    """The layer of a sharing, ``together`` being data, the model's ``rank`` directions and the bank, side by side."""
+    whiten = noise.root(sharing, -0.5)
+    data = noise.apply(whiten, together)
+    y, A, columns = data[:, 0], data[:, 1 : 1 + rank], data[:, 1 + rank :]
     basis, s, _ = svd(A)
     outside = basis @ (basis.T @ columns)
     np.subtract(columns, outside, out=outside)
     residual = y - basis @ (basis.T @ y)
     length2 = np.einsum("mk,mk->k", columns, columns)
     left2 = np.einsum("mk,mk->k", outside, outside)
-    Q, variance, rank = orthonormal(bank, outside, length2)
-    rss = float(residual @ residual)
-    determinant += 2.0 * float(np.log(s).sum())
+    Q, variance, found = orthonormal(bank, outside, length2)
+    determinant = noise.log_determinant(sharing) + 2.0 * float(np.log(s).sum())
     return Layer(
-        sharing, whiten, colour, residual, length2, left2, basis, Q, variance, rank, rss, determinant
-    )
+        sharing, whiten, noise.root(sharing, 0.5), residual, length2, left2, basis, Q, variance, found,
+        float(residual @ residual), determinant,
+    )  # fmt: skip
 
 
 def outside(scan: Scan, layer: Layer, entries: Sequence[int]) -> Array:
@@ -162,24 +158,24 @@ def extend(scan: Scan, entries: tuple[int, ...]) -> Scan:
     """The scan after the columns of some entries have joined the model."""
     if not entries:
         return scan
-    layers = []
-    gained = 0
-    for layer in scan.layers:
-        U, s = directions(scan, layer, entries)
-        residual = layer.y - U @ (U.T @ layer.y)
-        inside = U.T @ layer.Q
-        mix = mixes(scan.bank, layer.alive, layer.variance, inside)
-        whitened = scan.noise.apply(layer.whiten, U) / scan.noise.spread[:, None]
-        layers.append(
-            replace(
-                layer, y=residual, left2=layer.left2 - np.sum((whitened.T @ scan.bank.columns) ** 2, axis=0),
-                basis=np.hstack([layer.basis, U]), Q=mix(layer.Q - U @ inside), variance=mix.variance,
-                rank=mix.rank, rss=float(residual @ residual),
-                determinant=layer.determinant + 2.0 * float(np.log(s).sum()),
-            )
-        )  # fmt: skip
-        gained = len(s)
-    return Scan(scan.bank, scan.noise, tuple(layers), scan.freedom - gained)
+    layers, gained = zip(*in_threads(lambda layer: _extended(scan, layer, entries), scan.layers), strict=True)
+    return Scan(scan.bank, scan.noise, layers, scan.freedom - gained[-1])
+
+
+def _extended(scan: Scan, layer: Layer, entries: tuple[int, ...]) -> tuple[Layer, int]:
+    """A layer after some entries, and the directions that they add."""
+    U, s = directions(scan, layer, entries)
+    residual = layer.y - U @ (U.T @ layer.y)
+    inside = U.T @ layer.Q
+    mix = mixes(scan.bank, layer.alive, layer.variance, inside)
+    whitened = scan.noise.apply(layer.whiten, U) / scan.noise.spread[:, None]
+    after = replace(
+        layer, y=residual, left2=layer.left2 - np.sum((whitened.T @ scan.bank.columns) ** 2, axis=0),
+        basis=np.hstack([layer.basis, U]), Q=mix(layer.Q - U @ inside), variance=mix.variance,
+        rank=mix.rank, rss=float(residual @ residual),
+        determinant=layer.determinant + 2.0 * float(np.log(s).sum()),
+    )  # fmt: skip
+    return after, len(s)
 
 
 def likely(scan: Scan, squares: Array, by_way: bool = False, within: float = 5.0) -> Mask:

@@ -72,7 +72,22 @@ def above_zero(shape: Shape, key: str, otherwise: float | None = None) -> sp.Rat
 
 def smooth_sign(x: sp.Expr, width: sp.Expr) -> sp.Expr:
     """±1 away from zero, linear within ``width``: tanh(x/width)."""
-    return sp.tanh(x / width, evaluate=False)
+    return sp.tanh(over(x, width), evaluate=False)
+
+
+def over(x: sp.Expr, scale: sp.Rational) -> sp.Expr:
+    """x/scale with the sum x left whole: what several laws share of it is then read once."""
+    return sp.Mul(1 / scale, x, evaluate=False) if x.is_Add else x / scale
+
+
+def product(a: sp.Expr, b: sp.Expr) -> sp.Expr:
+    """a·b, left as it stands."""
+    return sp.Mul(a, b, evaluate=False)
+
+
+def raised(x: sp.Expr, exponent: sp.Expr) -> sp.Expr:
+    """x^exponent, left as it stands: SymPy would ask about the signs of all that is in x."""
+    return x if exponent == 1 else sp.Pow(x, exponent, evaluate=False)
 
 
 def size(x: sp.Expr) -> sp.Expr:

@@ -7,6 +7,8 @@ with ``mass``, ``tapered_mass`` or ``beside_axis`` that of an assumed arm or bod
 
 from __future__ import annotations
 
+import sympy as sp
+
 from symstiff.effects.arm import ARM_MOVES, ASSUMED, TOLD, assumed_arms, most_weight_load, odds, own_load
 from symstiff.effects.base import Effect, Move, Realisation, Scales, Shape, Where
 from symstiff.effects.common import (
@@ -17,7 +19,9 @@ from symstiff.effects.common import (
     exact,
     joints,
     load_of,
+    over,
     parameter,
+    raised,
     smooth_sign,
 )
 from symstiff.robot.schema import Robot
@@ -38,10 +42,14 @@ def _realise(robot: Robot, where: Where, shape: Shape) -> Realisation:
     law = -BRANCH * smooth_sign(load, width) / 2
     power, scale = shape.get("power"), above_zero(shape, "load", 1.0)
     if power:
-        law *= ((load / scale) ** 2 + NEAR_ZERO**2) ** (exact(power) / 2)
+        law *= raised(_square(load, scale) + NEAR_ZERO**2, exact(power) / 2)
     if "loop" in shape:
-        law *= 1 - (load / above_zero(shape, "loop")) ** 2
+        law *= 1 - _square(load, above_zero(shape, "loop"))
     return Realisation((loop,), (Term(loop.name, actuated_joint(j), law),))
+
+
+def _square(load: sp.Expr, scale: sp.Rational) -> sp.Expr:
+    return raised(over(load, scale), sp.Integer(2))
 
 
 def _shapes(robot: Robot, where: Where, scales: Scales) -> tuple[Shape, ...]:

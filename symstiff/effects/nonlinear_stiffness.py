@@ -33,7 +33,10 @@ from symstiff.effects.common import (
     compliance_unit,
     exact,
     joints,
+    over,
     parameter,
+    product,
+    raised,
     size,
 )
 from symstiff.robot.schema import Robot
@@ -52,7 +55,7 @@ def _realise(robot: Robot, where: Where, shape: Shape) -> Realisation:
     if "load" not in shape:
         c2 = parameter(NAME, where, "c2", _per_load(unit, 2), -1e-6, 1e-6, 1e-10, "of load*|load|")
         c3 = parameter(NAME, where, "c3", _per_load(unit, 3), -1e-8, 1e-8, 1e-13, "of load^3")
-        laws = (lambda x: x * size(x), lambda x: x**3)
+        laws = (lambda x: x * size(x), lambda x: raised(x, sp.Integer(3)))
         terms = [
             Term(p.name, at, of_total_load(law, robot, j, shape))
             for p, law in zip((c2, c3), laws, strict=True)
@@ -61,7 +64,14 @@ def _realise(robot: Robot, where: Where, shape: Shape) -> Realisation:
     scale = above_zero(shape, "load")
     c = parameter(NAME, where, "c", unit, -1e-2, 1e-2, 1e-7)
     return Realisation(
-        (c,), (Term(c.name, at, of_total_load(lambda x: scale * _bend(x / scale, shape), robot, j, shape)),)
+        (c,),
+        (
+            Term(
+                c.name,
+                at,
+                of_total_load(lambda x: product(scale, _bend(over(x, scale), shape)), robot, j, shape),
+            ),
+        ),
     )
 
 
@@ -75,10 +85,12 @@ def _bend(x: sp.Expr, shape: Shape) -> sp.Expr:
         return x - (size(x + 1) - size(x - 1)) / 2
     if "saturation" in shape:
         return sp.tanh(x, evaluate=False)
-    power = exact(shape["power"])
-    if power == 2:
+    exponent = exact(shape["power"])
+    if exponent == 2:
         return x * size(x)
-    return x**power if power.is_odd else x * (x**2 + NEAR_ZERO**2) ** ((power - 1) / 2)
+    if exponent.is_odd:
+        return raised(x, exponent)
+    return product(x, raised(raised(x, sp.Integer(2)) + NEAR_ZERO**2, (exponent - 1) / 2))
 
 
 def _shapes(robot: Robot, where: Where, scales: Scales) -> tuple[Shape, ...]:

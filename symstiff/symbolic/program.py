@@ -10,6 +10,7 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
+from functools import lru_cache
 from itertools import count
 from typing import Any, Protocol
 
@@ -143,6 +144,7 @@ def walk(expression: sp.Expr, values: Mapping[sp.Symbol, Any], algebra: Algebra)
     raise TypeError(f"no interpretation of {type(expression).__name__} in a program")
 
 
+@lru_cache(maxsize=1 << 14)
 def split_sign(expression: sp.Expr) -> tuple[int, sp.Expr]:
     """Split ±x into sign and x; only a numeric coefficient's sign counts."""
     if expression.is_Mul:

@@ -16,7 +16,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from symstiff.calibration.planning.parallel import in_threads, slices
+from symstiff.calibration.planning.parallel import slices
+from symstiff.threads import in_threads
 
 _CHUNK = 4096  # candidates at a time: their rows stay in the cache
 _FIRST = 128  # candidates of a chunk that are evaluated before the others

@@ -9,16 +9,14 @@ from __future__ import annotations
 
 import asyncio
 import multiprocessing
-import os
 from collections.abc import Callable, Iterator, Sequence
-from concurrent.futures import ProcessPoolExecutor, ThreadPoolExecutor
+from concurrent.futures import ProcessPoolExecutor
 from contextlib import contextmanager
 from typing import Any, TypeVar
 
 from symstiff.errors import UserError
 from symstiff.threads import one_thread
 
-Item = TypeVar("Item")
 Result = TypeVar("Result")
 Progress = Callable[[str, float], None]
 _SECONDS_TO_CONNECT = 10
@@ -68,15 +66,6 @@ def stream_blocks(
         if progress is not None:
             progress(label, done / len(blocks))
         yield result
-
-
-def in_threads(function: Callable[[Item], Result], items: Sequence[Item]) -> list[Result]:
-    """Return ``[function(item) for item in items]``; NumPy releases the interpreter, so cores share them."""
-    cores = min(os.cpu_count() or 1, len(items))
-    if cores < 2:
-        return [function(item) for item in items]
-    with ThreadPoolExecutor(cores) as pool:
-        return list(pool.map(function, items))
 
 
 def _on_cores(
