@@ -63,16 +63,8 @@ def _realise(robot: Robot, where: Where, shape: Shape) -> Realisation:
         return Realisation((c2, c3), tuple(terms))
     scale = above_zero(shape, "load")
     c = parameter(NAME, where, "c", unit, -1e-2, 1e-2, 1e-7)
-    return Realisation(
-        (c,),
-        (
-            Term(
-                c.name,
-                at,
-                of_total_load(lambda x: product(scale, _bend(over(x, scale), shape)), robot, j, shape),
-            ),
-        ),
-    )
+    law = of_total_load(lambda x: product(scale, _bend(over(x, scale), shape)), robot, j, shape)
+    return Realisation((c,), (Term(c.name, at, law),))
 
 
 def _per_load(unit: str, power: int) -> str:
