@@ -85,7 +85,10 @@ def from_model_table(table: dict[str, Any], origin: str) -> StiffnessModel:
             not_a_stiffness(file.values.get(name, 0.0))
         except UserError as error:
             raise UserError(f"{origin}: values: {name}: {error}") from None
-    effects = tuple(EffectInstance(e.effect, e.where, e.shape) for e in file.effect)
+    try:
+        effects = tuple(EffectInstance(e.effect, e.where, e.shape) for e in file.effect)
+    except UserError as error:
+        raise UserError(f"{origin}: effect: {error}") from error
     compliances = tuple(known[n] for n in file.parameters)
     joints = {f"q{j}": j for j in range(1, robot.dof + 1)}
     if strange := sorted(set(file.fixed) - set(joints)):

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from functools import cache
 from importlib import import_module, metadata
 from pkgutil import iter_modules
@@ -16,7 +16,8 @@ from typing import Any, Protocol
 
 import numpy as np
 
-from symstiff.errors import UserError
+from symstiff.errors import UserError, require
+from symstiff.robot.frozen import frozen_numbers
 from symstiff.robot.names import C_WORDS
 from symstiff.robot.schema import Robot
 from symstiff.symbolic.terms import Term, VirtualJoint
@@ -26,6 +27,8 @@ Shape = Mapping[str, float]
 _NAME = re.compile(r"[A-Za-z][A-Za-z0-9_]*", re.ASCII)
 _MEMBERS = frozenset({"k", "time", "temperature", "branch"})
 """What the C struct of a model's parameters holds beside those of effects."""
+_FAR = 1e12
+"""Size of a shape's value, in SI units, that nobody means."""
 _DIGITS, _CLOCK = 4, 1e4
 """Digits of a shape's value as told, and from where on it gets all of them, as the time of a clock does."""
 
@@ -236,6 +239,18 @@ class EffectInstance:
     where: Where
     shape: Shape = field(default_factory=dict)
 
+    def __post_init__(self) -> None:
+        require(self.effect, str, "an effect's identifier", "'backlash' is one")
+        require(self.where, Mapping, f"where {self.effect} is", "{'joint': 2} is a place")
+        object.__setattr__(self, "where", {key: _plain(value) for key, value in self.where.items()})
+        shape = frozen_numbers(self.shape, f"shape of {self.effect}")
+        for key, value in shape.items():
+            if value and not 1.0 / _FAR <= abs(value) <= _FAR:
+                raise UserError(
+                    f"{self.effect}: {key} = {value:g}: give a size from {1.0 / _FAR:g} to {_FAR:g}, or 0"
+                )
+        object.__setattr__(self, "shape", shape)
+
     def realise(self, robot: Robot) -> Realisation:
         """Its parameters and terms on a robot. Raises UserError for a place the robot does not have."""
         entry = find(self.effect)
@@ -275,8 +290,17 @@ class EffectInstance:
         if find(self.effect).columns is not None:
             return ()
         read = _Read(self.shape)
-        replace(self, shape=read).realise(robot)
+        find(self.effect).realise(robot, self.where, read)
         return tuple(key for key in self.shape if key not in read.keys_read)
+
+
+def _plain(value: Any) -> Any:
+    """A part of a place without NumPy's types, which no file holds."""
+    if isinstance(value, np.ndarray | np.generic):
+        value = value.tolist()
+    if isinstance(value, list | tuple):
+        return type(value)(_plain(v) for v in value)
+    return int(value) if isinstance(value, float) and value.is_integer() else value
 
 
 class _Read(Mapping[str, float]):

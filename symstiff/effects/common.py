@@ -19,6 +19,8 @@ BOTH = frozenset({"deflection", "absolute"})
 DEFLECTION = frozenset({"deflection"})
 ABSOLUTE = frozenset({"absolute"})
 XYZ = "xyz"
+_STEEPEST = 10.0
+"""Largest power of a load."""
 NEAR_ZERO = sp.Rational(1, 1000)
 """Share of a load below which a law with an infinite slope at zero is made smooth: it is differentiated."""
 
@@ -66,8 +68,15 @@ def above_zero(shape: Shape, key: str, otherwise: float | None = None) -> sp.Rat
     """A value of a shape that divides. Raises ValueError where it is not above zero, KeyError where none is told."""
     value = shape[key] if otherwise is None else shape.get(key, otherwise)
     if not float(value) > 0:
-        raise ValueError(f"{key} = {value}: give a value above zero")
+        raise ValueError(f"{key} = {float(value):g}: give a value above zero")
     return exact(value)
+
+
+def exponent(shape: Shape, key: str) -> sp.Rational:
+    """A power of a shape. Raises ValueError beyond what a law of a load has, KeyError where none is told."""
+    if not 0 <= float(shape[key]) <= _STEEPEST:
+        raise ValueError(f"{key} = {shape[key]:g}: give one from 0 to {_STEEPEST:g}")
+    return exact(shape[key])
 
 
 def smooth_sign(x: sp.Expr, width: sp.Expr) -> sp.Expr:

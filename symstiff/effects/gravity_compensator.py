@@ -25,7 +25,7 @@ import sympy as sp
 
 from symstiff.effects.base import Effect, Move, Realisation, Scales, Shape, Where
 from symstiff.effects.common import BOTH, exact, load_of, parameter
-from symstiff.robot.schema import Robot
+from symstiff.robot.schema import ANCHORS_MEET, Robot
 from symstiff.symbolic.chain import ElasticChain
 from symstiff.symbolic.program import Builder
 from symstiff.symbolic.terms import Term, actuated_joint, q
@@ -37,6 +37,8 @@ TRUST = 3.0
 GEOMETRIES = ((0.27, 0.66), (0.15, 0.5), (0.45, 0.8))  # L/a and s0/a
 RATIOS = (0.0, -0.4, 0.4)
 MOST_ANGLES = 8
+_SOFTEST = 0.02
+"""Least stiffness of the joint over its own."""
 
 
 @cache
@@ -66,11 +68,24 @@ def _spring(robot: Robot, j: int, shape: Shape) -> sp.Expr:
         float(shape.get(k, known.get(k, d)))
         for k, d in (("a", 0.7), ("L", 0.19), ("s0", 0.46), ("alpha", 0.0))
     )
+    _check_spring(a, L, s0, float(shape.get("ratio", 0.0)))
     stiffness, ratio = _stiffness(a, L, s0), exact(shape.get("ratio", 0.0))
     values = {_ANGLE: q(j), _ALPHA: exact(f"{alpha + shape.get('turned', 0.0):.9g}")}
     with sp.evaluate(False):
         law = stiffness.xreplace(values)
         return load_of(j) * law / (1 + ratio * law) if ratio else load_of(j) * law
+
+
+@cache
+def _check_spring(a: float, L: float, s0: float, ratio: float) -> None:
+    """Raise ValueError for a spring that has no length somewhere, or a joint that is not stiff there."""
+    if not min(a, L) > 0 or s0 < 0:
+        raise ValueError(f"a = {a:g}, L = {L:g}, s0 = {s0:g}: give distances above zero, s0 from 0 on")
+    if abs(a - L) < ANCHORS_MEET * max(a, L):
+        raise ValueError(f"a = {a:g} and L = {L:g}: the spring's anchors meet: give different distances")
+    share = _shape_over_a_turn(a, L, s0) / _largest(a, L, s0)
+    if np.min(1.0 + ratio * share) < _SOFTEST:
+        raise ValueError(f"ratio = {ratio:g}: with such a spring the joint is not stiff at every angle")
 
 
 _ANGLE, _ALPHA = sp.symbols("q alpha", real=True)
@@ -86,8 +101,12 @@ def _stiffness(a: float, L: float, s0: float) -> sp.Expr:
 @cache
 def _largest(a: float, L: float, s0: float) -> float:
     """Largest size of the spring's stiffness over a turn, for unit rate."""
-    law = _numeric_stiffness()
-    return float(np.abs(law(a, L, s0, 0.0, np.linspace(-math.pi, math.pi, 721))).max())
+    return float(np.abs(_shape_over_a_turn(a, L, s0)).max())
+
+
+def _shape_over_a_turn(a: float, L: float, s0: float) -> np.ndarray:
+    """The spring's stiffness for unit rate at angles over a turn."""
+    return np.asarray(_numeric_stiffness()(a, L, s0, 0.0, np.linspace(-math.pi, math.pi, 721)))
 
 
 @cache

@@ -16,7 +16,7 @@ from symstiff.effects.common import (
     NEAR_ZERO,
     above_zero,
     angle_unit,
-    exact,
+    exponent,
     joints,
     load_of,
     over,
@@ -40,9 +40,9 @@ def _realise(robot: Robot, where: Where, shape: Shape) -> Realisation:
         load = load + own_load(robot, j, shape)
     loop = parameter(NAME, where, "width", angle_unit(robot, j), 0.0, 5e-3, 5e-5)
     law = -BRANCH * smooth_sign(load, width) / 2
-    power, scale = shape.get("power"), above_zero(shape, "load", 1.0)
-    if power:
-        law *= raised(_square(load, scale) + NEAR_ZERO**2, exact(power) / 2)
+    scale = above_zero(shape, "load", 1.0)
+    if shape.get("power"):
+        law *= raised(_square(load, scale) + NEAR_ZERO**2, exponent(shape, "power") / 2)
     if "loop" in shape:
         law *= 1 - _square(load, above_zero(shape, "loop"))
     return Realisation((loop,), (Term(loop.name, actuated_joint(j), law),))

@@ -31,7 +31,7 @@ from symstiff.effects.common import (
     NEAR_ZERO,
     above_zero,
     compliance_unit,
-    exact,
+    exponent,
     joints,
     over,
     parameter,
@@ -77,12 +77,12 @@ def _bend(x: sp.Expr, shape: Shape) -> sp.Expr:
         return x - (size(x + 1) - size(x - 1)) / 2
     if "saturation" in shape:
         return sp.tanh(x, evaluate=False)
-    exponent = exact(shape["power"])
-    if exponent == 2:
+    power = exponent(shape, "power")
+    if power == 2:
         return x * size(x)
-    if exponent.is_odd:
-        return raised(x, exponent)
-    return product(x, raised(raised(x, sp.Integer(2)) + NEAR_ZERO**2, (exponent - 1) / 2))
+    if power.is_odd:
+        return raised(x, power)
+    return product(x, raised(raised(x, sp.Integer(2)) + NEAR_ZERO**2, (power - 1) / 2))
 
 
 def _shapes(robot: Robot, where: Where, scales: Scales) -> tuple[Shape, ...]:

@@ -244,6 +244,10 @@ class Marker(_Frozen):
     xyz: tuple[Length, Length, Length]
 
 
+ANCHORS_MEET = 1e-3
+"""Difference of the distances of a spring's ends from the axis, as a share, at which they meet."""
+
+
 class GravityCompensator(_Frozen):
     """A spring between two links that acts on one joint; its geometry [m] and rate [N/m] where known."""
 
@@ -258,6 +262,12 @@ class GravityCompensator(_Frozen):
     def _turns(self) -> GravityCompensator:
         if self.ax is not None and self.ay is not None and float(self.ax) == 0.0 == float(self.ay):
             raise UserError("ax and ay are both 0: a spring that is held in the joint's axis turns nothing")
+        if self.ax is not None and self.ay is not None and self.L is not None:
+            away = math.hypot(float(self.ax), float(self.ay))
+            if abs(away - float(self.L)) < ANCHORS_MEET * away:
+                raise UserError(
+                    f"L = {self.L} is the anchor's distance from the axis: at one angle both ends meet"
+                )
         return self
 
 
