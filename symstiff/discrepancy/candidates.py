@@ -24,6 +24,7 @@ from symstiff.discrepancy.problem import (
 from symstiff.discrepancy.ranges import Extent, at_size, extent_of
 from symstiff.discrepancy.scan import column_space
 from symstiff.effects.base import Effect, Move, Realisation, Scales, Where
+from symstiff.effects.lawful import check_laws
 from symstiff.model import StiffnessModel
 from symstiff.robot.schema import Robot
 from symstiff.symbolic.terms import BRANCH, TEMPERATURE, TIME, q, up
@@ -62,6 +63,7 @@ def candidates(
                 continue
             columns = _Columns(situation, effect, where, taken, extent)
             members = [columns.member(shape) for shape in shapes]
+            check_laws(members[0].realised.terms, model.robot)
             first = members[0].parameters
             if not first:
                 yield _unavailable(effect, where, "the model has all of its parameters")

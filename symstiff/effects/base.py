@@ -16,6 +16,7 @@ from typing import Any, Protocol
 
 import numpy as np
 
+from symstiff.effects.lawful import check_laws
 from symstiff.errors import UserError, require
 from symstiff.robot.frozen import frozen_numbers
 from symstiff.robot.names import C_WORDS
@@ -259,6 +260,7 @@ class EffectInstance:
         try:
             found = entry.realise(robot, self.where, self.shape)
             _check_names(found)
+            check_laws(found.terms, robot)
             return found
         except UserError as error:
             raise UserError(f"{self.effect} at {dict(self.where)}: {error}") from error

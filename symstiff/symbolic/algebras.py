@@ -18,6 +18,8 @@ _NUMPY = {
     "sign": np.sign, "Abs": np.abs, "atan": np.arctan, "asin": np.arcsin, "acos": np.arccos, "sqrt": np.sqrt,
     "atan2": np.arctan2,
 }  # fmt: skip
+FUNCTIONS = frozenset(_NUMPY)
+"""What a law may be made of, beside sums, products and powers."""
 
 
 class NumpyAlgebra:

@@ -37,8 +37,12 @@ def latex(expression: sp.Expr, names: Mapping[sp.Symbol, str] | None = None) -> 
 
 
 def letter(symbol: sp.Symbol) -> str:
-    r"""A symbol with its indices apart: ``k_{1,35}``, ``\tau_{\mathrm{link1,5}}``."""
+    r"""A symbol with its indices apart, words upright: ``k_{1,35}``, ``\tau_{\mathrm{link1,5}}``."""
     head, below, indices = str(sp.latex(symbol)).partition("_{")
+    if head == "dt":
+        head = r"\Delta t"
+    elif re.fullmatch("[A-Za-z]{2,}", head):
+        head = rf"\mathrm{{{head}}}"
     if not below:
         return head
     indices = indices.removesuffix("}").replace(" ", ",")
@@ -59,8 +63,9 @@ def _turning(program: Program) -> dict[sp.Symbol, str]:
 
 
 def _upright(symbol: sp.Symbol) -> str:
-    head, below, indices = letter(symbol).partition("_")
-    return rf"\mathrm{{{head}}}{below}{indices}"
+    told = letter(symbol)
+    head, below, indices = told.partition("_")
+    return told if head.startswith("\\") else rf"\mathrm{{{head}}}{below}{indices}"
 
 
 def _element(program: Program, emit: Emit) -> str:

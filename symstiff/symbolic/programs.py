@@ -131,6 +131,15 @@ class Passes:
     def _add(self, a: Twist, c: Twist) -> Twist:
         return self.b.vector(plus(a[0], c[0])), self.b.vector(plus(a[1], c[1]))
 
+    def upward(self) -> dict[sp.Symbol, sp.Expr]:
+        """The vertical in the axes of every frame, bound."""
+        ups = [in_base(self.base, IDENTITY[2])]
+        for i in range(1, self.chain.dof + 1):
+            c, s = self.turns.pairs[i - 1]
+            ca, sa = self.chain.alpha(self.b, i)
+            ups.append(self.b.vector(turn_x(self.b.vector(turn_z(ups[-1], c, -s)), ca, -sa)))
+        return {up(i, k + 1): u[k] for i, u in enumerate(ups) for k in range(3)}
+
 
 @dataclass(frozen=True)
 class Laws:
@@ -150,6 +159,11 @@ class Laws:
     def of_kind(self, kind: str) -> bool:
         """Whether any term acts at virtual joints of this kind."""
         return any(v.kind == kind for v in self.by_joint)
+
+    @property
+    def know_up(self) -> bool:
+        """Whether any law depends on the vertical."""
+        return any(s.name.startswith("up_") for term in self.terms for s in term.factor.free_symbols)
 
 
 def bound(b: Builder, expression: sp.Expr, values: dict[sp.Symbol, sp.Expr]) -> sp.Expr:
@@ -172,7 +186,7 @@ def deflection_program(chain: ElasticChain, terms: Sequence[Term], parameters: S
     loads = passed_loads(chain, b, passes.turns, passes.r0, wrench)
     if laws.of_kind("body"):
         loads = _with_weights(passes, laws, loads)
-    values = {tau(v): load for v, load in loads.items()}
+    values = {tau(v): load for v, load in loads.items()} | (passes.upward() if laws.know_up else {})
     twist = passes.summed(lambda v: bound(b, laws.at(v), values))
     dt = list(passes.at_tool(twist))
     if laws.of_kind("measure"):
@@ -193,13 +207,7 @@ def _with_weights(
     Their laws know the upward direction and the loads of the wrench at the tool.
     """
     chain, b = passes.chain, passes.b
-    ups = [in_base(passes.base, IDENTITY[2])]
-    for i in range(1, chain.dof + 1):
-        c, s = passes.turns.pairs[i - 1]
-        ca, sa = chain.alpha(b, i)
-        ups.append(b.vector(turn_x(b.vector(turn_z(ups[-1], c, -s)), ca, -sa)))
-    values = {up(i, k + 1): u[k] for i, u in enumerate(ups) for k in range(3)}
-    values |= {tau(v): load for v, load in loads.items()}
+    values = passes.upward() | {tau(v): load for v, load in loads.items()}
     total = dict(loads)
     force: Vec = ZERO
     moment: Vec = ZERO
@@ -231,6 +239,7 @@ def observation_program(
     """
     b = Builder("observation", (q_vector(chain), w_vector(), *context_vector(terms)))
     f, columns, values = _geometry(chain, b)
+    values |= {up(i, k + 1): axes[k][2] for i, axes in enumerate(f.axes) for k in range(3)}
     for c in AXES:
         columns[VirtualJoint("measure", 0, c)] = tuple(sp.Integer(int(r == c)) for r in AXES)
     by_parameter: dict[str, list[Term]] = {}
@@ -331,34 +340,35 @@ def _base_origin(chain: ElasticChain, b: Builder) -> Vec:
 def compliance_program(chain: ElasticChain, terms: Sequence[Term], parameters: Sequence[str]) -> Program:
     """Cartesian compliance K_C⁻¹ = J_θ·k·J_θᵀ at small load (seed eq. 2), 6 × 6 row-major ``C``, by recursion."""
     b = Builder("compliance", (p_vector(parameters), q_vector(chain), *context_vector(terms)))
-    laws, passes = Laws(tuple(terms)), None
+    laws = Laws(tuple(terms))
     passes = Passes.start(chain, b)
+    slope = _Slopes(b, laws, passes.upward() if laws.know_up else {})
     matrix = sp.zeros(6, 6).tolist()
     for i in range(chain.dof, -1, -1):
-        matrix = _added(b, matrix, _local(passes, laws, i))
+        matrix = _added(b, matrix, _local(passes, slope, i))
         if i:
             matrix = _congruent(matrix, partial(passes.lifted, i))
             k = 2 if chain.rows[i - 1].prismatic else 5
-            matrix[k][k] = b.let(matrix[k][k] + _slope(b, laws, actuated_joint(i), actuated_joint(i)))
+            matrix[k][k] = b.let(matrix[k][k] + slope(actuated_joint(i), actuated_joint(i)))
     matrix = _congruent(matrix, lambda twist: _split(b.vector(passes.at_tool(twist))))
-    crossed = _crossed(chain, b, laws)
+    crossed = _crossed(chain, b, laws, slope)
     b.output("C", (6, 6), [matrix[min(i, j)][max(i, j)] + crossed[i, j] for i in range(6) for j in range(6)])
     return b.build()
 
 
-def _crossed(chain: ElasticChain, b: Builder, laws: Laws) -> sp.Matrix:
+def _crossed(chain: ElasticChain, b: Builder, laws: Laws, slope: _Slopes) -> sp.Matrix:
     """Σ J_at·∂Δθ_at/∂τ_by·J_byᵀ over laws that follow the load of another body's virtual joint."""
     slopes = {
-        (at, by): _slope(b, laws, at, by)
+        (at, by): slope(at, by)
         for at in chain.virtual_joints
         for by in chain.virtual_joints
         if (at.kind, at.body) != (by.kind, by.body) and laws.at(at).has(tau(by))
     }
     total = sp.zeros(6, 6)
-    if any(slope != 0 for slope in slopes.values()):
+    if any(value != 0 for value in slopes.values()):
         columns = jacobian_columns(chain, b, frames(chain, b))
-        for (at, by), slope in slopes.items():
-            total += slope * sp.Matrix(columns[at]) * sp.Matrix(columns[by]).T
+        for (at, by), value in slopes.items():
+            total += value * sp.Matrix(columns[at]) * sp.Matrix(columns[by]).T
     return total.applyfunc(lambda x: bound(b, x, {}))
 
 
@@ -382,15 +392,25 @@ def _added(b: Builder, x: list[list[sp.Expr]], y: list[list[sp.Expr]]) -> list[l
     return [[b.let(total[min(i, j)][max(i, j)]) for j in range(6)] for i in range(6)]
 
 
-def _slope(b: Builder, laws: Laws, at: VirtualJoint, by: VirtualJoint) -> sp.Expr:
-    """∂Δθ_at/∂τ_by without load; a law that is not smooth there gives none."""
-    slope = sp.diff(laws.at(at), tau(by))
-    slope = slope.subs({s: 0 for s in slope.free_symbols if s.name.startswith("tau_")})
-    return sp.S.Zero if slope.has(sp.nan, sp.zoo, sp.oo) or slope.has(sp.Derivative) else bound(b, slope, {})
+@dataclass(frozen=True)
+class _Slopes:
+    """How the laws give way at small load; ``ups`` are what they may know of the vertical."""
+
+    b: Builder
+    laws: Laws
+    ups: dict[sp.Symbol, sp.Expr]
+
+    def __call__(self, at: VirtualJoint, by: VirtualJoint) -> sp.Expr:
+        """∂Δθ_at/∂τ_by without load; a law that is not smooth there gives none."""
+        slope = sp.diff(self.laws.at(at), tau(by))
+        slope = slope.subs({s: 0 for s in slope.free_symbols if s.name.startswith("tau_")})
+        if slope.has(sp.nan, sp.zoo, sp.oo) or slope.has(sp.Derivative):
+            return sp.S.Zero
+        return bound(self.b, slope, self.ups)
 
 
-def _local(passes: Passes, laws: Laws, i: int) -> list[list[sp.Expr]]:
+def _local(passes: Passes, slope: _Slopes, i: int) -> list[list[sp.Expr]]:
     """Link i's compliance in the axes of DH frame i."""
-    b, joints = passes.b, [link_joint(i, a) for a in AXES]
-    springs = [[_slope(b, laws, at, by) for by in joints] for at in joints]
+    joints = [link_joint(i, a) for a in AXES]
+    springs = [[slope(at, by) for by in joints] for at in joints]
     return _congruent(springs, lambda twist: passes.spring(i, _joined(twist)))

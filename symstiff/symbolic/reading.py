@@ -16,7 +16,7 @@ from symstiff.symbolic.chain import ElasticChain
 from symstiff.symbolic.latex import aligned, latex
 from symstiff.symbolic.program import Builder, Let, Program
 from symstiff.symbolic.programs import virtual_jacobian_program
-from symstiff.symbolic.terms import AXES, Term, joint_terms, link_terms, tau, w
+from symstiff.symbolic.terms import AXES, Term, VirtualJoint, joint_terms, link_terms, tau, w
 
 
 def written_out(program: Program) -> dict[str, sp.Matrix]:
@@ -77,14 +77,26 @@ def original_terms(chain: ElasticChain) -> tuple[Term, ...]:
 
 
 def laws_latex(terms: Sequence[Term]) -> str:
-    """The laws Δθ_v = Σ π·g of a model, one line a virtual joint."""
-    lines: dict[str, sp.Expr] = {}
+    """The laws of a model, one line a place: Δθ_v = Σ π·g at virtual joints, ΔW what effects add to the wrench at the
+    tool centre point or on a body, δt what a device adds to the predicted deflection."""
+    lines: dict[VirtualJoint, sp.Expr] = {}
     for term in terms:
         law = sp.Symbol(term.parameter) * term.factor
-        lines[term.at.name] = lines.get(term.at.name, 0) + law
-    return aligned(
-        rf"\Delta\theta_{{\mathrm{{{n.replace('_', ',')}}}}} &= {latex(law)}" for n, law in lines.items()
-    )
+        lines[term.at] = lines.get(term.at, 0) + law
+    inside = [at for at in lines if at.kind in ("link", "joint")]
+    beside = sorted(set(lines) - set(inside))
+    return aligned(rf"{_left_side(at)} &= {latex(lines[at])}" for at in (*inside, *beside))
+
+
+def _left_side(at: VirtualJoint) -> str:
+    """What a law at a place gives."""
+    if at.kind == "load":
+        return rf"\Delta W_{{{at.axis}}}"
+    if at.kind == "body":
+        return rf"\Delta W_{{\mathrm{{body{at.body},{at.axis}}}}}"
+    if at.kind == "measure":
+        return rf"\delta t_{{{at.axis}}}"
+    return rf"\Delta\theta_{{\mathrm{{{at.name.replace('_', ',')}}}}}"
 
 
 def chain_html(chain: ElasticChain) -> str:

@@ -1,0 +1,104 @@
+"""What a plugin's law may be made of, all the way to C; what nothing can compute is refused in a line."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+import sympy as sp
+
+from symstiff.calibration.simulation.chain import chain_of, joint_index
+from symstiff.calibration.simulation.chain import posture as posture_of
+from symstiff.codegen.compiler import find_compiler
+from symstiff.codegen.generate import generate
+from symstiff.effects import Effect, EffectInstance, EffectParameter, Realisation, catalogue
+from symstiff.errors import UserError
+from symstiff.model import StiffnessModel, joints_only
+from symstiff.robot import load
+from symstiff.symbolic.algebras import evaluate_numpy
+from symstiff.symbolic.terms import Term, VirtualJoint, actuated_joint, q, tau, up
+
+ROBOT = "ur10"
+GEAR = actuated_joint(2)
+Law = Callable[[], sp.Expr]
+
+
+def grown(monkeypatch: pytest.MonkeyPatch, law: sp.Expr, at: VirtualJoint = GEAR) -> StiffnessModel:
+    """A model of joints with a law of a plugin."""
+    c = EffectParameter("tilt_2_c", "rad/(N*m)", -1e-3, 1e-3, 1e-6)
+    effect = Effect(
+        "tilt", "Tilt", "A gear that feels how it hangs.", frozenset({"deflection"}),
+        lambda robot: ({"joint": 2},), lambda robot, where, shape: Realisation((c,), (Term(c.name, at, law),)),
+    )  # fmt: skip
+    monkeypatch.setitem(catalogue(), "tilt", effect)
+    model = joints_only(load(ROBOT)).with_effect(EffectInstance("tilt", {"joint": 2}))
+    return model.with_values(dict.fromkeys(model.parameters, 0.0) | {"c2": 2e-6, "tilt_2_c": 3e-6})
+
+
+@pytest.mark.parametrize("body", [0, 2, 6])
+def test_a_law_may_know_the_vertical(monkeypatch: pytest.MonkeyPatch, body: int) -> None:
+    model = grown(monkeypatch, tau(GEAR) * up(body, 2))
+    rng = np.random.default_rng(1)
+    angles, wrench = rng.uniform(-2, 2, (7, 6)), rng.normal(size=(7, 6)) * 50
+    chain = chain_of(load(ROBOT))
+    rigid = posture_of(chain, angles, np.zeros((7, chain.size)))
+    k = joint_index(2)
+    lever = rigid.at(np.array([float(x) for x in load(ROBOT).tool.xyz])) - rigid.origin[:, k]
+    J = np.hstack([np.cross(rigid.axis[:, k], lever), rigid.axis[:, k]])
+    upright = rigid.after[0][:, body, 2, 1]  # the vertical's share along the second axis of the frame
+    theta = (2e-6 + 3e-6 * upright) * np.einsum("nr,nr->n", J, wrench)
+    by_hand = J * theta[:, None]
+    np.testing.assert_allclose(model.deflection(angles, wrench), by_hand, atol=1e-15)
+    A = model.observation(angles, wrench)
+    np.testing.assert_allclose(A @ model.vector(model.values), by_hand, atol=1e-15)
+    soft = np.einsum("nr,ns,n->nrs", J, J, 2e-6 + 3e-6 * upright)
+    p = np.tile(model.vector(model.values), (7, 1))
+    np.testing.assert_allclose(evaluate_numpy(model.compliance_program, p=p, q=angles)["C"], soft, atol=1e-15)
+
+
+def test_a_law_that_knows_the_vertical_is_code_that_passes_its_test(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    if find_compiler() is None:
+        pytest.skip("no C compiler")
+    made = generate(grown(monkeypatch, tau(GEAR) * up(3, 1)), tmp_path / "code")
+    assert made.verification.selftest is not None
+
+
+@pytest.mark.parametrize(
+    ("law", "why"),
+    [
+        (lambda: tau(GEAR) * up(7, 1), "depends on up_7_1, which this robot has not"),
+        (lambda: tau(actuated_joint(9)), "depends on tau_joint9"),
+        (lambda: sp.Symbol("foo") * tau(GEAR), "depends on foo"),
+        (lambda: sp.Max(tau(GEAR), 0), "uses Max: use Abs, "),
+        (lambda: sp.Piecewise((tau(GEAR), q(2) > 0), (0, True)), "uses Piecewise"),
+        (lambda: tau(GEAR) ** q(2), "has the power q_2"),
+        (lambda: sp.I * tau(GEAR), "holds I, which is no number"),
+        (lambda: sp.oo * tau(GEAR), "holds oo, which is no number"),
+    ],
+)
+def test_a_law_that_nothing_can_compute_is_refused(
+    monkeypatch: pytest.MonkeyPatch, law: Law, why: str
+) -> None:
+    with pytest.raises(UserError) as refused:
+        grown(monkeypatch, law())
+    assert why in str(refused.value)
+
+
+def test_a_law_at_a_joint_that_the_robot_does_not_have_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
+    with pytest.raises(UserError, match="acts at joint9, which ur10 does not have"):
+        grown(monkeypatch, tau(GEAR), actuated_joint(9))
+
+
+def test_laws_in_latex_say_what_they_give() -> None:
+    model = joints_only(load(ROBOT))
+    for effect, where, line in (
+        ("payload_error", {"load": "payload"}, r"\Delta W_{\mathrm{body6,1}} &= "),
+        ("force_sensor_bias", {"load": "force_sensor"}, r"\Delta W_{3} &= "),
+        ("frame_misalignment", {"measurement": "frame"}, r"\delta t_{2} &= \Delta t_{"),
+        ("backlash", {"joint": 2}, r"\Delta\theta_{\mathrm{joint2}} &= \mathrm{backlash}_{"),
+    ):
+        assert line in model.with_effect(EffectInstance(effect, where))._repr_latex_()
