@@ -89,6 +89,23 @@ def test_a_fit_beyond_the_stated_sigma_points_to_diagnose(run: Run) -> None:
     assert "the model or the stated sigma does not fit these data: symstiff diagnose" in said
 
 
+def test_a_sigma_that_is_far_too_large_is_told(run: Run) -> None:
+    rng = np.random.default_rng(5)
+    q, w = rng.uniform(-1.5, 1.5, (30, 2)), np.zeros((30, 6))
+    w[:, :2] = rng.uniform(-900, 900, (30, 2))
+    table = measurements(q, w, kind="deflection")
+    values = predict(arm(), table)
+    values[:, :3] += rng.normal(0, 1e-5, (30, 3))
+    values[:, 3:] = np.nan
+    for stated, told in ((1e-5, False), (3e-5, True)):
+        sigma = np.tile([stated] * 3 + [np.nan] * 3, (30, 1))
+        write_table(replace(table, values=values, sigma=sigma), "data.csv")
+        said = notes(run, *IDENTIFY)
+        assert (
+            "what is left is 0.3" in said and "it is too large, and so are the deviations" in said
+        ) == told
+
+
 def test_negated_deflections_look_swapped(run: Run) -> None:
     measured(Path("data.csv"))
     rows = list(csv.reader(Path("data.csv").read_text().splitlines()))

@@ -20,6 +20,7 @@ from symstiff.robot.schema import Robot
 
 _HINT_ROWS = 1000
 _NO_FIT = 1e-6  # probability of the residual sum below which the fit is questioned
+_SMALL = 0.8  # times the stated sigma from which less than that is spoken of
 
 
 def explained(residuals: ResidualTable) -> list[str]:
@@ -43,20 +44,25 @@ def settled(found: Fitted) -> list[str]:
 
 
 def fits(fit: Estimate, e: Equations) -> list[str]:
-    """A warning where a pose's rows share an error, and where what is left is far more than the stated sigma."""
+    """Warnings where a pose's rows share an error, and where what is left is far more or less than the stated sigma."""
     remarks = []
-    left = fit.fit_p
     if fit.shared is not None:
         told = " and ".join(_shared_sizes(fit.shared, e))
         remarks.append(
-            f"the rows of a pose share an error of {told}, {np.sqrt(fit.shared.ratio):.1f} times their own noise: the "
-            "robot's repeatability, or something that is missing (symstiff diagnose); the deviations above hold it"
+            f"the rows of a pose share an error of {told}: the robot's repeatability, or something that is missing "
+            "(symstiff diagnose); the deviations above hold it"
         )
-        left = None if left is None else float(scipy.stats.chi2.sf(fit.dof * fit.shared.variance, fit.dof))
-    if left is not None and left < _NO_FIT:
+    if fit.fit_p is None:
+        return remarks
+    over = fit.s0_squared if fit.shared is None else fit.shared.variance
+    left = f"what is left is {np.sqrt(over):.2g} times the stated sigma"
+    if scipy.stats.chi2.sf(fit.dof * over, fit.dof) < _NO_FIT:
         remarks.append(
-            "the model or the stated sigma does not fit these data: symstiff diagnose tells what may be missing"
+            f"{left}, so the model or the stated sigma does not fit these data: symstiff diagnose tells what may be "
+            "missing"
         )
+    elif over < _SMALL**2 and scipy.stats.chi2.cdf(fit.dof * over, fit.dof) < _NO_FIT:
+        remarks.append(f"{left}: it is too large, and so are the deviations above, which rest on it")
     return remarks
 
 
@@ -66,8 +72,9 @@ def _shared_sizes(shared: SharedError, e: Equations) -> list[str]:
     for kind, unit in ((e.component < 3, "mm"), (e.component >= 3, "mrad")):
         if kind.any():
             square = 1.0 if sigma is None else float(np.mean(sigma[kind] ** 2))
-            size = np.sqrt(shared.shared_variance(kind) * square)
-            told += [f"{1e3 * size:.2g} {unit}"] if size > 0 else []
+            variance = shared.shared_variance(kind)
+            size, times = 1e3 * np.sqrt(variance * square), np.sqrt(variance / shared.variance)
+            told += [f"{size:.2g} {unit} ({times:.1f} times their own noise)"] if size > 0 else []
     return told
 
 

@@ -68,7 +68,7 @@ def above_zero(shape: Shape, key: str, otherwise: float | None = None) -> sp.Rat
     """A value of a shape that divides. Raises ValueError where it is not above zero, KeyError where none is told."""
     value = shape[key] if otherwise is None else shape.get(key, otherwise)
     if not float(value) > 0:
-        raise ValueError(f"{key} = {float(value):g}: give a value above zero")
+        raise ValueError(f"{key} = {float(value)}: give a value above zero")
     return exact(value)
 
 

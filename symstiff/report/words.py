@@ -7,7 +7,7 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 from symstiff.discrepancy.finding import Finding, Found
-from symstiff.discrepancy.numbers import milli, p_equals, quantity
+from symstiff.discrepancy.numbers import milli, number, p_equals, quantity
 from symstiff.discrepancy.remarks import FEW
 from symstiff.discrepancy.result import Name
 from symstiff.discrepancy.speech import named, place, spoken
@@ -186,6 +186,9 @@ def gap(finding: Finding) -> str:
 def _goes(before: float, after: float, finding: Finding) -> str:
     """From one size to another, in words."""
     first, last = size(before, finding), size(after, finding)
+    if first == last:  # near the noise a digit more tells whether the gap shrank
+        unit = first.split()[-1]
+        first, last = (f"{number(1e3 * value)} {unit}" for value in (before, after))
     if first == last:
         return f"stays at {first}"
     return f"{'falls' if after < before else 'rises'} from {first} to {last}"
