@@ -7,10 +7,18 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from symstiff.calibration.experiment.situation import look
+from symstiff.calibration.measurements import measurements
+from symstiff.discrepancy.candidates import scales_of
+from symstiff.discrepancy.finding import Task
 from symstiff.discrepancy.null import critical, null, simulated_scores
 from symstiff.discrepancy.power import visible
 from symstiff.discrepancy.prepare import prepare
 from symstiff.discrepancy.scan import evidence
+from symstiff.discrepancy.workflow import run
+from symstiff.robot import load
+from symstiff.symbolic.terms import actuated_joint
+from tests.blind.generate import Options, case
 from tests.test_discrepancy_engine import arm, measured
 
 DRAWS = 120
@@ -48,3 +56,23 @@ def test_what_the_model_holds_is_never_seen() -> None:
     inside = ready.bank.columns[:, ready.bank.slice(entry)]
     ready = prepare(replace(problem, A=np.hstack([problem.A, inside])), a.candidates)
     assert np.all(np.isinf(visible(ready.scan, [entry], 0.0)[0].sizes))
+
+
+def test_a_smallest_size_is_told_that_a_robot_can_have() -> None:
+    """In the likeliest shape of a gap the assumed arm may be so heavy that no load crosses it."""
+    hidden = case(0, Options(seed=77, classes=("nothing",), shares=(1.0,), poses=(15,), markers=(1,)))
+    found = run(Task(hidden.model.robot, hidden.table)).last.candidates
+    gaps = [c for c in found if c.effect == "backlash" and c.testable]
+    assert len(gaps) > 2
+    for c in gaps:
+        assert all(size.value < 0.1 for size in c.smallest_detectable.values()), c.where
+
+
+def test_a_load_that_is_rounding_scales_no_shape() -> None:
+    """Forces at the tool's point on the last axis do not turn it."""
+    rng = np.random.default_rng(0)
+    forces = np.hstack([rng.uniform(-50, 50, (25, 3)), np.zeros((25, 3))])
+    view = look(load("franka_panda"), measurements(rng.uniform(-1, 1, (25, 7)), forces))
+    load_of = scales_of(view).load
+    assert 0.0 < np.abs(view.tau[:, view.index[actuated_joint(7)]]).max() < 1e-9
+    assert load_of[actuated_joint(7)] == 0.0 < load_of[actuated_joint(2)]

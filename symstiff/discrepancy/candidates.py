@@ -35,6 +35,8 @@ _VISIBLE = 6.0
 """Noncentrality below which an effect of known size is not looked for."""
 _AT_ONCE = 0.1
 """Share of a session up to which the first reading's time is taken for the time since its start."""
+_UNLOADED = 1e-9
+"""Load on a joint, against the largest, that is rounding."""
 _SAME = 1e-6
 _MOST_SHAPES = 4
 _SAME_ANGLE = 2e-3
@@ -282,7 +284,9 @@ def _equal(a: Array, b: Array) -> bool:
 def scales_of(view: View) -> Scales:
     """The experiment's sizes, over which shapes are profiled."""
     table = view.table
-    load = {v: float(np.abs(view.tau[:, k]).max()) for k, v in enumerate(view.joints) if v.kind == "joint"}
+    largest = np.max(np.abs(view.tau), axis=0)
+    largest[largest < _UNLOADED * np.max(largest)] = 0.0
+    load = {v: float(largest[k]) for k, v in enumerate(view.joints) if v.kind == "joint"}
     angles = []
     poses = len(np.unique(table.pose))
     for j in range(table.dof):

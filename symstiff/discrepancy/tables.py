@@ -17,7 +17,7 @@ from symstiff.discrepancy.result import CandidateResult, Estimate, Name, NamedEf
 from symstiff.discrepancy.scan import Scan, at_sharing, at_sharings, coefficients, evidence, extend, likeliest
 from symstiff.discrepancy.search import Judged
 from symstiff.discrepancy.strata import strata
-from symstiff.discrepancy.testability import why_untestable
+from symstiff.discrepancy.testability import telling, why_untestable
 from symstiff.discrepancy.verdict import Outcome
 
 CONFUSED = 0.9
@@ -131,7 +131,8 @@ def candidate_table(
     threshold = threshold if np.isfinite(threshold) else 0.0
     there = [i for c in candidates if (i := bank.named.get(c.key)) is not None]
     clean = _after(scan, outcome.chosen.entries if outcome.chosen is not None else ())
-    asked = [int(outcome.found.best_entry[i]) for i in there]
+    asked = [telling(ready, i, int(outcome.found.best_entry[i])) for i in there]
+    told = dict(zip(there, asked, strict=True))
     seen = dict(zip(there, visible(clean, asked, threshold), strict=True))
     judged = {j.members[0]: j for j in outcome.tried if len(j.members) == 1}
     out = []
@@ -142,7 +143,7 @@ def candidate_table(
             out.append(_untested(candidate, reason, 0.0, {}))
             continue
         entry = int(outcome.found.best_entry[i])
-        smallest = _estimates(bank, entry, seen[i].sizes, np.zeros_like(seen[i].sizes))
+        smallest = _estimates(bank, told[i], seen[i].sizes, np.zeros_like(seen[i].sizes))
         left = share_left(scan, entry)
         if not allowed[i]:
             out.append(_untested(candidate, why_untestable(problem, ready, entry), left, smallest))

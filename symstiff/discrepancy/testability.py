@@ -42,6 +42,17 @@ def why_untestable(problem: Problem, ready: Prepared, entry: int) -> str:
     return "a believable size is below what would be seen"
 
 
+def telling(ready: Prepared, candidate: int, likeliest: int) -> int:
+    """The entry of a candidate whose smallest size is told: the likeliest, or one that is seen at a believable size.
+
+    A gap that the loads do not cross in the likeliest shape would have to be larger than any robot.
+    """
+    sigma2 = ready.scan.best.rss / max(ready.scan.freedom, 1)
+    own = np.flatnonzero(ready.bank.owner == candidate)
+    order = [likeliest, *(int(e) for e in own)]
+    return next((e for e in order if _believable(ready, e, sigma2)), likeliest)
+
+
 def _believable(ready: Prepared, entry: int, sigma2: float) -> bool:
     """Would some parameter be seen at a size of up to three times its physical range?"""
     parameters = ready.bank.parameters(entry)
