@@ -186,7 +186,8 @@ def identify(
     exchanged = marker_hint(train.points, left_of_deflections(model, train))
     remarks += [exchanged] if exchanged else axis_remarks(model, train, e)
     slides = [i for i, joint in enumerate(robot.joint, start=1) if joint.prismatic]
-    check_determined(fitted.rank, fitted.names, len(e.y), doubts, slides)
+    unread = [name for k, name in enumerate(("dx", "dy", "dz")) if not train.measured[:, k].any()]
+    check_determined(fitted.rank, fitted.names, len(e.y), doubts, slides, unread)
     behind = _reduced_to(model, experiment) if physical and reduction is None else reduction
     values, constrained = _values(fitted, behind, physical)
     model = model.with_values(values, _finite(dict(zip(fitted.names, fitted.std.tolist(), strict=True))))

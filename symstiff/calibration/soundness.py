@@ -200,9 +200,13 @@ def unlike_file(model: StiffnessModel, robot: Robot) -> list[str]:
 
 
 def missing_information(
-    decision: RankDecision, names: Sequence[str], rows: int, slides: Collection[int] = ()
-) -> str | None:
-    """What the data leave open and what would help; None where every parameter is determined. slides: joints."""
+    decision: RankDecision, names: Sequence[str], rows: int, slides: Collection[int] = (),
+    unread: Sequence[str] = (),
+) -> str | None:  # fmt: skip
+    """What the data leave open and what would help; None where every parameter is determined.
+
+    slides: joints; unread: translations that no row holds, which may be what shows a parameter.
+    """
     if decision.full:
         return None
     total = len(names)
@@ -215,7 +219,9 @@ def missing_information(
     mixed = [name for name in names if name in set(decision.affected) - set(silent)]
     parts = [cause]
     if silent:
-        parts.append(f"not loaded at all: {few(silent)}; needed: {_needed(silent, slides)}")
+        why = "in no reading" if unread else "not loaded at all"
+        more = f", or {' and '.join(unread)} measured as well" if unread else ""
+        parts.append(f"{why}: {few(silent)}; needed: {_needed(silent, slides)}{more}")
     if mixed:
         parts.append(f"not told apart: {few(mixed)}; needed: {_separate(mixed)}")
     return "; ".join(parts)
@@ -227,12 +233,13 @@ def check_determined(
     rows: int,
     doubts: Sequence[str] = (),
     slides: Collection[int] = (),
+    unread: Sequence[str] = (),
 ) -> None:
     """Raise UserError with `missing_information` where some parameter is not determined.
 
     ``doubts`` about the model come first: a rounded angle makes parameters that no measurement tells apart.
     """
-    message = missing_information(decision, names, rows, slides)
+    message = missing_information(decision, names, rows, slides, unread)
     if message is not None:
         before = "".join(f"{doubt}; " for doubt in doubts)
         raise UserError(
