@@ -26,7 +26,9 @@ def executed(path: Path) -> Any:
         if cell.cell_type == "code":
             cell.outputs, cell.execution_count = [], None
     os.environ.setdefault("PYDEVD_DISABLE_FILE_VALIDATION", "1")
-    client = NotebookClient(node, timeout=300, kernel_name="python3", record_timing=False)
+    client = NotebookClient(
+        node, timeout=300, kernel_name="python3", record_timing=False, coalesce_streams=True
+    )
     client.execute(cwd=str(FOLDER))
     return node
 
