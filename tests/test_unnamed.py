@@ -367,3 +367,15 @@ def test_the_order_of_the_loads_is_a_law_where_the_load_does_not_tell_it() -> No
         assert (("tau*load_case",) in laws) == there
     order = [law for law in every_law(arm().problem, 1) if law.text == ("tau*load_case",)]
     assert [law.driven for law in order] == [frozenset({HISTORY})]
+
+
+@pytest.mark.parametrize(
+    ("expression", "heavy"),
+    [
+        ("+2e-05*tau*cos(q2)", True), ("+1e-05*late(tau,0.3)", False), ("+1e-05*tau*time -3e-06*tau3", False),
+        ("+1e-05*tau*exp(-((q2 - 0.3)/0.4)^2)", True), ("+1e-05*tau^3", True), ("-1e-05*sign(tau)", True),
+        ("+1e-05*tau*|tau|", True), ("+1e-05*tau*tau3", True), ("+1e-05*beyond(tau,0.4)", True),
+    ],
+)  # fmt: skip
+def test_a_law_of_the_clock_asks_for_no_masses(expression: str, heavy: bool) -> None:
+    assert FittedLaw("joint 2", expression, 10.0, 0.5, 0.4, np.zeros(1)).may_hold_weight == heavy

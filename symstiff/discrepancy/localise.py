@@ -36,6 +36,10 @@ class BackProjection:
     """Share of the residual's weighted sum of squares."""
 
 
+_OF_WEIGHT = re.compile(r"\||tau\^|tau\*tau|sign\(|beyond\(|q\d")
+"""What a gear's law shows of an arm's weight: under a heavy one a law that bends is one that goes with the angles."""
+
+
 @dataclass(frozen=True)
 class FittedLaw:
     """A smooth law at a virtual joint, as an expression."""
@@ -54,6 +58,11 @@ class FittedLaw:
     """Largest loads by which ``tau3`` and the like (``taux``: along the link) are divided [N, N·m]."""
     deviations: float = 0.0
     """Size in standard deviations, what further terms would explain of noise taken away; 0 where not known."""
+
+    @property
+    def may_hold_weight(self) -> bool:
+        """Whether an arm's weight on the joint may be behind it: a law that bends, or that goes with the angles."""
+        return _OF_WEIGHT.search(self.expression) is not None
 
     @property
     def scales(self) -> Mapping[str, float]:

@@ -229,6 +229,8 @@ def _of_weights(view: View, last: Diagnosis) -> list[str]:
         return []
     if len(accused) != 2 or accused[0] != "joint" or not untold_weight(view.robot, int(accused[1])):
         return []
+    if last.law is not None and last.law.virtual_joint == " ".join(accused) and not last.law.may_hold_weight:
+        return []
     return [
         f"joint {accused[1]} carries the arm's weight, which the robot file does not tell: the law of its gear may "
         "look like none of the catalogue for want of that; enter masses and centres of mass and diagnose again"
