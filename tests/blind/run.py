@@ -186,8 +186,8 @@ def report(rows: Sequence[dict[str, Any]]) -> str:
     for name, b in bars(rows).items():
         value = "-" if b["share"] is None else f"{b['share']:.3f}"
         text.append(f"{name:58s} {b['n']:4d} {value:>7s}   {b['low']:.3f} - {b['high']:.3f}")
-    seconds = [r["seconds"] for r in rows]
-    text.append(f"\nseconds a diagnosis: median {np.median(seconds):.1f}, most {max(seconds):.1f}")
+    if seconds := [r["seconds"] for r in rows]:
+        text.append(f"\nseconds a diagnosis: median {np.median(seconds):.1f}, most {max(seconds):.1f}")
     rows = [r for r in rows if "others" in r]
     if rows:
         text.append(
