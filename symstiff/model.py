@@ -28,8 +28,9 @@ from symstiff.robot.table import structure_table, to_table
 from symstiff.slopes import derivative
 from symstiff.symbolic.algebras import evaluate_numpy
 from symstiff.symbolic.chain import ElasticChain
+from symstiff.symbolic.compliance import compliance_program
 from symstiff.symbolic.program import Program
-from symstiff.symbolic.programs import compliance_program, deflection_program, observation_program
+from symstiff.symbolic.programs import deflection_program, observation_program
 from symstiff.symbolic.terms import Term
 
 if TYPE_CHECKING:

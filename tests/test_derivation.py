@@ -17,10 +17,10 @@ from symstiff.robot import Robot, from_table, load
 from symstiff.robot.table import to_table
 from symstiff.symbolic.algebras import evaluate_numpy
 from symstiff.symbolic.chain import ElasticChain
+from symstiff.symbolic.compliance import compliance_program
 from symstiff.symbolic.numeric import forward
 from symstiff.symbolic.program import Builder
 from symstiff.symbolic.programs import (
-    compliance_program,
     deflection_program,
     observation_program,
 )

@@ -14,7 +14,7 @@ from symstiff.codegen.runtime import for_poses
 from symstiff.errors import UserError
 from symstiff.model import StiffnessModel
 from symstiff.symbolic.numeric import kinematics
-from symstiff.symbolic.programs import context_vector
+from symstiff.symbolic.passes import context_vector
 from symstiff.symbolic.terms import deflection
 
 

@@ -18,8 +18,8 @@ import sympy as sp
 from symstiff.model import StiffnessModel
 from symstiff.symbolic.algebras import count
 from symstiff.symbolic.chain import frames, jacobian_columns
+from symstiff.symbolic.passes import q_vector
 from symstiff.symbolic.program import Builder, Program
-from symstiff.symbolic.programs import q_vector
 from symstiff.symbolic.terms import tau
 
 ZERO = (sp.S.Zero,) * 3

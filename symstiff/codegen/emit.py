@@ -41,8 +41,8 @@ from symstiff.effects.base import find
 from symstiff.model import StiffnessModel
 from symstiff.robot.schema import Robot
 from symstiff.symbolic.algebras import count
+from symstiff.symbolic.passes import parameter_symbol
 from symstiff.symbolic.program import Program
-from symstiff.symbolic.programs import parameter_symbol
 
 
 @cache

@@ -1,15 +1,12 @@
-"""The functions of a model as Programs: deflection and compliance by recursion, observation matrix by columns.
+"""The functions of a model as Programs: deflection by recursion, observation matrix by columns.
 
-*Recursion*: the tool centre point's lever passes from the tip to the base, loads from the base to the tip,
-deflections from the tip to the base; O(n), no Jacobian. *Columns*: Δt = A·π with A's column of a parameter
-Σ J_v·g over its terms (seed eq. 4, 5, 12). Tests hold both equal.
+*Recursion*: loads from the base to the tip, deflections from the tip to the base (``symbolic/passes.py``).
+*Columns*: Δt = A·π with A's column of a parameter Σ J_v·g over its terms (seed eq. 4, 5, 12). Tests hold both equal.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Sequence
-from dataclasses import dataclass, field
-from functools import partial
+from collections.abc import Sequence
 
 import sympy as sp
 
@@ -29,11 +26,20 @@ from symstiff.symbolic.chain import (
     turn_x,
     turn_z,
 )
-from symstiff.symbolic.loads import Turns, in_base, joint_variables, lever, passed_loads, turns
-from symstiff.symbolic.program import Builder, Program, Vector
+from symstiff.symbolic.loads import in_base, passed_loads, turns
+from symstiff.symbolic.passes import (
+    Laws,
+    Passes,
+    bound,
+    context_vector,
+    p_vector,
+    q_vector,
+    split_twist,
+    w_vector,
+)
+from symstiff.symbolic.program import Builder, Program
 from symstiff.symbolic.terms import (
     AXES,
-    CONTEXT,
     Term,
     VirtualJoint,
     actuated_joint,
@@ -43,138 +49,6 @@ from symstiff.symbolic.terms import (
     up,
     w,
 )
-
-Twist = tuple[Vec, Vec]
-STILL: Twist = (ZERO, ZERO)
-
-
-def q_vector(chain: ElasticChain) -> Vector:
-    """Input ``q``: the joint variables."""
-    return Vector("q", joint_variables(chain))
-
-
-def w_vector() -> Vector:
-    """Input ``w``: the wrench at the tool centre point, base axes."""
-    return Vector("w", tuple(w(c) for c in AXES))
-
-
-def p_vector(parameters: Sequence[str]) -> Vector:
-    """Input ``p``: the parameters, in order."""
-    return Vector("p", tuple(parameter_symbol(p) for p in parameters))
-
-
-def parameter_symbol(name: str) -> sp.Symbol:
-    """The symbol of a parameter in programs and in notebooks."""
-    return sp.Symbol(name, real=True)
-
-
-def context_vector(terms: Iterable[Term]) -> tuple[Vector, ...]:
-    """Input ``context``: time, temperature and branch, those that the terms use."""
-    used = set().union(*(t.factor.free_symbols for t in terms), set())
-    symbols = tuple(s for s in CONTEXT if s in used)
-    return (Vector("context", symbols),) if symbols else ()
-
-
-@dataclass(frozen=True)
-class Passes:
-    """What the recursion knows before any law is applied."""
-
-    chain: ElasticChain
-    b: Builder
-    turns: Turns
-    r0: Vec
-    base: tuple[Vec, Vec, Vec]
-
-    @classmethod
-    def start(cls, chain: ElasticChain, b: Builder) -> Passes:
-        """Bind the joints' sines and cosines and the lever of the tool centre point."""
-        t = turns(chain, b)
-        return cls(chain, b, t, lever(chain, b, t), chain.base_axes(b))
-
-    def lifted(self, i: int, twist: Twist) -> Twist:
-        """A twist of the tip at frame i's origin and axes, seen at frame i−1's."""
-        b, (c, s) = self.b, self.turns.pairs[i - 1]
-        ca, sa = self.chain.alpha(b, i)
-        v: Vec = b.vector(turn_x(twist[0], ca, sa))
-        r: Vec = b.vector(turn_x(twist[1], ca, sa))
-        v = b.vector(plus(v, cross(self.chain.offset(i), r)))
-        return b.vector(turn_z(v, c, s)), b.vector(turn_z(r, c, s))
-
-    def at_tool(self, twist: Twist) -> tuple[sp.Expr, ...]:
-        """A twist at frame 0 moved to the tool centre point, in world axes."""
-        v: Vec = self.b.vector(plus(twist[0], cross(twist[1], self.r0)))
-        rows = tuple(zip(*self.base, strict=True))
-        return (*(dot(r, v) for r in rows), *(dot(r, twist[1]) for r in rows))
-
-    def spring(self, i: int, by_axis: Sequence[sp.Expr]) -> Twist:
-        """Deflections of link i's six springs as a twist in the axes of frame i."""
-        e = self.chain.elastic_axes(self.b, i)
-        return tuple(  # type: ignore[return-value]
-            self.b.vector(sp.Add(*[by_axis[3 * h + k] * e[k][r] for k in range(3)]) for r in range(3))
-            for h in range(2)
-        )
-
-    def joint(self, i: int, amount: sp.Expr) -> Twist:
-        """Deflection of actuated joint i as a twist in the axes of frame i−1."""
-        along: Vec = (sp.S.Zero, sp.S.Zero, amount)
-        return (along, ZERO) if self.chain.rows[i - 1].prismatic else (ZERO, along)
-
-    def summed(self, laws: Callable[[VirtualJoint], sp.Expr]) -> Twist:
-        """Pass the deflections from the tip to frame 0."""
-        twist = STILL
-        for i in range(self.chain.dof, -1, -1):
-            twist = self._add(twist, self.spring(i, [laws(link_joint(i, a)) for a in AXES]))
-            if i:
-                twist = self._add(self.lifted(i, twist), self.joint(i, laws(actuated_joint(i))))
-        return twist
-
-    def _add(self, a: Twist, c: Twist) -> Twist:
-        return self.b.vector(plus(a[0], c[0])), self.b.vector(plus(a[1], c[1]))
-
-    def upward(self) -> dict[sp.Symbol, sp.Expr]:
-        """The vertical in the axes of every frame, bound."""
-        ups = [in_base(self.base, IDENTITY[2])]
-        for i in range(1, self.chain.dof + 1):
-            c, s = self.turns.pairs[i - 1]
-            ca, sa = self.chain.alpha(self.b, i)
-            ups.append(self.b.vector(turn_x(self.b.vector(turn_z(ups[-1], c, -s)), ca, -sa)))
-        return {up(i, k + 1): u[k] for i, u in enumerate(ups) for k in range(3)}
-
-
-@dataclass(frozen=True)
-class Laws:
-    """The terms, sorted by where they act."""
-
-    terms: tuple[Term, ...]
-    by_joint: dict[VirtualJoint, list[Term]] = field(default_factory=dict)
-
-    def __post_init__(self) -> None:
-        for term in self.terms:
-            self.by_joint.setdefault(term.at, []).append(term)
-
-    def at(self, joint: VirtualJoint) -> sp.Expr:
-        """Δθ_v (or its analogue) as an expression in its symbols."""
-        return sp.Add(*[parameter_symbol(t.parameter) * t.factor for t in self.by_joint.get(joint, [])])
-
-    def of_kind(self, kind: str) -> bool:
-        """Whether any term acts at virtual joints of this kind."""
-        return any(v.kind == kind for v in self.by_joint)
-
-    @property
-    def know_up(self) -> bool:
-        """Whether any law depends on the vertical."""
-        return any(s.name.startswith("up_") for term in self.terms for s in term.factor.free_symbols)
-
-
-def bound(b: Builder, expression: sp.Expr, values: dict[sp.Symbol, sp.Expr]) -> sp.Expr:
-    """Replace symbols by bound values and bind every product, power and function inside."""
-    if expression.is_Symbol:
-        return values.get(expression, expression)
-    if expression.is_Atom:
-        return expression
-    if (known := b.turned(expression)) is not None:
-        return known
-    return b.let(expression.func(*[bound(b, a, values) for a in expression.args]))
 
 
 def deflection_program(chain: ElasticChain, terms: Sequence[Term], parameters: Sequence[str]) -> Program:
@@ -261,7 +135,7 @@ def observation_program(
 
 def _seen_at(b: Builder, column: Sequence[sp.Expr], offsets: Sequence[Vec]) -> list[sp.Expr]:
     """Translations of points that move with the tool: d + φ × r for each offset r."""
-    d, turn = _split([b.let(x) for x in column])
+    d, turn = split_twist([b.let(x) for x in column])
     return [x for r in offsets for x in b.vector(plus(d, cross(turn, r)))]
 
 
@@ -335,82 +209,3 @@ def _base_origin(chain: ElasticChain, b: Builder) -> Vec:
         else:
             axes = _turned_about(b, axes, k, *b.turn(value))
     return origin
-
-
-def compliance_program(chain: ElasticChain, terms: Sequence[Term], parameters: Sequence[str]) -> Program:
-    """Cartesian compliance K_C⁻¹ = J_θ·k·J_θᵀ at small load (seed eq. 2), 6 × 6 row-major ``C``, by recursion."""
-    b = Builder("compliance", (p_vector(parameters), q_vector(chain), *context_vector(terms)))
-    laws = Laws(tuple(terms))
-    passes = Passes.start(chain, b)
-    slope = _Slopes(b, laws, passes.upward() if laws.know_up else {})
-    matrix = sp.zeros(6, 6).tolist()
-    for i in range(chain.dof, -1, -1):
-        matrix = _added(b, matrix, _local(passes, slope, i))
-        if i:
-            matrix = _congruent(matrix, partial(passes.lifted, i))
-            k = 2 if chain.rows[i - 1].prismatic else 5
-            matrix[k][k] = b.let(matrix[k][k] + slope(actuated_joint(i), actuated_joint(i)))
-    matrix = _congruent(matrix, lambda twist: _split(b.vector(passes.at_tool(twist))))
-    crossed = _crossed(chain, b, laws, slope)
-    b.output("C", (6, 6), [matrix[min(i, j)][max(i, j)] + crossed[i, j] for i in range(6) for j in range(6)])
-    return b.build()
-
-
-def _crossed(chain: ElasticChain, b: Builder, laws: Laws, slope: _Slopes) -> sp.Matrix:
-    """Σ J_at·∂Δθ_at/∂τ_by·J_byᵀ over laws that follow the load of another body's virtual joint."""
-    slopes = {
-        (at, by): slope(at, by)
-        for at in chain.virtual_joints
-        for by in chain.virtual_joints
-        if (at.kind, at.body) != (by.kind, by.body) and laws.at(at).has(tau(by))
-    }
-    total = sp.zeros(6, 6)
-    if any(value != 0 for value in slopes.values()):
-        columns = jacobian_columns(chain, b, frames(chain, b))
-        for (at, by), value in slopes.items():
-            total += value * sp.Matrix(columns[at]) * sp.Matrix(columns[by]).T
-    return total.applyfunc(lambda x: bound(b, x, {}))
-
-
-def _split(twist: Sequence[sp.Expr]) -> Twist:
-    return tuple(twist[:3]), tuple(twist[3:])
-
-
-def _congruent(matrix: list[list[sp.Expr]], move: Callable[[Twist], Twist]) -> list[list[sp.Expr]]:
-    """T·X·Tᵀ for the linear map T of twists: columns first, then rows."""
-    half = [_joined(move(_split([matrix[r][c] for r in range(6)]))) for c in range(6)]  # (T X)ᵀ
-    rows = [_joined(move(_split([half[c][r] for c in range(6)]))) for r in range(6)]
-    return [[rows[min(i, j)][max(i, j)] for j in range(6)] for i in range(6)]
-
-
-def _joined(twist: Twist) -> list[sp.Expr]:
-    return [*twist[0], *twist[1]]
-
-
-def _added(b: Builder, x: list[list[sp.Expr]], y: list[list[sp.Expr]]) -> list[list[sp.Expr]]:
-    total = [[x[i][j] + y[i][j] if i <= j else sp.S.Zero for j in range(6)] for i in range(6)]
-    return [[b.let(total[min(i, j)][max(i, j)]) for j in range(6)] for i in range(6)]
-
-
-@dataclass(frozen=True)
-class _Slopes:
-    """How the laws give way at small load; ``ups`` are what they may know of the vertical."""
-
-    b: Builder
-    laws: Laws
-    ups: dict[sp.Symbol, sp.Expr]
-
-    def __call__(self, at: VirtualJoint, by: VirtualJoint) -> sp.Expr:
-        """∂Δθ_at/∂τ_by without load; a law that is not smooth there gives none."""
-        slope = sp.diff(self.laws.at(at), tau(by))
-        slope = slope.subs({s: 0 for s in slope.free_symbols if s.name.startswith("tau_")})
-        if slope.has(sp.nan, sp.zoo, sp.oo) or slope.has(sp.Derivative):
-            return sp.S.Zero
-        return bound(self.b, slope, self.ups)
-
-
-def _local(passes: Passes, slope: _Slopes, i: int) -> list[list[sp.Expr]]:
-    """Link i's compliance in the axes of DH frame i."""
-    joints = [link_joint(i, a) for a in AXES]
-    springs = [[slope(at, by) for by in joints] for at in joints]
-    return _congruent(springs, lambda twist: passes.spring(i, _joined(twist)))
