@@ -80,3 +80,12 @@ def test_a_turned_anchor_is_one_at_the_sum_of_the_angles() -> None:
         0.0, abs=1e-12
     )
     assert turned.unread(robot) == ()
+
+
+@pytest.mark.parametrize(("robot", "told"), [("ur10", True), (ROBOT, False)])
+def test_where_the_file_tells_of_no_compensator_the_name_says_what_else_it_may_be(
+    robot: str, told: bool
+) -> None:
+    shape = {"a": 1.0, "L": 0.3, "s0": 0.5, "alpha": 0.4}
+    said = EffectInstance("gravity_compensator", {"joint": 2}, shape).assumptions(load(robot))
+    assert any("the robot file tells of no compensator" in remark for remark in said) is told

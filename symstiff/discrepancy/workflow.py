@@ -190,7 +190,9 @@ def _finding(
                                                 *(n for n in named if n.set_number == s)))  # fmt: skip
     named = tuple(_as_identified(e, after) if e.set_number == 0 else e for e in named)
     counted = named if verdict == AMBIGUOUS else tuple(e for e in named if e.set_number == 0)
-    assumed = (f"{named_at(e.effect, e.where)}: {a}" for e in counted for a in e.instance.assumptions)
+    assumed = (
+        f"{named_at(e.effect, e.where)}: {a}" for e in counted for a in e.instance.assumptions(task.robot)
+    )
     remarks += dict.fromkeys(assumed)  # several sets may hold one effect
     # what the complete model keeps are sums with signs
     ladder = {named_at(e.effect, e.where) for e in climbed}

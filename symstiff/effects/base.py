@@ -169,6 +169,10 @@ def _likely(robot: Robot, where: Where) -> str:
     return ""
 
 
+def _itself(robot: Robot, shape: Shape) -> str:
+    return ""
+
+
 def _fixed(robot: Robot, shape: Shape) -> Mapping[str, Move]:
     return {}
 
@@ -216,6 +220,8 @@ class Effect:
     the load as it comes. None: its shapes have no such entry."""
     unlikely: Callable[[Robot, Where], str] = _likely
     """Why it is not looked for at one of its places, by what the robot file tells; empty where it is."""
+    alike: Callable[[Robot, Shape], str] = _itself
+    """What outside of the catalogue looks like it, where the robot file does not speak for it; empty where nothing."""
 
     def __post_init__(self) -> None:
         if not _NAME.fullmatch(self.identifier):
@@ -281,11 +287,12 @@ class EffectInstance:
                 said.append(phrase.format(number).replace("LOAD", "N" if slides else "N·m"))
         return tuple(said)
 
-    @property
-    def assumptions(self) -> tuple[str, ...]:
-        """Remarks on what the shape takes for granted."""
-        assumed = find(self.effect).assumed
-        return tuple(assumed[k].format(f"{float(v):.4g}") for k, v in self.shape.items() if k in assumed)
+    def assumptions(self, robot: Robot) -> tuple[str, ...]:
+        """Remarks on what the shape takes for granted, and on what else looks like it."""
+        effect = find(self.effect)
+        assumed, alike = effect.assumed, effect.alike(robot, self.shape)
+        taken = (assumed[k].format(f"{float(v):.4g}") for k, v in self.shape.items() if k in assumed)
+        return (*taken, *((alike,) if alike else ()))
 
     def unread(self, robot: Robot) -> tuple[str, ...]:
         """Keys of the shape that the effect does not look at: misspelt, or of another effect."""

@@ -180,6 +180,16 @@ def _odds(robot: Robot, shape: Shape) -> float:
     return (1.0 + 1.0 / TRUST) / len(DIRECTIONS) if "angle_1" in shape and _known(robot) else 1.0
 
 
+def _alike(robot: Robot, shape: Shape) -> str:
+    """A table of angles holds any dependence; over a part of a turn a spring's law is hardly told from a ripple."""
+    if robot.gravity_compensator is not None:
+        return ""
+    return (
+        "the robot file tells of no compensator. What the data show is a stiffness that depends on the joint's angle; "
+        "where the robot has no spring there, look for a gear or a bearing that does"
+    )
+
+
 def _moves(robot: Robot, shape: Shape) -> Mapping[str, Move]:
     """The spring's geometry is not moved where the robot file tells it."""
     share: dict[str, Move] = {"ratio": Move(0.4, added=True)}
@@ -217,5 +227,6 @@ EFFECT = Effect(
         "file's q may have its zero elsewhere, or count the other way"
     },
     odds=_odds,
+    alike=_alike,
     moves=_moves,
 )  # fmt: skip
