@@ -14,7 +14,7 @@ import numpy as np
 
 from symstiff.calibration.decomposition import svd
 from symstiff.discrepancy.bank import Bank, mixes, orthonormal
-from symstiff.discrepancy.marginal import of_rank, of_sizes
+from symstiff.discrepancy.marginal import of_groups, of_rank, of_sizes
 from symstiff.discrepancy.noise import Noise
 from symstiff.discrepancy.problem import Array, Index
 from symstiff.discrepancy.sharing import Roots, Sharing
@@ -220,9 +220,7 @@ def explained(scan: Scan) -> Array:
 
 def sum_entries(bank: Bank, squares: Array) -> Array:
     """Sums over the columns of each entry: (K, B) -> (S, B)."""
-    return (
-        np.add.reduceat(squares, bank.start, axis=0) if len(bank.start) else np.zeros((0, squares.shape[1]))
-    )
+    return of_groups(squares, bank.start)
 
 
 def entry_evidence(scan: Scan, squares: Array, rss: Array) -> Array:
