@@ -1,4 +1,4 @@
-"""What has no name and no virtual joint: force sensor, device, markers, loads read late, what lifts, slips or moves."""
+"""What has no name and no virtual joint: gains, device, markers, loads read late, what lifts, slips or moves."""
 
 from __future__ import annotations
 
@@ -10,11 +10,11 @@ from symstiff.calibration.experiment.situation import Situation, View, has_weigh
 from symstiff.calibration.loading import load_factor
 from symstiff.calibration.measurements import Measurements
 from symstiff.discrepancy.problem import Array, DeviceLaw, Parameter
+from symstiff.discrepancy.sensors import SENSOR, sensor_laws
 from symstiff.symbolic.terms import AXES, Term, VirtualJoint, deflection, link_joint, w
 
-SENSOR, DEVICE, ORDER, FOOT = "force sensor", "measuring device", "order of the loads", "foot of the base"
+DEVICE, ORDER, FOOT = "measuring device", "order of the loads", "foot of the base"
 FLANGE = "flange"
-_WRENCH = ("fx", "fy", "fz", "mx", "my", "mz")
 _PERCENT, _MILLIONTH = 1e-2, 1e-6
 _VARIES = 0.3
 """Share of a law's square that must not be constant within a pose."""
@@ -36,9 +36,7 @@ def device_laws(situation: Situation) -> tuple[DeviceLaw, ...]:
     found = [
         *_gains(situation),
         *_strains(situation),
-        *_crosstalk(situation),
-        *_pulls(situation),
-        *_beside(situation),
+        *sensor_laws(situation),
         *_markers(view),
         *_late(situation),
         *_foot(view),
@@ -89,66 +87,6 @@ def _strains(situation: Situation) -> Iterator[DeviceLaw]:
         yield DeviceLaw(DEVICE, "gain along a direction", names, np.column_stack(gains))
 
 
-def _crosstalk(situation: Situation) -> Iterator[DeviceLaw]:
-    """A share of one axis of the force sensor in its other axes."""
-    loaded = [k for k in AXES if np.any(situation.view.table.w[:, k - 1])]
-    terms = [Term(f"{k}{c}", VirtualJoint("load", 0, c), w(k)) for k in loaded for c in AXES if c != k]
-    block = situation.columns(terms, [t.parameter for t in terms])
-    for n, k in enumerate(loaded):
-        source = _WRENCH[k - 1]
-        names = [_WRENCH[c - 1] for c in AXES if c != k]
-        columns = tuple(Parameter(f"crosstalk: {source} in {name}", _ratio(name, source)) for name in names)
-        unit = np.array([_PERCENT if c.unit == "%" else 1.0 for c in columns])
-        yield DeviceLaw(SENSOR, f"crosstalk of {source}", columns, unit * block[:, 5 * n : 5 * n + 5])
-
-
-def _pulls(situation: Situation) -> Iterator[DeviceLaw]:
-    """A force beside the load while it acts: drawn to a fixed point like a hose."""
-    view = situation.view
-    if not view.table.w.any():
-        return
-    origin = view.found.T[:, :3, 3]
-    fixed = [np.tile(np.arange(6) == k, (len(origin), 1)).astype(float) for k in range(3)]
-    pull = np.hstack([-origin, np.zeros_like(origin)])
-    columns: tuple[Parameter, ...] = (Parameter("pull towards a fixed point: spring", "N/m"),)
-    columns += tuple(
-        Parameter(f"pull towards a fixed point: {n} at the base's origin", "N") for n in _WRENCH[:3]
-    )
-    yield DeviceLaw(SENSOR, "pull towards a fixed point", columns, _pushed(situation, [pull, *fixed]))
-
-
-def _beside(situation: Situation) -> Iterator[DeviceLaw]:
-    """A load that acts beside the point of the table, in the tool's axes or in the base's: a hook, a sling."""
-    view = situation.view
-    force, share = view.table.w[:, :3], np.abs(load_factor(view.table))
-    axes = {"the tool's axes": view.found.R[:, -1], "the base's axes": np.tile(np.eye(3), (len(force), 1, 1))}
-    for title, frame in axes.items():
-        wrenches = [np.hstack([0.0 * force, np.cross(frame[:, :, k], force)]) for k in range(3)]
-        block = _pushed(situation, wrenches)
-        for grown in (False, True) if np.ptp(share) > 0 else (False,):
-            name = f"lever of the load in {title}" + (" at the largest one, growing with it" if grown else "")
-            columns = tuple(Parameter(f"{name}: {axis}", "m") for axis in "xyz")
-            growth = share[view.state][:, None] if grown else 1.0
-            yield DeviceLaw(SENSOR, "lever of the load", columns, growth * block)
-
-
-def _pushed(situation: Situation, wrenches: list[Array]) -> Array:
-    """(M, k) what wrenches (N, 6) at the tool centre point add to the data."""
-    view = situation.view
-    loads = [
-        sum((view.load_of(VirtualJoint("load", 0, c), wrench[:, c - 1]) for c in AXES), np.zeros(()))
-        for wrench in wrenches
-    ]
-    return np.column_stack([
-        np.einsum("mv,mv->m", view.J, situation.slope(load)[view.state]) for load in loads
-    ])  # fmt: skip
-
-
-def _ratio(of: str, to: str) -> str:
-    """Unit of one component of a wrench over another."""
-    return "%" if of[0] == to[0] else "m" if of[0] == "m" else "1/m"
-
-
 def _markers(view: View) -> Iterator[DeviceLaw]:
     """A marker that is not where it was told to be, or that gives way under load."""
     points = view.table.point[view.state]
@@ -174,7 +112,9 @@ def _markers(view: View) -> Iterator[DeviceLaw]:
     for k in np.unique(points):
         own = (points == k)[:, None]
         for title, block in laws.items():
-            axes = "xyz" if block.shape[1] == 3 else [f"{a} by {f}" for a in "xyz" for f in _WRENCH[:3]]
+            axes = (
+                "xyz" if block.shape[1] == 3 else [f"{a} by {f}" for a in "xyz" for f in ("fx", "fy", "fz")]
+            )
             columns = tuple(Parameter(f"{title}: {axis}", "m") for axis in axes)
             yield DeviceLaw(f"marker {view.table.points[k]}", title, columns, own * block)
 

@@ -1,0 +1,115 @@
+"""What a force sensor and the rig do to a load, and no effect of the catalogue is: crosstalk, shear, pulls, levers."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import numpy as np
+
+from symstiff.calibration.experiment.situation import Situation
+from symstiff.calibration.loading import load_factor
+from symstiff.discrepancy.problem import Array, DeviceLaw, Parameter
+from symstiff.symbolic.terms import AXES, Term, VirtualJoint, w
+
+SENSOR = "force sensor"
+_WRENCH = ("fx", "fy", "fz", "mx", "my", "mz")
+_PERCENT = 1e-2
+_PAIRS = tuple((a, b) for a in range(3) for b in range(a, 3))
+
+
+def sensor_laws(situation: Situation) -> tuple[DeviceLaw, ...]:
+    """Laws of the load as it is read; those without an influence are not left out here."""
+    return (*_crosstalk(situation), *_shears(situation), *_pulls(situation), *_beside(situation))
+
+
+def _frames(situation: Situation) -> dict[str, Array]:
+    """(N, 3, 3) axes that a load may be read in: of a sensor at the flange, of a rig beside the robot."""
+    found = situation.view.found.R[:, -1]
+    return {"the tool's axes": found, "the base's axes": np.tile(np.eye(3), (len(found), 1, 1))}
+
+
+def _shears(situation: Situation) -> Iterator[DeviceLaw]:
+    """A sensor that reads too much along some direction, forces or moments: any symmetric gain; one axis alone too."""
+    wrench = situation.view.table.w
+    for first, what in ((0, "f"), (3, "m")):
+        vector = wrench[:, first : first + 3]
+        if not vector.any():
+            continue
+        for title, frame in _frames(situation).items():
+            local = np.einsum("nji,nj->ni", frame, vector)
+            added = []
+            for a, b in _PAIRS:
+                wrong = np.zeros_like(wrench)
+                wrong[:, first : first + 3] = local[:, b, None] * frame[:, :, a]
+                if a != b:
+                    wrong[:, first : first + 3] += local[:, a, None] * frame[:, :, b]
+                added.append(_PERCENT * wrong)
+            block = _pushed(situation, added)
+            name = f"gain in {title}"
+            names = [
+                f"{name}: {what}{'xyz'[a]}" + (f" and {what}{'xyz'[b]}" if a != b else "") for a, b in _PAIRS
+            ]
+            columns = tuple(Parameter(n, "%") for n in names)
+            for k, (a, b) in enumerate(_PAIRS):
+                if a != b or "tool" in title:  # along the base's axes each gain is a law of its own
+                    yield DeviceLaw(SENSOR, name, columns[k : k + 1], block[:, k, None])
+            yield DeviceLaw(SENSOR, name, columns, block)
+
+
+def _crosstalk(situation: Situation) -> Iterator[DeviceLaw]:
+    """A share of one axis of the force sensor in its other axes."""
+    loaded = [k for k in AXES if np.any(situation.view.table.w[:, k - 1])]
+    terms = [Term(f"{k}{c}", VirtualJoint("load", 0, c), w(k)) for k in loaded for c in AXES if c != k]
+    block = situation.columns(terms, [t.parameter for t in terms])
+    for n, k in enumerate(loaded):
+        source = _WRENCH[k - 1]
+        names = [_WRENCH[c - 1] for c in AXES if c != k]
+        columns = tuple(Parameter(f"crosstalk: {source} in {name}", _ratio(name, source)) for name in names)
+        unit = np.array([_PERCENT if c.unit == "%" else 1.0 for c in columns])
+        yield DeviceLaw(SENSOR, f"crosstalk of {source}", columns, unit * block[:, 5 * n : 5 * n + 5])
+
+
+def _pulls(situation: Situation) -> Iterator[DeviceLaw]:
+    """A force beside the load while it acts: drawn to a fixed point like a hose."""
+    view = situation.view
+    if not view.table.w.any():
+        return
+    origin = view.found.T[:, :3, 3]
+    fixed = [np.tile(np.arange(6) == k, (len(origin), 1)).astype(float) for k in range(3)]
+    pull = np.hstack([-origin, np.zeros_like(origin)])
+    columns: tuple[Parameter, ...] = (Parameter("pull towards a fixed point: spring", "N/m"),)
+    columns += tuple(
+        Parameter(f"pull towards a fixed point: {n} at the base's origin", "N") for n in _WRENCH[:3]
+    )
+    yield DeviceLaw(SENSOR, "pull towards a fixed point", columns, _pushed(situation, [pull, *fixed]))
+
+
+def _beside(situation: Situation) -> Iterator[DeviceLaw]:
+    """A load that acts beside the point of the table, in the tool's axes or in the base's: a hook, a sling."""
+    view = situation.view
+    force, share = view.table.w[:, :3], np.abs(load_factor(view.table))
+    for title, frame in _frames(situation).items():
+        wrenches = [np.hstack([0.0 * force, np.cross(frame[:, :, k], force)]) for k in range(3)]
+        block = _pushed(situation, wrenches)
+        for grown in (False, True) if np.ptp(share) > 0 else (False,):
+            name = f"lever of the load in {title}" + (" at the largest one, growing with it" if grown else "")
+            columns = tuple(Parameter(f"{name}: {axis}", "m") for axis in "xyz")
+            growth = share[view.state][:, None] if grown else 1.0
+            yield DeviceLaw(SENSOR, "lever of the load", columns, growth * block)
+
+
+def _pushed(situation: Situation, wrenches: list[Array]) -> Array:
+    """(M, k) what wrenches (N, 6) at the tool centre point add to the data."""
+    view = situation.view
+    loads = [
+        sum((view.load_of(VirtualJoint("load", 0, c), wrench[:, c - 1]) for c in AXES), np.zeros(()))
+        for wrench in wrenches
+    ]
+    return np.column_stack([
+        np.einsum("mv,mv->m", view.J, situation.slope(load)[view.state]) for load in loads
+    ])  # fmt: skip
+
+
+def _ratio(of: str, to: str) -> str:
+    """Unit of one component of a wrench over another."""
+    return "%" if of[0] == to[0] else "m" if of[0] == "m" else "1/m"
