@@ -11,6 +11,7 @@ from symstiff.calibration.loading import load_factor
 from symstiff.calibration.measurements import Measurements
 from symstiff.discrepancy.problem import Array, DeviceLaw, Parameter
 from symstiff.discrepancy.sensors import SENSOR, sensor_laws
+from symstiff.effects.common import couple
 from symstiff.symbolic.terms import AXES, Term, VirtualJoint, deflection, link_joint, w
 
 DEVICE, ORDER, FOOT = "measuring device", "order of the loads", "foot of the base"
@@ -41,7 +42,7 @@ def device_laws(situation: Situation) -> tuple[DeviceLaw, ...]:
         *_late(situation),
         *_foot(view),
         *_slips(view),
-        *_moved_once(view),
+        *_moved_once(situation),
     ]
     if view.table.kind == "absolute":
         found += _readings(view)
@@ -176,20 +177,48 @@ def _slips(view: View) -> Iterator[DeviceLaw]:
         yield DeviceLaw(FLANGE, title, (Parameter(title, "m"),), _read(view, slipped)[:, None])
 
 
-def _moved_once(view: View) -> Iterator[DeviceLaw]:
-    """Targets, or the device, that moved once and stayed there."""
-    table = view.table
-    clock = _clock(table)
-    begin = np.sort([clock[table.pose == p].min() for p in np.unique(table.pose)])[1:]
+def _moved_once(situation: Situation) -> Iterator[DeviceLaw]:
+    """Targets, or the device, that moved once and stayed there; a device also that turned."""
+    view = situation.view
+    clock = _clock(view.table)
+    begin = np.sort([clock[view.table.pose == p].min() for p in np.unique(view.table.pose)])[1:]
     tool = view.turn @ view.found.R[:, -1]
     fixed = np.tile(np.eye(3), (len(clock), 1, 1))
+    turned = _turned(situation)
     for cut in begin[:: max(1, round(len(begin) / _CUTS))]:
         since = (clock >= cut)[:, None]
+        when = f"from {100 * np.mean(clock < cut):.0f} % of the session on in the"
         for place, frame, axes in ((FLANGE, tool, "tool"), (DEVICE, fixed, "device")):
-            name = f"shift from {100 * np.mean(clock < cut):.0f} % of the session on in the {axes}'s axes"
-            columns = tuple(Parameter(f"{name}: {axis}", "m") for axis in "xyz")
+            columns = tuple(Parameter(f"shift {when} {axes}'s axes: {axis}", "m") for axis in "xyz")
             block = np.column_stack([_read(view, since * frame[:, :, k]) for k in range(3)])
             yield DeviceLaw(place, "shift from some time on", columns, block)
+            if place == DEVICE:
+                turns = tuple(Parameter(f"turn {when} {axes}'s axes: {axis}", "rad") for axis in "xyz")
+                rows = since[view.state] * turned
+                if (
+                    view.table.kind == "absolute"
+                ):  # what turns about another point than its origin is shifted too
+                    turns, rows = (*columns, *turns), np.hstack([block, rows])
+                yield DeviceLaw(place, "turn from some time on", turns, rows)
+
+
+def _turned(situation: Situation) -> Array:
+    """(M, 3) what turns of the device about its axes change of the readings."""
+    view = situation.view
+    if view.table.kind == "absolute":
+        seen = np.nan_to_num(view.table.values[:, :3])
+        return np.column_stack([_read(view, np.cross(axis, seen)) for axis in np.eye(3)])
+    names = ("x", "y", "z")
+    terms = [
+        Term(name, VirtualJoint("measure", 0, first + i + 1), change)
+        for k, name in enumerate(names)
+        for first in (0, 3)
+        for i, change in enumerate(
+            couple([int(k == n) for n in range(3)], [deflection(first + n) for n in (1, 2, 3)])
+        )
+        if change != 0
+    ]
+    return situation.columns(terms, list(names))
 
 
 def _readings(view: View) -> Iterator[DeviceLaw]:

@@ -54,6 +54,20 @@ def _shears(situation: Situation) -> Iterator[DeviceLaw]:
                 if a != b or "tool" in title:  # along the base's axes each gain is a law of its own
                     yield DeviceLaw(SENSOR, name, columns[k : k + 1], block[:, k, None])
             yield DeviceLaw(SENSOR, name, columns, block)
+            if "tool" in title:
+                yield from _leaks(situation, local, frame, first)
+
+
+def _leaks(situation: Situation, local: Array, frame: Array, first: int) -> Iterator[DeviceLaw]:
+    """A share of one axis of a sensor at the flange in its two others, forces or moments."""
+    for b in range(3):
+        others = [a for a in range(3) if a != b]
+        wrong = [np.zeros((len(local), 6)) for _ in others]
+        for each, a in zip(wrong, others, strict=True):
+            each[:, first : first + 3] = _PERCENT * local[:, b, None] * frame[:, :, a]
+        of, *to = (f"{_WRENCH[first + k]} of the tool's axes" for k in (b, *others))
+        columns = tuple(Parameter(f"crosstalk: {of} in {name}", "%") for name in to)
+        yield DeviceLaw(SENSOR, f"crosstalk of {of}", columns, _pushed(situation, wrong))
 
 
 def _crosstalk(situation: Situation) -> Iterator[DeviceLaw]:
