@@ -195,9 +195,7 @@ def _moved_once(situation: Situation) -> Iterator[DeviceLaw]:
             if place == DEVICE:
                 turns = tuple(Parameter(f"turn {when} {axes}'s axes: {axis}", "rad") for axis in "xyz")
                 rows = since[view.state] * turned
-                if (
-                    view.table.kind == "absolute"
-                ):  # what turns about another point than its origin is shifted too
+                if view.table.kind == "absolute":  # what turns about another point is shifted too
                     turns, rows = (*columns, *turns), np.hstack([block, rows])
                 yield DeviceLaw(place, "turn from some time on", turns, rows)
 

@@ -19,7 +19,7 @@ EXPECTED = (12.0, 48.0, 200.0, 1000.0)
 _TABLE = 1000
 _FEW = 4000
 _SMALL = 0.5
-"""Share R² up to which ``_TABLE`` even values tell the evidence to 1e-6."""
+"""Share R² up to which values even in R² serve: draws of noise have less."""
 
 
 def log_bayes(explained: Array, rss: Array, rank: Array, freedom: int) -> Array:
