@@ -29,45 +29,45 @@ def _frames(situation: Situation) -> dict[str, Array]:
 
 
 def _shears(situation: Situation) -> Iterator[DeviceLaw]:
-    """A sensor that reads too much along some direction, forces or moments: any symmetric gain; one axis alone too."""
-    wrench = situation.view.table.w
-    for first, what in ((0, "f"), (3, "m")):
-        vector = wrench[:, first : first + 3]
-        if not vector.any():
+    """A sensor that reads too much along some direction, forces or moments: any symmetric gain; one axis alone too.
+
+    In the tool's axes also a share of one axis in its two others: in the base's each gain and crosstalk is told
+    already.
+    """
+    for first, kind in ((0, "f"), (3, "m")):
+        if not situation.view.table.w[:, first : first + 3].any():
             continue
         for title, frame in _frames(situation).items():
-            local = np.einsum("nji,nj->ni", frame, vector)
-            added = []
+            share = _shares(situation, first, frame)
+            name, of_tool = f"gain in {title}", "tool" in title
+            columns, parameters = [], []
             for a, b in _PAIRS:
-                wrong = np.zeros_like(wrench)
-                wrong[:, first : first + 3] = local[:, b, None] * frame[:, :, a]
-                if a != b:
-                    wrong[:, first : first + 3] += local[:, a, None] * frame[:, :, b]
-                added.append(_PERCENT * wrong)
-            block = _pushed(situation, added)
-            name = f"gain in {title}"
-            names = [
-                f"{name}: {what}{'xyz'[a]}" + (f" and {what}{'xyz'[b]}" if a != b else "") for a, b in _PAIRS
-            ]
-            columns = tuple(Parameter(n, "%") for n in names)
-            for k, (a, b) in enumerate(_PAIRS):
-                if a != b or "tool" in title:  # along the base's axes each gain is a law of its own
-                    yield DeviceLaw(SENSOR, name, columns[k : k + 1], block[:, k, None])
-            yield DeviceLaw(SENSOR, name, columns, block)
-            if "tool" in title:
-                yield from _leaks(situation, local, frame, first)
+                column = share[a, b] + share[b, a] if a != b else share[a, a]
+                which = f"{kind}{'xyz'[a]}" + (f" and {kind}{'xyz'[b]}" if a != b else "")
+                columns.append(column)
+                parameters.append(Parameter(f"{name}: {which}", "%"))
+                if a != b or of_tool:
+                    yield DeviceLaw(SENSOR, name, (parameters[-1],), column[:, None])
+            yield DeviceLaw(SENSOR, name, tuple(parameters), np.column_stack(columns))
+            for b in range(3) if of_tool else ():
+                others = [a for a in range(3) if a != b]
+                of, *to = (f"{kind}{'xyz'[k]} of {title}" for k in (b, *others))
+                leaks = tuple(Parameter(f"crosstalk: {of} in {x}", "%") for x in to)
+                yield DeviceLaw(
+                    SENSOR, f"crosstalk of {of}", leaks, np.column_stack([share[a, b] for a in others])
+                )
 
 
-def _leaks(situation: Situation, local: Array, frame: Array, first: int) -> Iterator[DeviceLaw]:
-    """A share of one axis of a sensor at the flange in its two others, forces or moments."""
-    for b in range(3):
-        others = [a for a in range(3) if a != b]
-        wrong = [np.zeros((len(local), 6)) for _ in others]
-        for each, a in zip(wrong, others, strict=True):
-            each[:, first : first + 3] = _PERCENT * local[:, b, None] * frame[:, :, a]
-        of, *to = (f"{_WRENCH[first + k]} of the tool's axes" for k in (b, *others))
-        columns = tuple(Parameter(f"crosstalk: {of} in {name}", "%") for name in to)
-        yield DeviceLaw(SENSOR, f"crosstalk of {of}", columns, _pushed(situation, wrong))
+def _shares(situation: Situation, first: int, frame: Array) -> Array:
+    """(3, 3, M) what a hundredth of component b, along axis a, adds; forces (``first`` 0) or moments (3)."""
+    vector = situation.view.table.w[:, first : first + 3]
+    local = np.einsum("nji,nj->ni", frame, vector)
+    wrenches = []
+    for a, b in np.ndindex(3, 3):
+        wrench = np.zeros((len(vector), 6))
+        wrench[:, first : first + 3] = _PERCENT * local[:, b, None] * frame[:, :, a]
+        wrenches.append(wrench)
+    return _pushed(situation, wrenches).T.reshape(3, 3, -1)
 
 
 def _crosstalk(situation: Situation) -> Iterator[DeviceLaw]:
