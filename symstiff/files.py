@@ -10,6 +10,7 @@ from collections.abc import Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
 
+from symstiff.arguments import require_path
 from symstiff.errors import UserError
 
 LISTING = ".symstiff"
@@ -22,6 +23,7 @@ CODE, DIAGNOSIS = "manifest.json", "verdict.json"
 
 def write_file(path: str | Path, data: bytes | str) -> None:
     """Write one file atomically; a device or pipe is written to, never replaced. Raises UserError."""
+    require_path(path, "a file to write")
     target = Path(os.path.realpath(path))  # a link stays a link
     content = data.encode() if isinstance(data, str) else data
     temporary = target.with_name(f".symstiff-{os.getpid()}-{os.urandom(4).hex()}.part")
@@ -76,6 +78,7 @@ def new_folder(path: str | Path, mark: str | None = None) -> Iterator[Path]:
 
 def check_folder(path: str | Path, mark: str | None = None) -> None:
     """Refuse a place for a folder before the work for it begins. Raises UserError as ``new_folder`` does."""
+    require_path(path, "a folder to write")
     target = Path(os.path.realpath(path))
     if target.is_file():
         raise UserError(f"{path} is a file: give a folder")

@@ -14,9 +14,10 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import numpy.typing as npt
 
+from symstiff.arguments import A_ROBOT, require
 from symstiff.display import html_table
 from symstiff.effects.base import EffectInstance, EffectParameter, Realisation, realise_all
-from symstiff.errors import A_ROBOT, UserError, require
+from symstiff.errors import UserError
 from symstiff.files import write_file
 from symstiff.reduction.complete import known_values
 from symstiff.reduction.physical import Parameter, terms_of
@@ -26,7 +27,7 @@ from symstiff.robot.loading import from_table
 from symstiff.robot.schema import Robot
 from symstiff.robot.table import structure_table, to_table
 from symstiff.slopes import derivative
-from symstiff.symbolic.algebras import evaluate_numpy
+from symstiff.symbolic.algebras import context_columns, evaluate_numpy
 from symstiff.symbolic.chain import ElasticChain
 from symstiff.symbolic.compliance import compliance_program
 from symstiff.symbolic.program import Program
@@ -173,9 +174,10 @@ class StiffnessModel:
         source = self.values if values is None else self._known(values)
         return np.array([float(source.get(n, 0.0)) for n in self.parameters])
 
-    def _known(self, values: Mapping[str, float]) -> Mapping[str, float]:
-        """The values as they are. Raises UserError for a name that is no parameter, nor a compliance one replaced."""
-        unknown = sorted(set(values).difference(self.parameters, (p.name for p in self.compliances)))
+    def _known(self, values: Mapping[str, float], what: str = "values") -> Mapping[str, float]:
+        """The values, checked. Raises UserError for a name that is no parameter, nor a compliance one replaced."""
+        values = frozen_numbers(values, what)
+        unknown = sorted(set(values).difference(self.parameters, (p.name for p in self.compliances)), key=str)
         if unknown:
             close = get_close_matches(str(unknown[0])[:40], self.parameters, 1, 0.0)
             hint = f": did you mean {close[0]!r}?" if close else ""
@@ -193,7 +195,7 @@ class StiffnessModel:
 
         Raises UserError for other shapes, unknown names in ``values`` and a missing column of ``context``.
         """
-        return self._deflection(*self._poses(q, w), self.vector(values), context)
+        return self._deflection(*self.poses(q, w), self.vector(values), context)
 
     def _deflection(self, q: np.ndarray, w: np.ndarray, p: np.ndarray, context: Context | None) -> np.ndarray:
         extra = _context(self.deflection_program, context, len(q))
@@ -210,14 +212,14 @@ class StiffnessModel:
 
         Raises UserError as ``deflection`` does.
         """
-        q, w = self._poses(q, w)
+        q, w = self.poses(q, w)
         p = self.vector(values)
         if self.is_linear:
             program = self.linear_program
             return evaluate_numpy(program, q=q, w=w, **_context(program, context, len(q)))["A"]
         return derivative(self, lambda x: self._deflection(q, w, x, context), p)
 
-    def _poses(self, q: npt.ArrayLike, w: npt.ArrayLike) -> tuple[np.ndarray, np.ndarray]:
+    def poses(self, q: npt.ArrayLike, w: npt.ArrayLike) -> tuple[np.ndarray, np.ndarray]:
         """q (N, n) and W (N, 6) with as many rows. Raises UserError with the expected and the found shape."""
         joints, wrenches = _rows("q", q, self.robot.dof), _rows("w", w, 6)
         counts = {len(joints), len(wrenches)}
@@ -258,7 +260,7 @@ class StiffnessModel:
         self, values: Mapping[str, float], deviations: Mapping[str, float] | None = None
     ) -> StiffnessModel:
         """The same model with other values. Raises UserError for a name that the model does not have."""
-        known, spread = dict(self._known(values)), dict(self._known(deviations or {}))
+        known, spread = dict(self._known(values)), dict(self._known(deviations or {}, "deviations"))
         other = replace(self, values=known, deviations=spread)  # nothing is derived twice
         other.__dict__.update({n: x for n, x in self.__dict__.items() if n in _WITHOUT_VALUES})
         return other
@@ -352,18 +354,8 @@ def _context(program: Program, context: Context | None, n: int) -> dict[str, np.
     """The columns of ``context`` that a program needs, for n poses. Raises UserError."""
     for vector in program.inputs:
         if vector.name == "context":
-            given = context or {}
             names = [s.name for s in vector.symbols]
-            missing = [name for name in names if name not in given]
-            if missing:
-                raise UserError(f"the model needs the column {missing[0]}: add it to the table")
-            columns = [np.asarray(given[name], float) for name in names]
-            for name, column in zip(names, columns, strict=True):
-                if column.shape not in ((), (1,), (n,)):
-                    raise UserError(
-                        f"context: {name}: expected an array of shape ({n},), found {column.shape}"
-                    )
-            return {"context": np.stack([np.broadcast_to(column, n) for column in columns], -1)}
+            return {"context": np.stack([context_columns(context, n, name)[name] for name in names], -1)}
     return {}
 
 

@@ -7,8 +7,9 @@ from typing import Annotated, Any, Literal
 
 from pydantic import AfterValidator, BaseModel, ConfigDict, StrictInt, StrictStr, ValidationError
 
+from symstiff.arguments import require_path
 from symstiff.effects.base import EffectInstance
-from symstiff.errors import UserError, printable, require_path
+from symstiff.errors import UserError, printable
 from symstiff.model import StiffnessModel
 from symstiff.reduction.physical import physical_stages
 from symstiff.robot.loading import from_table, toml_table

@@ -17,6 +17,7 @@ from symstiff.discrepancy.finding import Finding, Task
 from symstiff.discrepancy.workflow import run
 from symstiff.model import StiffnessModel
 from symstiff.reduction import reduce
+from symstiff.report.verdict import verdict_table
 from symstiff.robot import load
 
 
@@ -60,6 +61,15 @@ def test_every_step_shrinks_the_gap_until_the_noise_is_left(found: Finding) -> N
     assert found.rms.held_out_after < 1.5e-5
     assert found.rms.held_out_before is not None
     assert found.rms.held_out_before > 2e-4
+
+
+def test_the_closed_share_of_the_gap_is_counted_from_the_start_model(found: Finding) -> None:
+    """From the joints to what is named, in the rooms' figures, the page and verdict.json alike."""
+    told = verdict_table(found)
+    mm = told["rms_mm"]
+    gap = mm["held_out_before"] - mm["noise"]
+    assert told["closure"] == pytest.approx((mm["held_out_before"] - mm["held_out_after"]) / gap)
+    assert told["closure"] > 0.97
 
 
 def test_the_remark_says_that_the_complete_model_took_over(found: Finding) -> None:

@@ -7,7 +7,7 @@ import symstiff
 
 PACKAGE = Path(symstiff.__file__).parent
 ORDER = [
-    {"errors", "files", "display", "threads"}, {"robot"}, {"symbolic"}, {"reduction"}, {"effects"},
+    {"errors", "arguments", "files", "display", "threads"}, {"robot"}, {"symbolic"}, {"reduction"}, {"effects"},
     {"model", "model_file", "slopes"}, {"codegen"}, {"calibration", "compensation"}, {"discrepancy"},
     {"report"}, {"cli"},
 ]  # fmt: skip

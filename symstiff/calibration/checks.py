@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import numpy as np
 
+from symstiff.arguments import A_ROBOT, A_TABLE, require
 from symstiff.calibration.columns import SHOWN
 from symstiff.calibration.measurements import Measurements
 from symstiff.calibration.plausible import SOFTEST
-from symstiff.errors import A_ROBOT, A_TABLE, UserError, printable, require
+from symstiff.errors import UserError, printable
 from symstiff.robot import Robot
 
 _SAME_POSE = 1e-3  # rad or m; commanded configurations of one label agree far better than this

@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 
+from symstiff.arguments import number, require, whole
 from symstiff.calibration.absolute import fit_absolute
 from symstiff.calibration.checks import check_measured, without_copies, without_zeros
 from symstiff.calibration.constrained import ConstrainedEstimate, constrain
@@ -45,7 +46,7 @@ from symstiff.calibration.soundness import (
 )
 from symstiff.calibration.table import check_robot
 from symstiff.effects.base import find
-from symstiff.errors import UserError, printable, require
+from symstiff.errors import UserError, printable
 from symstiff.model import StiffnessModel, joints_only
 from symstiff.reduction import Reduction, reduce
 from symstiff.reduction.complete import complete_map
@@ -151,6 +152,8 @@ def identify(
     """
     remarks = check_robot(table, robot)
     check_measured(table)
+    whole(seed, "seed")
+    number(held_out, "held_out", "a share of the poses")
     if not 0 <= held_out < 1:
         raise UserError(f"--held-out {held_out:g}: give a share of the poses from 0 to below 1, e.g. 0.2")
     if table.kind == "absolute":
@@ -169,6 +172,7 @@ def identify(
     doubts = reduction_remarks(reduction) if reduction is not None else []
     remarks += doubts
     if per_level is not None:
+        whole(per_level, "per_level", 1)
         model = by_level(model, table, per_level)
     _refuse_rows(model)
     model, left_out = _of_laws(model)

@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 
+from symstiff.arguments import A_MODEL, number, require, whole, words
 from symstiff.calibration.planning import (
     Geometry,
     Goal,
@@ -23,7 +24,7 @@ from symstiff.calibration.planning import (
     workspace_map,
 )
 from symstiff.calibration.planning.parallel import Progress
-from symstiff.errors import A_MODEL, require
+from symstiff.errors import UserError
 from symstiff.model import StiffnessModel
 
 __all__ = [
@@ -37,6 +38,9 @@ __all__ = [
     "plan_for",
     "workspace_for",
 ]
+
+_CLASSES = ("gravity", "force", "wrench")
+"""Classes of loads, each within the next."""
 
 
 def plan_for(
@@ -61,17 +65,23 @@ def plan_for(
     require(model, StiffnessModel, *A_MODEL)
     require(goal, Goal, "a goal", "Goal(15) asks for 15 poses")
     robot: Geometry = geometry(model.robot)
-    points = tuple(markers) or (("tcp",) if model.measure == "position" else ())
+    given = words(markers, "markers", "['p1', 'p2', 'p3']")
+    points = given or (("tcp",) if model.measure == "position" else ())
+    load, region, search = load or Load(_load_class(model.loads)), region or Region(), search or Search()
+    require(load, Load, "a load", "Load('gravity', 1000.0) is one, in newtons")
+    require(region, Region, "a region", "Region(half_spaces=(above_floor(0.3),)) is one")
+    if progress is not None and not callable(progress):
+        raise UserError(
+            f"expected a function that is told the progress, found {progress!r:.40}: leave it out"
+        )
+    require(search, Search, "a search", "Search(candidates=5000) is one")
+    _check_class(model, load)
+    deviations = _two(sigma)
     space = Space(
-        robot,
-        (load or Load(_load_class(model.loads))).on_arm(model.robot.reach),
-        region or Region(),
-        dict(fixed or {}),
-        dict(levels or {}),
+        robot, load.on_arm(model.robot.reach), region, _by_joint(fixed, "fixed"), _by_joint(levels, "levels")
     )
     from symstiff.codegen.runtime import for_poses
 
-    search = search or Search()
     # machines of a cluster need not have our compiler, and all blocks come from one arithmetic
     observation = model.observation if search.cluster else for_poses(model, search.candidates).observation
     return plan_poses(
@@ -79,7 +89,7 @@ def plan_for(
         observation,
         model.parameters,
         goal,
-        measurement_of(model.robot, points, *sigma),
+        measurement_of(model.robot, points, *deviations),
         search,
         casadi_observation(model),
         progress,
@@ -118,6 +128,36 @@ def casadi_observation(model: StiffnessModel) -> Callable[[Any, Any], Any] | Non
 def robot_of(model: StiffnessModel) -> Geometry:
     """Return the floating-point chain that tables and plots of a plan need."""
     return geometry(model.robot)
+
+
+def _check_class(model: StiffnessModel, load: Load) -> None:
+    """Refuse loads that a model was not reduced for: what they do to the robot is not in it."""
+    cases = np.asarray(load.cases)
+    used = (2 if cases[:, 3:].any() else int(cases[:, :2].any())) if len(cases) else _CLASSES.index(load.kind)
+    if model.loads in _CLASSES and used > _CLASSES.index(model.loads):
+        wider = _CLASSES[used]
+        raise UserError(
+            f"the model is reduced for {model.loads} loads and these are of class {wider}: plan with "
+            f"Load({model.loads!r}), or reduce the robot with loads={wider!r}"
+        )
+
+
+def _two(sigma: Any) -> tuple[float, float]:
+    """Standard deviations of a translation [m] and a rotation [rad]. Raises UserError."""
+    what = "sigma: expected two standard deviations, (30e-6, 100e-6) for metres and radians"
+    if not isinstance(sigma, Sequence | np.ndarray) or isinstance(sigma, str) or len(sigma) != 2:
+        raise UserError(f"{what}, found {sigma!r:.40}")
+    return number(sigma[0], "sigma", "metres above zero", 0.0), number(
+        sigma[1], "sigma", "radians above zero", 0.0
+    )
+
+
+def _by_joint(values: Any, name: str) -> dict[int, Any]:
+    """Values of joints by their numbers: positions of ``fixed``, numbers of ``levels``. Raises UserError."""
+    require(values or {}, Mapping, f"{name} by joint", f"write {name}={{2: 3}} for q2")
+    if name == "levels":
+        return {whole(j, name, 1): whole(v, f"levels: q{j}", 1) for j, v in (values or {}).items()}
+    return {whole(j, name, 1): number(v, f"fixed: q{j}") for j, v in (values or {}).items()}
 
 
 def _load_class(loads: str) -> Any:

@@ -10,11 +10,13 @@ from __future__ import annotations
 import csv
 import io
 from collections.abc import Iterable, Sequence
+from os import PathLike
 from pathlib import Path
 from typing import Literal
 
 import numpy as np
 
+from symstiff.arguments import require, require_path
 from symstiff.calibration.checks import check_robot, check_rows, check_sigmas
 from symstiff.calibration.columns import SHOWN, Columns, read_header
 from symstiff.calibration.measurements import (
@@ -30,7 +32,7 @@ from symstiff.calibration.measurements import (
 from symstiff.calibration.units import KELVIN
 from symstiff.calibration.writing import columns as columns_of
 from symstiff.calibration.writing import write_table
-from symstiff.errors import UserError, printable, require
+from symstiff.errors import UserError, printable
 
 __all__ = [
     "Measurements",
@@ -67,12 +69,13 @@ def read_poses(paths: Paths) -> Measurements:
 
 
 def _read(paths: Paths, purpose: Literal["measured", "poses"]) -> Measurements:
-    if isinstance(paths, str | Path):
-        paths = [paths]
+    if isinstance(paths, str | PathLike):
+        paths = [Path(paths)]
     if not paths:
         raise UserError("no table given: name at least one CSV file")
     require(paths, Iterable, "a table's path, or several", "name at least one CSV file")
     for k, path in enumerate(paths):
+        require_path(path, "a table")
         if Path(path).resolve() in [Path(other).resolve() for other in paths[:k]]:
             raise UserError(f"{path} is given twice: name each table once")
     table = concatenate([read_file(Path(path), purpose) for path in paths])

@@ -11,8 +11,9 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from symstiff.arguments import A_TABLE, require
 from symstiff.calibration.measurements import COMPONENTS, Measurements
-from symstiff.errors import A_TABLE, UserError, require
+from symstiff.errors import UserError
 from symstiff.files import write_file
 
 Column = list[str] | NDArray[np.float64]
@@ -38,6 +39,8 @@ def write_table(table: Measurements, path: str | Path, angle: Literal["rad", "de
 
 def columns(table: Measurements, angle: Literal["rad", "deg"] = "rad") -> dict[str, Column]:
     """Return the columns by header, in the file's units; columns of which nothing is known are left out."""
+    if angle not in ("rad", "deg"):
+        raise UserError(f"angle {str(angle)[:40]!r}: write joint variables in rad or deg")
     result: dict[str, Column] = {"pose": [table.labels[k] for k in table.pose]}
     for k, unit in enumerate(table.joint_units):
         in_degrees = unit == "rad" and angle == "deg"

@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from symstiff import __version__
+from symstiff.arguments import A_MODEL, require
 from symstiff.codegen.compiler import find_compiler, why_none
 from symstiff.codegen.emit import operations
 from symstiff.codegen.functions import Functions
@@ -16,7 +17,7 @@ from symstiff.codegen.options import Options
 from symstiff.codegen.targets import TARGETS
 from symstiff.codegen.text import context_names
 from symstiff.codegen.verify import Verification, verify
-from symstiff.errors import A_MODEL, UserError, require
+from symstiff.errors import UserError
 from symstiff.files import CODE, new_folder, write_tree
 from symstiff.model import StiffnessModel
 
@@ -51,6 +52,7 @@ def generate(
     footprint: measure code, stack and instructions too, on every machine that the tools at hand can show.
     """
     require(model, StiffnessModel, *A_MODEL)
+    require(options or Options(), Options, "options", "Options(precision='float') are some")
     options = replace(options or Options(), binaries=compile_c)
     whole, model = model, model.of_robot()
     left_out = tuple(e.effect for e in whole.effects if e not in model.effects)

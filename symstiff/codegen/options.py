@@ -6,6 +6,7 @@ import hashlib
 import json
 from dataclasses import asdict, dataclass
 
+from symstiff.arguments import words
 from symstiff.codegen.targets import TARGETS
 from symstiff.errors import UserError
 
@@ -29,6 +30,7 @@ class Options:
         for key, allowed in CHOICES.items():
             if getattr(self, key) not in allowed:
                 raise UserError(f"unknown {key} {getattr(self, key)!r}: use {' or '.join(allowed)}")
+        object.__setattr__(self, "targets", words(self.targets, "targets", "('c', 'casadi')"))
         if not self.targets:
             raise UserError(f"no target is given: use {', '.join(TARGETS)}")
         for target in self.targets:

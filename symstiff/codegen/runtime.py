@@ -18,12 +18,13 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from symstiff.arguments import whole
 from symstiff.codegen.compiler import find_compiler, why_none
 from symstiff.codegen.library import is_built, library
 from symstiff.codegen.names import moments
 from symstiff.errors import UserError
 from symstiff.slopes import derivative
-from symstiff.symbolic.algebras import evaluate_numpy
+from symstiff.symbolic.algebras import context_columns, evaluate_numpy
 from symstiff.symbolic.program import Program
 
 if TYPE_CHECKING:
@@ -157,6 +158,7 @@ class Evaluator:
 
 def compiled(model: StiffnessModel, threads: int = 1) -> Evaluator:
     """The model compiled for this machine, or evaluated with NumPy where that cannot be (a warning says why)."""
+    whole(threads, "threads", 1)
     compiler = find_compiler()
     if compiler is None:
         warnings.warn(
@@ -224,10 +226,8 @@ def _arrays(program: Program, q: np.ndarray, w: np.ndarray, context: Context | N
         if vector.name == "p":
             continue
         if vector.name == "context":
-            missing = [s.name for s in vector.symbols if context is None or s.name not in context]
-            if missing or context is None:
-                raise UserError(f"the model needs the column {missing[0]}: add it to the table")
-            value = np.stack([np.asarray(context[s.name], float) for s in vector.symbols], -1)
+            n = max(len(np.atleast_2d(a)) for a in (q, w))
+            value = np.stack([context_columns(context, n, s.name)[s.name] for s in vector.symbols], -1)
         else:
             value = q if vector.name == "q" else w
         array = np.atleast_2d(np.asarray(value, dtype=float))

@@ -7,10 +7,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from symstiff.arguments import A_MODEL, require
 from symstiff.codegen.reference import LARGEST_CORRECTION, unit_length
 from symstiff.codegen.runtime import Evaluator, for_poses
-from symstiff.errors import A_MODEL, UserError, require
+from symstiff.errors import UserError
 from symstiff.model import StiffnessModel
+from symstiff.symbolic.algebras import context_columns
 from symstiff.symbolic.numeric import forward, joint_jacobian
 
 _ROUNDS = 50  # near a singular pose steps shrink slowly: the Jacobian is that of the unloaded arm
@@ -55,7 +57,7 @@ def compensate_online(
     """
     require(model, StiffnessModel, *A_MODEL)
     model = model.of_robot()
-    q, w = _numbers(q, w)
+    q, w = _numbers(model, q, w)
     dt = for_poses(model, len(q)).deflection(q, w, context=context)
     step, regular = _step(model, q, dt, min(model.robot.dof, 6))
     return np.where((regular & _small(step))[:, None], q - step, q)
@@ -75,8 +77,8 @@ def compensate(
     """
     require(model, StiffnessModel, *A_MODEL)
     model = model.of_robot()
-    q, w = _numbers(q, w)
-    moment = {k: np.broadcast_to(x, len(q)) for k, x in (context or {}).items()}
+    q, w = _numbers(model, q, w)
+    moment = context_columns(context, len(q))
     target = forward(model.robot, q)
     evaluator = for_poses(model, _TYPICAL_ROUNDS * len(q))
     command, kept, moving = q.copy(), np.full(len(q), "not_converged"), np.arange(len(q))
@@ -160,10 +162,9 @@ def _weighed_jacobian(model: StiffnessModel, q: np.ndarray) -> np.ndarray:
     return np.asarray(joint_jacobian(model.robot, q) * _scale(model)[None, :, None])
 
 
-def _numbers(q: np.ndarray, w: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """q (N, n) and w (N, 6) as rows. Raises UserError for one that is no finite number."""
-    q = np.atleast_2d(np.asarray(q, dtype=float))
-    w = np.broadcast_to(np.asarray(w, dtype=float), (len(q), 6))
+def _numbers(model: StiffnessModel, q: np.ndarray, w: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """q (N, n) and w (N, 6) as rows. Raises UserError for other shapes and for one that is no finite number."""
+    q, w = model.poses(q, w)
     finite = np.isfinite(q).all(axis=1) & np.isfinite(w).all(axis=1)
     if not finite.all():
         raise UserError(

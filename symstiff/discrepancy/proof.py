@@ -49,9 +49,14 @@ class HeldOut:
 
     @property
     def closure(self) -> float:
-        """(before - after) / (before - noise); nan where there is no gap to close."""
-        gap = self.before - self.noise
-        return (self.before - self.after) / gap if gap > NO_GAP * self.noise else float("nan")
+        """Share of the gap that was closed; nan where there is none."""
+        return closed(self.before, self.after, self.noise)
+
+
+def closed(before: float, after: float, noise: float) -> float:
+    """(before - after) / (before - noise), root mean squares; nan where there is no gap to close."""
+    gap = before - noise
+    return (before - after) / gap if gap > NO_GAP * noise else float("nan")
 
 
 def held_out(

@@ -49,7 +49,8 @@ def remarked(view: View, last: Diagnosis) -> list[str]:
     return [
         *_of_sigma(noise), *_of_approach(view.table, last), *_of_markers(noise), *_of_poses(view.table, last),
         *_of_single(last), *_of_proof(last), *_of_rows(view, last), *_of_weights(view, last), *_of_sizes(view, last),
-        *_of_further(last), *(of_sag(view.robot) if view.table.kind == "absolute" else ()),
+        *_of_known(view.robot, last), *_of_further(last),
+        *(of_sag(view.robot) if view.table.kind == "absolute" else ()),
     ]  # fmt: skip
 
 
@@ -211,6 +212,18 @@ def _of_sizes(view: View, last: Diagnosis) -> list[str]:
     told = "; ".join(_beyond(p, e) for p, e in beyond)
     why = _of_sign(find(leading.effect)) if wrong else "look at the units of loads, readings and lengths"
     return [f"{named_at(leading.effect, leading.where)} would lead, but {told} is physical: {why}"]
+
+
+def _of_known(robot: Robot, last: Diagnosis) -> list[str]:
+    """Sizes that data may estimate and a model need not: they are known beforehand."""
+    leading = [e for e in last.effects if e.set_number == 0]
+    return [
+        f"{named_at(e.effect, e.where)}: {name} is {value:g} by nature, which is what model.toml holds; these data "
+        f"alone give {quantity(told)}"
+        for e in leading
+        for name, value in EffectInstance(e.effect, e.where, e.shape).realise(robot).nominal.items()
+        if (told := e.parameters.get(name)) is not None
+    ]
 
 
 def _of_sign(effect: Effect) -> str:

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from symstiff.discrepancy.localise import FittedDevice, FittedLaw, Localisation
 from symstiff.discrepancy.noise import NoiseReport
 from symstiff.discrepancy.problem import Array, Shape
-from symstiff.discrepancy.proof import HeldOut
+from symstiff.discrepancy.proof import HeldOut, closed
 from symstiff.discrepancy.strata import Stratum
 from symstiff.discrepancy.verdict import NO_TEST_NAMES
 
@@ -113,6 +113,13 @@ class Rms:
         if self.held_out_before is None or self.held_out_after is None or self.after == self.before:
             return False
         return self.held_out_after >= self.held_out_before
+
+    @property
+    def closure(self) -> float | None:
+        """Share of the gap on held-out poses that was closed; nan where there is none, None without such poses."""
+        if self.held_out_before is None or self.held_out_after is None:
+            return None
+        return closed(self.held_out_before, self.held_out_after, self.noise)
 
 
 @dataclass(frozen=True)

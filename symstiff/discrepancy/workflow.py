@@ -13,6 +13,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from symstiff.arguments import require, whole
 from symstiff.calibration.checks import check_measured, check_robot
 from symstiff.calibration.experiment.readings import experiment_of
 from symstiff.calibration.identify import start_model
@@ -39,7 +40,6 @@ from symstiff.discrepancy.used import used
 from symstiff.discrepancy.verdict import AMBIGUOUS, NAMED, NOTHING, UNEXPLAINED, UNTESTABLE
 from symstiff.display import few
 from symstiff.effects.base import EffectInstance
-from symstiff.errors import UserError, require
 from symstiff.model import StiffnessModel
 from symstiff.reduction.remarks import reduction_remarks
 from symstiff.threads import one_thread
@@ -55,8 +55,10 @@ _UNCONFIRMED = 0.75
 def run(task: Task, tell: Tell = lambda stage: None) -> Finding:
     """Diagnose a table. Raises UserError for data that do not fit the robot or hold nothing measured."""
     require(task, Task, "a task", "Task(robot, table) is one")
-    if task.max_effects < 1:
-        raise UserError(f"--max-effects {task.max_effects}: 1 or more")
+    whole(task.max_effects, "max_effects", 1)
+    whole(task.seed, "seed")
+    if task.max_poses is not None:
+        whole(task.max_poses, "max_poses", 1)
     warnings = check_robot(task.table, task.robot)
     check_measured(task.table)
     task = replace(task, table=as_loading(task.table))

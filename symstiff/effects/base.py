@@ -16,8 +16,9 @@ from typing import Any, Protocol
 
 import numpy as np
 
+from symstiff.arguments import require
 from symstiff.effects.lawful import check_laws
-from symstiff.errors import UserError, require
+from symstiff.errors import UserError
 from symstiff.robot.frozen import frozen_numbers
 from symstiff.robot.names import C_WORDS
 from symstiff.robot.schema import Robot

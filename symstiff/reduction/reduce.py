@@ -11,7 +11,8 @@ from typing import Any
 import numpy as np
 import sympy as sp
 
-from symstiff.errors import A_ROBOT, UserError, require
+from symstiff.arguments import A_ROBOT, require, words
+from symstiff.errors import UserError
 from symstiff.reduction.aggregation import inexact_aggregations
 from symstiff.reduction.physical import Parameter, Stage, physical_stages, terms_of
 from symstiff.reduction.structural import ExactEngine, Experiment, Partition, in_rationals, in_unit_axes
@@ -184,7 +185,12 @@ def reduce(
     Raises UserError for an unknown class, joint or parameter.
     """
     require(robot, Robot, *A_ROBOT)
-    experiment = Experiment(loads, measure, _fixed(robot, fixed or {}), tuple(points))
+    experiment = Experiment(
+        loads, measure, _fixed(robot, fixed or {}), words(points, "points", "['p1', 'p2']")
+    )
+    prefer, avoid = (
+        words(given, name, "['k2_11']") for given, name in ((prefer, "prefer"), (avoid, "avoid"))
+    )
     stages = physical_stages(robot)
     full = stages[-1].parameters
     if not full:

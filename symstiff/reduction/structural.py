@@ -43,9 +43,9 @@ class Experiment:
     points: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
-        if self.loads not in LOADS:
+        if not isinstance(self.loads, str) or self.loads not in LOADS:
             raise UserError(f"unknown loads {self.loads!r}: use {', '.join(LOADS)}")
-        if self.measure not in MEASURES:
+        if not isinstance(self.measure, str) or self.measure not in MEASURES:
             raise UserError(f"unknown measure {self.measure!r}: use {', '.join(MEASURES)}")
 
     @property

@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 
+from symstiff.arguments import require
 from symstiff.calibration.experiment.readings import experiment_of
 from symstiff.calibration.identify import start_model
 from symstiff.calibration.measurements import COMPONENTS, Measurements
@@ -17,7 +18,7 @@ from symstiff.calibration.writing import LOADS
 from symstiff.discrepancy.deciding import Choice, Rival, decide_by, experiments_like
 from symstiff.discrepancy.finding import Finding
 from symstiff.discrepancy.separate import TAKEN
-from symstiff.errors import UserError, require
+from symstiff.errors import UserError
 from symstiff.files import DIAGNOSIS, new_folder
 from symstiff.model import StiffnessModel
 from symstiff.report.code import Line, core, difference, excerpt
@@ -36,6 +37,9 @@ class Written:
     folder: Path
     verdict: dict[str, Any]
     code: str
+
+    def __repr__(self) -> str:
+        return f"Written({str(self.folder)!r}: report.html, verdict.json, model.toml; {self.code})"
 
 
 def write_folder(finding: Finding, folder: Path, tell: Callable[[str], None] = lambda stage: None) -> Written:

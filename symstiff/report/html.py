@@ -13,7 +13,6 @@ from symstiff.calibration.measurements import COMPONENTS
 from symstiff.discrepancy import numbers
 from symstiff.discrepancy.finding import Finding, Found
 from symstiff.discrepancy.noise import off
-from symstiff.discrepancy.proof import NO_GAP
 from symstiff.discrepancy.result import CandidateResult, Estimate, Name
 from symstiff.discrepancy.sharing import JOINTS
 from symstiff.discrepancy.speech import named, spoken
@@ -89,11 +88,8 @@ def _facts(finding: Finding) -> list[tuple[str, str]]:
     held = finding.last.held_out
     if held is not None:
         facts.insert(3, ("on held-out poses", _fall(finding, r.held_out_before, r.held_out_after)))
-        if r.held_out_before is not None and r.held_out_after is not None and finding.named:
-            span = r.held_out_before - r.noise
-            if span > NO_GAP * r.noise:
-                closed = (r.held_out_before - r.held_out_after) / span
-                facts.insert(4, ("gap closed", f"{100 * min(closed, 1.0):.0f} %, on held-out poses"))
+        if r.closure is not None and math.isfinite(r.closure) and finding.named:
+            facts.insert(4, ("gap closed", f"{100 * min(r.closure, 1.0):.0f} %, on held-out poses"))
     return facts
 
 

@@ -38,7 +38,7 @@ def verdict_table(finding: Finding) -> dict[str, Any]:
             "held_out_after": _mm(finding.rms.held_out_after),
             "noise": _mm(finding.rms.noise),
         },
-        "closure": None if last.held_out is None else finite(last.held_out.closure),
+        "closure": finite(finding.rms.closure),
         "p_missing": finite(finding.first.p_missing),
         "p_unnamed": finite(last.p_unnamed),
         "noise": _noise(finding),

@@ -7,7 +7,8 @@ from collections.abc import Mapping
 from numbers import Real
 from typing import Any, NoReturn, TypeVar
 
-from symstiff.errors import UserError, require
+from symstiff.arguments import require
+from symstiff.errors import UserError
 
 K = TypeVar("K")
 V = TypeVar("V")

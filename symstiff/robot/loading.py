@@ -12,7 +12,8 @@ from typing import Any
 
 from pydantic import ValidationError
 
-from symstiff.errors import UserError, printable, require_path
+from symstiff.arguments import require_path
+from symstiff.errors import UserError, printable
 from symstiff.robot.exact import Decimal
 from symstiff.robot.mistakes import explain
 from symstiff.robot.schema import Robot

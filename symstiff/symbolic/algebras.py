@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import reduce
 from operator import mul
@@ -11,6 +11,8 @@ from typing import Any
 import numpy as np
 import sympy as sp
 
+from symstiff.arguments import require
+from symstiff.errors import UserError
 from symstiff.symbolic.program import Constant, Program, evaluate
 
 _NUMPY = {
@@ -152,3 +154,20 @@ def evaluate_decimal(program: Program, digits: int = 50, **inputs: Sequence[Any]
         values = {k: [mpmath.mpf(x) for x in v] for k, v in inputs.items()}
         flat = evaluate(program, values, DecimalAlgebra())
         return {k: [mpmath.mpf(x) for x in v] for k, v in flat.items()}
+
+
+def context_columns(context: Mapping[str, Any] | None, n: int, needed: str = "") -> dict[str, np.ndarray]:
+    """The columns of ``context`` as arrays (n,). Raises UserError for other shapes, and without the needed one."""
+    require(context or {}, Mapping, "a context", "{'time': seconds} is one, with a number a row")
+    found = {}
+    for name, given in (context or {}).items():
+        try:
+            column = np.asarray(given, dtype=float)
+        except (TypeError, ValueError) as error:
+            raise UserError(f"context: {name}: expected numbers of shape ({n},): {error}") from error
+        if column.shape not in ((), (1,), (n,)):
+            raise UserError(f"context: {name}: expected an array of shape ({n},), found {column.shape}")
+        found[name] = np.broadcast_to(column, n)
+    if needed and needed not in found:
+        raise UserError(f"the model needs the column {needed}: add it to the table")
+    return found

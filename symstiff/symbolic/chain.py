@@ -12,7 +12,7 @@ from functools import cached_property
 
 import sympy as sp
 
-from symstiff.errors import A_ROBOT, require
+from symstiff.arguments import A_ROBOT, require
 from symstiff.robot.chain import Elementary, Row, elementary_chain
 from symstiff.robot.exact import Exact
 from symstiff.robot.schema import Robot

@@ -10,8 +10,9 @@ from itertools import product
 
 import sympy as sp
 
+from symstiff.arguments import A_CHAIN, require
 from symstiff.display import html_table
-from symstiff.errors import A_CHAIN, UserError, require
+from symstiff.errors import UserError
 from symstiff.symbolic.chain import ElasticChain
 from symstiff.symbolic.latex import aligned, latex
 from symstiff.symbolic.program import Builder, Let, Program

@@ -13,6 +13,7 @@ from typing import Any, Literal
 
 import numpy as np
 
+from symstiff.arguments import whole
 from symstiff.calibration.planning.approximate import Approximate, approximate_design
 from symstiff.calibration.planning.candidates import (
     Candidates,
@@ -59,6 +60,9 @@ class Goal:
     test_q: np.ndarray | None = None
     test_w: np.ndarray | None = None
 
+    def __post_init__(self) -> None:
+        whole(self.poses, "number of poses", 1)
+
 
 @dataclass(frozen=True)
 class Search:
@@ -70,6 +74,10 @@ class Search:
     refine: bool = True
     workers: int = 1
     cluster: str | None = None
+
+    def __post_init__(self) -> None:
+        for name, least in (("candidates", 1), ("starts", 1), ("seed", 0), ("workers", 1)):
+            whole(getattr(self, name), name, least)
 
 
 @dataclass(frozen=True)

@@ -8,6 +8,7 @@ from typing import Any, Literal
 
 import numpy as np
 
+from symstiff.arguments import require, whole
 from symstiff.calibration.loading import as_loading
 from symstiff.calibration.measurements import Measurements, measurements
 from symstiff.calibration.simulation.chain import Chain, Floats, chain_of, posture
@@ -22,7 +23,7 @@ from symstiff.calibration.simulation.nominal import linear_compliance
 from symstiff.calibration.simulation.phenomena import Additions, build
 from symstiff.calibration.simulation.rehearsal import CONTEXT, followed
 from symstiff.calibration.simulation.truth import Device, Noise, Truth
-from symstiff.errors import UserError, require
+from symstiff.errors import UserError
 
 Kind = Literal["deflection", "absolute"]
 
@@ -80,6 +81,7 @@ def simulate(truth: Truth, design: Measurements, seed: int) -> Measurements:
     from symstiff.calibration.table import check_limits
 
     require(truth, Truth, "what is true", "load_truth('truth.toml') gives it")
+    whole(seed, "seed")
     check_robot(design, truth.robot)
     kind: Kind = truth.kind or ("absolute" if design.kind == "absolute" else "deflection")
     if kind == "deflection" and not design.w.any():

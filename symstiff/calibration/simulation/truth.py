@@ -51,12 +51,13 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any, Literal
 
+from symstiff.arguments import require_path
 from symstiff.calibration.simulation.chain import chain_of
 from symstiff.calibration.simulation.forms import number
 from symstiff.calibration.simulation.nominal import nominal_truth
 from symstiff.calibration.simulation.phenomena import Effect
 from symstiff.calibration.simulation.rehearsal import rehearse
-from symstiff.errors import UserError, printable, require_path
+from symstiff.errors import UserError, printable
 from symstiff.robot import Robot, library, load
 from symstiff.robot.loading import toml_table
 

@@ -1,0 +1,185 @@
+"""What callers pass by mistake is refused in one line that says what was expected; nothing is half done."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+import symstiff
+from symstiff import Goal, Load, StiffnessModel, Task, UserError
+from symstiff.calibration.planning import Search
+from symstiff.calibration.simulation import Truth, nominal_truth
+from symstiff.codegen.options import Options
+from symstiff.discrepancy.workflow import run
+from symstiff.effects.base import EffectInstance
+from symstiff.report.folder import Written
+from symstiff.robot import load
+from tests.diagnosis_data import ROBOT, measured
+
+Call = Callable[..., Any]
+
+
+@pytest.fixture(scope="module")
+def model() -> StiffnessModel:
+    return StiffnessModel.of(symstiff.reduce(load("planar2r"), "gravity", "position"))
+
+
+def refused(call: Call, *arguments: Any, **more: Any) -> str:
+    with pytest.raises(UserError) as caught:
+        call(*arguments, **more)
+    text = str(caught.value)
+    assert "\n" not in text
+    return text
+
+
+@pytest.mark.parametrize(
+    ("arguments", "told"),
+    [
+        ({"load": "gravity"}, "expected a load, found 'gravity'"),
+        ({"load": Load("wrench")}, "the model is reduced for gravity loads and these are of class wrench"),
+        ({"load": Load(cases=((1.0, 0, 0, 0, 0, 0),))}, "these are of class force"),
+        ({"markers": "p1"}, "markers: expected a list of texts, found 'p1'"),
+        ({"markers": [1]}, "markers: expected a list of texts"),
+        ({"sigma": 3e-5}, "sigma: expected two standard deviations"),
+        ({"sigma": (3e-5, "1")}, "sigma: expected radians above zero, found '1'"),
+        ({"sigma": (0.0, 1e-4)}, "sigma: expected metres above zero, found 0.0"),
+        ({"region": 0.3}, "expected a region, found 0.3"),
+        ({"fixed": [1]}, "expected fixed by joint, found [1]"),
+        ({"fixed": {1: "a"}}, "fixed: q1: expected a finite number, found 'a'"),
+        ({"levels": {2: 1.5}}, "levels: q2: expected a whole number from 1 on, found 1.5"),
+        ({"levels": {"q2": 3}}, "levels: expected a whole number from 1 on, found 'q2'"),
+        ({"search": 500}, "expected a search, found 500"),
+        ({"progress": 3}, "expected a function that is told the progress, found 3"),
+    ],
+)  # fmt: skip
+def test_plans(model: StiffnessModel, arguments: dict[str, Any], told: str) -> None:
+    assert told in refused(symstiff.plan, model, Goal(4), **arguments)
+
+
+@pytest.mark.parametrize("poses", [2.5, -1, 0, float("nan"), "3", True, None])
+def test_numbers_of_poses(poses: Any) -> None:
+    assert "number of poses: expected a whole number from 1 on" in refused(Goal, poses)
+
+
+@pytest.mark.parametrize("options", [{"seed": -1}, {"candidates": 1e3}, {"starts": 0}, {"workers": "all"}])
+def test_searches(options: dict[str, Any]) -> None:
+    assert f"{next(iter(options))}: expected a whole number" in refused(Search, **options)
+
+
+@pytest.mark.parametrize("size", [{"force": "a"}, {"force": None}, {"moment": "a"}, {"force": float("inf")}])
+def test_loads(size: dict[str, Any]) -> None:
+    assert "expected newton" in refused(Load, "wrench", **size)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "told"),
+    [
+        ({"seed": 0.5}, "seed: expected a whole number from 0 on, found 0.5"),
+        ({"held_out": "a"}, "held_out: expected a share of the poses, found 'a'"),
+        ({"per_level": "q2"}, "per_level: expected a whole number from 1 on, found 'q2'"),
+        ({"loads": ["gravity"]}, "unknown loads ['gravity']"),
+        ({"measure": 3}, "unknown measure 3"),
+    ],
+)
+def test_identifications(arguments: dict[str, Any], told: str) -> None:
+    assert told in refused(symstiff.identify, load(ROBOT), measured(), **arguments)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "told"),
+    [
+        ({"seed": -1}, "seed: expected a whole number from 0 on, found -1"),
+        ({"max_effects": 0}, "max_effects: expected a whole number from 1 on, found 0"),
+        ({"max_effects": 1.5}, "max_effects: expected a whole number"),
+        ({"max_poses": "5"}, "max_poses: expected a whole number"),
+        ({"loads": 3}, "unknown loads 3"),
+    ],
+)
+def test_diagnoses(arguments: dict[str, Any], told: str) -> None:
+    assert told in refused(run, Task(load(ROBOT), measured(), **arguments))
+
+
+def test_simulations() -> None:
+    truth = Truth(load(ROBOT), nominal_truth(load(ROBOT)), ())
+    for seed in (-1, 1.5, "a"):
+        assert "seed: expected a whole number" in refused(symstiff.simulate, truth, measured(), seed)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "told"),
+    [
+        ({"loads": ["gravity"]}, "unknown loads ['gravity']: use"),
+        ({"measure": {"pose": 1}}, "unknown measure"),
+        ({"points": "p1"}, "points: expected a list of texts, found 'p1'"),
+        ({"prefer": "c2"}, "prefer: expected a list of texts, found 'c2'"),
+        ({"avoid": {"c2": 1}}, "avoid: expected a list of texts"),
+    ],
+)
+def test_reductions(arguments: dict[str, Any], told: str) -> None:
+    assert told in refused(symstiff.reduce, load("planar2r"), **arguments)
+
+
+def test_models(model: StiffnessModel) -> None:
+    q, w = np.zeros((2, 2)), np.zeros((2, 6))
+    for values in (None, [1.0], {"c1": "a"}, {"c1": float("nan")}, {3: 1.0}):
+        assert refused(model.with_values, values).startswith(
+            ("expected values", "values:", "planar2r: the model has no")
+        )
+    assert "values: c1: expected a finite number" in refused(model.deflection, q, w, {"c1": "a"})
+    for threads in (-1, 0, 1.5, "a"):
+        assert "threads: expected a whole number from 1 on" in refused(model.compile, threads)
+
+
+def test_compensations(model: StiffnessModel) -> None:
+    """As a model's own methods: shapes with what was expected, columns by name."""
+    arm = StiffnessModel.of(symstiff.reduce(load("ur10"), "gravity", "pose")).with_effect(
+        EffectInstance("thermal_drift", {"link": 2})
+    )
+    q, w = np.zeros((3, 6)), np.zeros((3, 6))
+    for call in (symstiff.compensate, symstiff.compensation.compensate_online):
+        assert "q: expected an array of shape (N, 6)" in refused(call, arm, q[:, :5], w)
+        assert "q: expected numbers of shape (N, 6)" in refused(call, arm, "abc", w)
+        assert "w: expected an array of shape (N, 6)" in refused(call, arm, q, w[:, :3])
+        assert "expected as many rows" in refused(call, arm, q, w[:2])
+        assert "expected a context, found 3" in refused(call, arm, q, w, 3)
+        context = {"temperature": np.zeros(2)}
+        assert "expected an array of shape (3,)" in refused(call, arm, q, w, context)
+        context = {"temperature": "warm"}
+        assert "expected numbers of shape (3,)" in refused(call, arm, q, w, context)
+        assert "the model needs the column time" in refused(call, arm, q, w, {})
+
+
+@pytest.mark.parametrize("place", [None, 5, ["a"]])
+def test_places(model: StiffnessModel, place: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    for call, *first in (
+        (model.save,), (symstiff.write_table, measured()), (symstiff.generate, model), (symstiff.load_model,),
+        (symstiff.load_truth,), (symstiff.load,),
+    ):  # fmt: skip
+        assert "expected the path of" in refused(call, *first, place)
+    assert not list(tmp_path.iterdir())
+
+
+def test_tables(tmp_path: Path) -> None:
+    assert "expected the path of a table, found 5" in refused(symstiff.read_table, [5])
+    assert "in rad or deg" in refused(symstiff.write_table, measured(), tmp_path / "t.csv", "foo")
+    assert not list(tmp_path.iterdir())
+
+
+def test_options_of_code(model: StiffnessModel, tmp_path: Path) -> None:
+    told = refused(symstiff.generate, model, tmp_path / "c", {"precision": "float"})
+    assert "expected options, found {'precision': 'float'}" in told
+    assert "targets: expected a list of texts, found 'c'" in refused(Options, targets="c")
+    assert not list(tmp_path.iterdir())
+
+
+def test_what_a_report_left_is_a_line_in_a_notebook(tmp_path: Path) -> None:
+    written = Written(tmp_path / "out", {"verdict": "named", "candidates": [{}] * 200}, "compiled by cc")
+    assert (
+        repr(written)
+        == f"Written({str(tmp_path / 'out')!r}: report.html, verdict.json, model.toml; compiled by cc)"
+    )
