@@ -16,7 +16,8 @@ import numpy.typing as npt
 
 from symstiff.arguments import A_ROBOT, require
 from symstiff.display import html_table
-from symstiff.effects.base import EffectInstance, EffectParameter, Realisation, realise_all
+from symstiff.effects.base import EffectParameter, Realisation
+from symstiff.effects.instance import EffectInstance, realise_all
 from symstiff.errors import UserError
 from symstiff.files import write_file
 from symstiff.reduction.complete import known_values

@@ -16,7 +16,9 @@ from symstiff.codegen.emit import base_context
 from symstiff.codegen.functions import Functions
 from symstiff.codegen.options import Options
 from symstiff.codegen.targets import TARGETS
-from symstiff.effects.base import EffectInstance, Scales, find
+from symstiff.effects.base import Scales
+from symstiff.effects.instance import EffectInstance
+from symstiff.effects.registry import find
 from symstiff.files import write_tree
 from symstiff.model import StiffnessModel
 from symstiff.reduction.reduce import reduce

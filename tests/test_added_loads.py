@@ -12,7 +12,7 @@ from symstiff.discrepancy import workflow
 from symstiff.discrepancy.finding import Finding, Task
 from symstiff.discrepancy.growth import fit, grow
 from symstiff.discrepancy.workflow import run
-from symstiff.effects.base import EffectInstance
+from symstiff.effects.instance import EffectInstance
 from symstiff.model import StiffnessModel
 from symstiff.reduction.reduce import reduce
 from symstiff.robot import load

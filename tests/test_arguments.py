@@ -15,7 +15,7 @@ from symstiff.calibration.planning import Search
 from symstiff.calibration.simulation import Truth, nominal_truth
 from symstiff.codegen.options import Options
 from symstiff.discrepancy.workflow import run
-from symstiff.effects.base import EffectInstance
+from symstiff.effects.instance import EffectInstance
 from symstiff.report.folder import Written
 from symstiff.robot import load
 from tests.diagnosis_data import ROBOT, measured

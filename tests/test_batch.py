@@ -17,7 +17,7 @@ from symstiff.codegen.functions import Functions
 from symstiff.codegen.generate import generate
 from symstiff.codegen.options import Options
 from symstiff.codegen.sincos import DOUBLE, FLOAT
-from symstiff.effects.base import EffectInstance
+from symstiff.effects.instance import EffectInstance
 from symstiff.symbolic.program import Emit
 from tests.generated_c import STRICT, compiler, model, poses, shared_library, written
 

@@ -18,7 +18,8 @@ from symstiff.discrepancy.finding import Task
 from symstiff.discrepancy.prepare import prepare
 from symstiff.discrepancy.problem import Array, Candidate, Options, Parameter, Problem, Shape
 from symstiff.discrepancy.workflow import run
-from symstiff.effects.base import Move, Scales, catalogue
+from symstiff.effects.base import Move, Scales
+from symstiff.effects.registry import catalogue
 from symstiff.robot import load
 from symstiff.symbolic.terms import actuated_joint
 from tests.test_discrepancy_engine import QUICK, arm, measured, scaled

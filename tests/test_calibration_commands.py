@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from symstiff.calibration.table import read_poses
-from symstiff.effects.base import EffectInstance
+from symstiff.effects.instance import EffectInstance
 from symstiff.model import StiffnessModel, load_model
 from symstiff.reduction import reduce
 from symstiff.robot import load

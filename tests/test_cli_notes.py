@@ -15,7 +15,7 @@ from command_line import OBLIQUE, Result, Run, assert_users_mistake, run_command
 from symstiff.calibration.measurements import measurements
 from symstiff.calibration.rows import predict
 from symstiff.calibration.table import write_table
-from symstiff.effects.base import EffectInstance
+from symstiff.effects.instance import EffectInstance
 from symstiff.model import StiffnessModel, joints_only
 from symstiff.robot import load
 

@@ -7,7 +7,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from symstiff.compensation import compensate, compensate_online
-from symstiff.effects.base import EffectInstance
+from symstiff.effects.instance import EffectInstance
 from symstiff.errors import UserError
 from symstiff.model import StiffnessModel, joints_only
 from symstiff.reduction import reduce

@@ -11,7 +11,9 @@ import pytest
 from symstiff.calibration.simulation import Effect, Truth, nominal_truth
 from symstiff.discrepancy.finding import Finding, Task
 from symstiff.discrepancy.workflow import run
-from symstiff.effects.base import EffectInstance, Scales, find
+from symstiff.effects.base import Scales
+from symstiff.effects.instance import EffectInstance
+from symstiff.effects.registry import find
 from symstiff.report.words import shape_text
 from symstiff.robot import load
 from symstiff.symbolic.terms import q

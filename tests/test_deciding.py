@@ -21,7 +21,8 @@ from symstiff.discrepancy.deciding import (
     experiments_like,
     names_of,
 )
-from symstiff.effects.base import EffectInstance, find
+from symstiff.effects.instance import EffectInstance
+from symstiff.effects.registry import find
 from symstiff.model import StiffnessModel, joints_only
 from symstiff.robot import Robot, from_table, load
 from symstiff.robot.table import to_table

@@ -11,7 +11,7 @@ from symstiff.calibration.identify import identify
 from symstiff.calibration.measurements import Measurements, measurements
 from symstiff.calibration.robust import HUBER
 from symstiff.calibration.rows import predict
-from symstiff.effects.base import EffectInstance
+from symstiff.effects.instance import EffectInstance
 from symstiff.model import StiffnessModel, joints_only
 from symstiff.robot import load
 

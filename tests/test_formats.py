@@ -15,7 +15,7 @@ from definition import motion
 from symstiff.calibration.simulation import SHAPES, load_truth
 from symstiff.calibration.table import check_robot, read_measurements, read_poses
 from symstiff.codegen.verify import Verification
-from symstiff.effects.base import catalogue
+from symstiff.effects.registry import catalogue
 from symstiff.model import StiffnessModel
 from symstiff.model_file import ModelFile
 from symstiff.reduction import reduce

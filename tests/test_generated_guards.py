@@ -18,7 +18,7 @@ from symstiff.codegen.functions import Functions
 from symstiff.codegen.options import Options
 from symstiff.codegen.reference import cases, plausible_values
 from symstiff.codegen.verify import build_library, c_errors, verify
-from symstiff.effects.base import EffectInstance
+from symstiff.effects.instance import EffectInstance
 from symstiff.files import write_tree
 from symstiff.model import StiffnessModel
 from tests.generated_c import compiler, model, shared_library, written

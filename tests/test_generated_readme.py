@@ -8,7 +8,7 @@ import pytest
 from symstiff.codegen.functions import Functions
 from symstiff.codegen.options import Options
 from symstiff.codegen.targets import TARGETS
-from symstiff.effects.base import EffectInstance
+from symstiff.effects.instance import EffectInstance
 from symstiff.files import write_tree
 from tests.generated_c import model, poses
 

@@ -16,7 +16,7 @@ from symstiff.calibration.rows import equations, predict
 from symstiff.calibration.simulation import nominal_truth, simulate, truth_from_table
 from symstiff.calibration.table import read_measurements
 from symstiff.compensation import compensate, compensate_online
-from symstiff.effects.base import EffectInstance
+from symstiff.effects.instance import EffectInstance
 from symstiff.errors import UserError
 from symstiff.model import StiffnessModel, load_model
 from symstiff.reduction import reduce

@@ -9,7 +9,7 @@ from symstiff.calibration.identify import identify
 from symstiff.calibration.loading import as_loading, load_factor
 from symstiff.calibration.measurements import Measurements, measurements
 from symstiff.calibration.simulation import Effect, Noise, Truth, nominal_truth, simulate
-from symstiff.effects.base import EffectInstance
+from symstiff.effects.instance import EffectInstance
 from symstiff.model import joints_only
 from symstiff.robot import load
 

@@ -22,7 +22,7 @@ from symstiff.discrepancy.noise import start
 from symstiff.discrepancy.problem import Array, Candidate, Parameter
 from symstiff.discrepancy.scan import column_space, evidence, extend, open_scan
 from symstiff.discrepancy.sharing import Split
-from symstiff.effects.base import find
+from symstiff.effects.registry import find
 from symstiff.model import StiffnessModel
 from symstiff.reduction.reduce import reduce
 from symstiff.robot import load

@@ -18,7 +18,9 @@ from definition import jacobians, places, samples
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from symstiff.effects.base import EffectInstance, Scales, catalogue, find
+from symstiff.effects.base import Scales
+from symstiff.effects.instance import EffectInstance
+from symstiff.effects.registry import catalogue, find
 from symstiff.errors import UserError
 from symstiff.model import StiffnessModel, joints_only, load_model
 from symstiff.reduction import reduce

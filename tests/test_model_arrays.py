@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from symstiff.effects.base import EffectInstance
+from symstiff.effects.instance import EffectInstance
 from symstiff.errors import UserError
 from symstiff.model import StiffnessModel, joints_only
 from symstiff.reduction import reduce

@@ -19,7 +19,9 @@ from symstiff.calibration.rows import equations, stated_sigma
 from symstiff.calibration.writing import write_table
 from symstiff.discrepancy.finding import Task
 from symstiff.discrepancy.workflow import run as diagnose
-from symstiff.effects.base import EffectInstance, Scales, catalogue
+from symstiff.effects.base import Scales
+from symstiff.effects.instance import EffectInstance
+from symstiff.effects.registry import catalogue
 from symstiff.errors import UserError
 from symstiff.model import StiffnessModel, joints_only, load_model
 from symstiff.reduction.reduce import reduce

@@ -11,7 +11,9 @@ import pytest
 from symstiff.codegen.emit import emit_c
 from symstiff.codegen.functions import Functions
 from symstiff.codegen.options import Options
-from symstiff.effects.base import EffectInstance, Scales, catalogue
+from symstiff.effects.base import Scales
+from symstiff.effects.instance import EffectInstance
+from symstiff.effects.registry import catalogue
 from symstiff.files import write_tree
 from symstiff.model import StiffnessModel
 from symstiff.reduction import reduce

@@ -17,7 +17,7 @@ from symstiff.codegen.functions import Functions
 from symstiff.codegen.generate import generate
 from symstiff.codegen.options import Options
 from symstiff.codegen.targets import TARGETS
-from symstiff.effects.base import EffectInstance
+from symstiff.effects.instance import EffectInstance
 from symstiff.model import StiffnessModel
 from symstiff.reduction import reduce
 from symstiff.robot import parse

@@ -18,7 +18,9 @@ from symstiff.codegen.generate import generate
 from symstiff.codegen.options import CHOICES, Options
 from symstiff.codegen.quoting import c_comment, markdown, pkgconfig, st_comment
 from symstiff.codegen.targets import TARGETS
-from symstiff.effects.base import EffectInstance, Scales, find
+from symstiff.effects.base import Scales
+from symstiff.effects.instance import EffectInstance
+from symstiff.effects.registry import find
 from symstiff.errors import UserError
 from symstiff.model import StiffnessModel, load_model
 from symstiff.reduction import reduce

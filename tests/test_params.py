@@ -19,7 +19,7 @@ from symstiff.codegen.functions import Functions
 from symstiff.codegen.options import Options
 from symstiff.codegen.params import emit_params, params_text
 from symstiff.codegen.targets import TARGETS
-from symstiff.effects.base import EffectInstance
+from symstiff.effects.instance import EffectInstance
 from symstiff.errors import UserError
 from symstiff.files import write_tree
 from tests.generated_c import STRICT, compiler, model, run, shared_library, written

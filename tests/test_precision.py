@@ -17,7 +17,7 @@ from symstiff.codegen.generate import generate
 from symstiff.codegen.options import Options
 from symstiff.codegen.reference import cases, plausible_values
 from symstiff.codegen.verify import CONFIGURATIONS
-from symstiff.effects.base import EffectInstance
+from symstiff.effects.instance import EffectInstance
 from symstiff.errors import UserError
 from symstiff.files import write_tree
 from symstiff.model import StiffnessModel

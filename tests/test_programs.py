@@ -14,7 +14,7 @@ import sympy as sp
 from definition import elastic_frame, samples
 from kr270_programs import kr270_programs
 
-from symstiff.effects.base import EffectInstance
+from symstiff.effects.instance import EffectInstance
 from symstiff.model import StiffnessModel
 from symstiff.reduction import reduce
 from symstiff.reduction.circle import prime_with_roots

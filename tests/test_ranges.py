@@ -22,7 +22,8 @@ from symstiff.discrepancy.ranges import Extent, at_size, extent_of
 from symstiff.discrepancy.remarks import remarked
 from symstiff.discrepancy.result import Estimate
 from symstiff.discrepancy.workflow import run
-from symstiff.effects.base import Scales, catalogue
+from symstiff.effects.base import Scales
+from symstiff.effects.registry import catalogue
 from symstiff.report.html import _steps
 from symstiff.report.residuals import draw_residuals
 from symstiff.robot import load

@@ -10,7 +10,7 @@ from symstiff.discrepancy.finding import Finding, Found, Task
 from symstiff.discrepancy.remarks import astray, out_of_range, remarked
 from symstiff.discrepancy.result import Diagnosis, Estimate, NamedEffect
 from symstiff.discrepancy.workflow import run
-from symstiff.effects.base import EffectInstance
+from symstiff.effects.instance import EffectInstance
 from symstiff.robot import load
 from tests.diagnosis_data import HARDENING, ROBOT, measured
 

@@ -16,7 +16,9 @@ from symstiff.codegen import library as library_module
 from symstiff.codegen.compiler import find_compiler
 from symstiff.codegen.library import cache_folder
 from symstiff.codegen.runtime import Evaluator, NotCompiled, compiled
-from symstiff.effects.base import EffectInstance, Scales, find
+from symstiff.effects.base import Scales
+from symstiff.effects.instance import EffectInstance
+from symstiff.effects.registry import find
 from symstiff.errors import UserError
 from tests.generated_c import model, poses
 

@@ -14,7 +14,7 @@ from symstiff.discrepancy.localise import FittedLaw
 from symstiff.discrepancy.problem import Array, Problem
 from symstiff.discrepancy.remarks import _of_rows
 from symstiff.discrepancy.workflow import run
-from symstiff.effects.base import EffectInstance
+from symstiff.effects.instance import EffectInstance
 from symstiff.report.code import formulas
 from symstiff.report.html import render
 from symstiff.report.unnamed import law_text

@@ -28,7 +28,7 @@ from symstiff.discrepancy.sharing import AXES, EACH, JOINTS, Sharing
 from symstiff.discrepancy.strata import Stratum
 from symstiff.discrepancy.used import known_throughout
 from symstiff.discrepancy.workflow import run
-from symstiff.effects.base import EffectInstance
+from symstiff.effects.instance import EffectInstance
 from symstiff.errors import UserError
 from symstiff.model import StiffnessModel
 from symstiff.reduction.reduce import reduce

@@ -22,7 +22,9 @@ from symstiff.discrepancy.remarks import astray, remarked
 from symstiff.discrepancy.result import Estimate
 from symstiff.discrepancy.verdict import NO_TEST_NAMES
 from symstiff.discrepancy.workflow import run
-from symstiff.effects.base import EffectInstance, Scales, find
+from symstiff.effects.base import Scales
+from symstiff.effects.instance import EffectInstance
+from symstiff.effects.registry import find
 from symstiff.model import StiffnessModel
 from symstiff.reduction import reduce
 from symstiff.report.html import _unnamed

@@ -16,7 +16,9 @@ from symstiff.codegen.functions import Functions
 from symstiff.codegen.options import Options
 from symstiff.codegen.reference import unit_length
 from symstiff.codegen.structured_text import emit_st
-from symstiff.effects.base import EffectInstance, Scales, find
+from symstiff.effects.base import Scales
+from symstiff.effects.instance import EffectInstance
+from symstiff.effects.registry import find
 from symstiff.symbolic.algebras import evaluate_numpy
 from tests.generated_c import grown, model, needs, poses, shared_library, written
 from tests.structured_text import Block

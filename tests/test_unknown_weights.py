@@ -20,7 +20,8 @@ from symstiff.discrepancy.finding import Finding, Task
 from symstiff.discrepancy.result import Diagnosis
 from symstiff.discrepancy.workflow import run
 from symstiff.effects.arm import FARTHEST, MOMENTS, TAPERS, arm_load, assumed_arms, heaviest, own_load
-from symstiff.effects.base import Scales, find
+from symstiff.effects.base import Scales
+from symstiff.effects.registry import find
 from symstiff.robot import Robot, load
 from symstiff.symbolic.terms import actuated_joint, q
 

@@ -21,7 +21,7 @@ from symstiff.discrepancy.finding import Task
 from symstiff.discrepancy.growth import fit
 from symstiff.discrepancy.scan import column_space
 from symstiff.discrepancy.workflow import run as diagnose
-from symstiff.effects.base import EffectInstance
+from symstiff.effects.instance import EffectInstance
 from symstiff.model import StiffnessModel, joints_only, load_model
 from symstiff.reduction.reduce import reduce
 from symstiff.report.folder import write_folder

@@ -45,7 +45,7 @@ from symstiff.calibration.soundness import (
     usable_model,
 )
 from symstiff.calibration.table import check_robot
-from symstiff.effects.base import find
+from symstiff.effects.registry import find
 from symstiff.errors import UserError, printable
 from symstiff.model import StiffnessModel, joints_only
 from symstiff.reduction import Reduction, reduce

@@ -10,7 +10,9 @@ from dataclasses import replace
 
 from symstiff.calibration.experiment.situation import has_weights
 from symstiff.effects.arm import ASSUMED
-from symstiff.effects.base import EffectInstance, find, place_name
+from symstiff.effects.base import place_name
+from symstiff.effects.instance import EffectInstance
+from symstiff.effects.registry import find
 from symstiff.model import StiffnessModel
 from symstiff.symbolic.terms import Term, tau
 

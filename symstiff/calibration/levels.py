@@ -9,7 +9,8 @@ import scipy.linalg
 
 from symstiff.calibration.measurements import Measurements, measurements
 from symstiff.calibration.rows import equations
-from symstiff.effects.base import EffectInstance, find
+from symstiff.effects.instance import EffectInstance
+from symstiff.effects.registry import find
 from symstiff.errors import UserError
 from symstiff.model import StiffnessModel
 from symstiff.reduction.structural import LOADS

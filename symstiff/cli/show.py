@@ -212,7 +212,7 @@ def _print_effects(out: Console, title: str, found: dict[str, list[tuple[Where, 
     from rich.table import Table
 
     from symstiff.discrepancy.speech import spoken
-    from symstiff.effects.base import catalogue
+    from symstiff.effects.registry import catalogue
     from symstiff.report.words import places
 
     table = Table(title=title, title_justify="left")
@@ -240,7 +240,7 @@ def _told(distinction: Distinction) -> str:
 
 
 def _effects(found: dict[str, list[tuple[Where, Distinction]]]) -> list[dict[str, Any]]:
-    from symstiff.effects.base import catalogue
+    from symstiff.effects.registry import catalogue
 
     def entry(effect: Effect) -> dict[str, Any]:
         return {

@@ -37,7 +37,7 @@ from symstiff.codegen.reference import (
 )
 from symstiff.codegen.targets import TARGETS
 from symstiff.codegen.text import CAlgebra, c_body, context_names
-from symstiff.effects.base import find
+from symstiff.effects.registry import find
 from symstiff.model import StiffnessModel
 from symstiff.robot.schema import Robot
 from symstiff.symbolic.algebras import count

@@ -20,7 +20,9 @@ from symstiff.discrepancy.candidates import grouped, structural
 from symstiff.discrepancy.devices import device_laws
 from symstiff.discrepancy.noise import Noise
 from symstiff.discrepancy.problem import Array, Candidate, Problem
-from symstiff.effects.base import Effect, EffectInstance, catalogue
+from symstiff.effects.base import Effect
+from symstiff.effects.instance import EffectInstance
+from symstiff.effects.registry import catalogue
 from symstiff.model import StiffnessModel
 from symstiff.symbolic.terms import VirtualJoint
 

@@ -15,7 +15,8 @@ from symstiff.discrepancy.finding import Found, Task
 from symstiff.discrepancy.problem import Index
 from symstiff.discrepancy.result import Diagnosis, Estimate
 from symstiff.discrepancy.verdict import AMBIGUOUS, INSUFFICIENT, NAMED, UNEXPLAINED
-from symstiff.effects.base import EffectInstance, catalogue
+from symstiff.effects.instance import EffectInstance
+from symstiff.effects.registry import catalogue
 from symstiff.model import StiffnessModel
 from symstiff.reduction.physical import physical_stages
 from symstiff.robot.schema import Robot

@@ -16,7 +16,9 @@ from symstiff.discrepancy.growth import columns_of
 from symstiff.discrepancy.problem import Array
 from symstiff.discrepancy.scan import column_space
 from symstiff.discrepancy.separation import Decider, Hypotheses, deciding_poses
-from symstiff.effects.base import EffectInstance, Scales, find
+from symstiff.effects.base import Scales
+from symstiff.effects.instance import EffectInstance
+from symstiff.effects.registry import find
 from symstiff.model import StiffnessModel
 from symstiff.threads import one_thread
 

@@ -11,7 +11,7 @@ from symstiff.calibration.loading import load_factor
 from symstiff.calibration.measurements import Measurements
 from symstiff.discrepancy.problem import Array, DeviceLaw, Parameter
 from symstiff.discrepancy.sensors import SENSOR, sensor_laws
-from symstiff.effects.common import couple
+from symstiff.effects.common import XYZ, turned
 from symstiff.symbolic.terms import AXES, Term, VirtualJoint, deflection, link_joint, w
 
 DEVICE, ORDER, FOOT = "measuring device", "order of the loads", "foot of the base"
@@ -184,7 +184,7 @@ def _moved_once(situation: Situation) -> Iterator[DeviceLaw]:
     begin = np.sort([clock[view.table.pose == p].min() for p in np.unique(view.table.pose)])[1:]
     tool = view.turn @ view.found.R[:, -1]
     fixed = np.tile(np.eye(3), (len(clock), 1, 1))
-    turned = _turned(situation)
+    about = _turns(situation)
     for cut in begin[:: max(1, round(len(begin) / _CUTS))]:
         since = (clock >= cut)[:, None]
         when = f"from {100 * np.mean(clock < cut):.0f} % of the session on in the"
@@ -194,29 +194,19 @@ def _moved_once(situation: Situation) -> Iterator[DeviceLaw]:
             yield DeviceLaw(place, "shift from some time on", columns, block)
             if place == DEVICE:
                 turns = tuple(Parameter(f"turn {when} {axes}'s axes: {axis}", "rad") for axis in "xyz")
-                rows = since[view.state] * turned
+                rows = since[view.state] * about
                 if view.table.kind == "absolute":  # what turns about another point is shifted too
                     turns, rows = (*columns, *turns), np.hstack([block, rows])
                 yield DeviceLaw(place, "turn from some time on", turns, rows)
 
 
-def _turned(situation: Situation) -> Array:
+def _turns(situation: Situation) -> Array:
     """(M, 3) what turns of the device about its axes change of the readings."""
     view = situation.view
     if view.table.kind == "absolute":
         seen = np.nan_to_num(view.table.values[:, :3])
         return np.column_stack([_read(view, np.cross(axis, seen)) for axis in np.eye(3)])
-    names = ("x", "y", "z")
-    terms = [
-        Term(name, VirtualJoint("measure", 0, first + i + 1), change)
-        for k, name in enumerate(names)
-        for first in (0, 3)
-        for i, change in enumerate(
-            couple([int(k == n) for n in range(3)], [deflection(first + n) for n in (1, 2, 3)])
-        )
-        if change != 0
-    ]
-    return situation.columns(terms, list(names))
+    return situation.columns([term for k, name in enumerate(XYZ) for term in turned(name, k)], list(XYZ))
 
 
 def _readings(view: View) -> Iterator[DeviceLaw]:

@@ -16,7 +16,9 @@ from typing import Any
 import numpy as np
 import sympy as sp
 
-from symstiff.effects.base import Effect, EffectInstance, Scales, Shape, Where, catalogue, find
+from symstiff.effects.base import Effect, Scales, Shape, Where
+from symstiff.effects.instance import EffectInstance
+from symstiff.effects.registry import catalogue, find
 from symstiff.model import StiffnessModel
 from symstiff.reduction.circle import prime_with_roots
 from symstiff.reduction.prime import PrimeAlgebra, echelon

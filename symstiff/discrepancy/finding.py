@@ -13,7 +13,7 @@ from symstiff.discrepancy.growth import Fitted
 from symstiff.discrepancy.problem import Array, Shape
 from symstiff.discrepancy.result import CandidateResult, Diagnosis, Estimate, Name, Rms
 from symstiff.discrepancy.strata import Stratum
-from symstiff.effects.base import EffectInstance
+from symstiff.effects.instance import EffectInstance
 from symstiff.model import StiffnessModel
 from symstiff.robot.schema import Robot
 

@@ -20,7 +20,8 @@ from symstiff.discrepancy.noise import Noise
 from symstiff.discrepancy.prepare import at_first, prepare
 from symstiff.discrepancy.problem import Array, Problem
 from symstiff.discrepancy.scan import Scan, coefficients, one_sharing, open_scan
-from symstiff.effects.base import EffectInstance, find
+from symstiff.effects.instance import EffectInstance
+from symstiff.effects.registry import find
 from symstiff.model import StiffnessModel
 
 _ROUNDS, _SETTLED = 8, 1e-3

@@ -19,7 +19,9 @@ from symstiff.discrepancy.sharing import JOINTS
 from symstiff.discrepancy.speech import named as named_at
 from symstiff.discrepancy.verdict import INSUFFICIENT, NAMED, NOTHING, UNEXPLAINED, UNTESTABLE
 from symstiff.effects.arm import untold_weight
-from symstiff.effects.base import Effect, EffectInstance, EffectParameter, find
+from symstiff.effects.base import Effect, EffectParameter
+from symstiff.effects.instance import EffectInstance
+from symstiff.effects.registry import find
 from symstiff.robot.schema import Robot
 
 LOOSE = 1.35

@@ -20,7 +20,9 @@ from symstiff.discrepancy.deciding import OFFERED, Choice, Experiment, Rival, de
 from symstiff.discrepancy.problem import Array
 from symstiff.discrepancy.separation import Decider
 from symstiff.discrepancy.speech import named
-from symstiff.effects.base import EffectInstance, Scales, find
+from symstiff.effects.base import Scales
+from symstiff.effects.instance import EffectInstance
+from symstiff.effects.registry import find
 from symstiff.errors import UserError
 from symstiff.model import StiffnessModel
 from symstiff.reduction.physical import physical_stages

@@ -14,7 +14,16 @@ from symstiff.discrepancy.power import visible
 from symstiff.discrepancy.prepare import Prepared
 from symstiff.discrepancy.problem import Array, Candidate, Options, Problem, Shape
 from symstiff.discrepancy.result import CandidateResult, Estimate, Name, NamedEffect, Step
-from symstiff.discrepancy.scan import Scan, at_sharing, at_sharings, coefficients, evidence, extend, likeliest
+from symstiff.discrepancy.scan import (
+    Scan,
+    at_sharing,
+    at_sharings,
+    coefficients,
+    evidence,
+    extend,
+    likeliest,
+    sum_entries,
+)
 from symstiff.discrepancy.search import Judged
 from symstiff.discrepancy.strata import strata
 from symstiff.discrepancy.testability import telling, why_untestable
@@ -110,7 +119,7 @@ def _confused(ready: Prepared, entry: int) -> tuple[Name, ...]:
     Q = layer.Q[:, bank.slice(entry)]
     signal = Q @ (Q.T @ layer.y)
     total = float(signal @ signal)
-    inside = np.add.reduceat((layer.Q.T @ signal) ** 2, bank.start)
+    inside = sum_entries(bank, ((layer.Q.T @ signal) ** 2)[:, None])[:, 0]
     group = bank.candidates[own].group
     found: dict[int, float] = {}
     for e, value in enumerate(inside):

@@ -39,7 +39,7 @@ from symstiff.discrepancy.speech import named as named_at
 from symstiff.discrepancy.used import used
 from symstiff.discrepancy.verdict import AMBIGUOUS, NAMED, NOTHING, UNEXPLAINED, UNTESTABLE
 from symstiff.display import few
-from symstiff.effects.base import EffectInstance
+from symstiff.effects.instance import EffectInstance
 from symstiff.model import StiffnessModel
 from symstiff.reduction.remarks import reduction_remarks
 from symstiff.threads import one_thread

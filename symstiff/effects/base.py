@@ -7,32 +7,20 @@ A catalogue file defines one ``Effect``; a plugin registers one under the entry 
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
-from functools import cache
-from importlib import import_module, metadata
-from pkgutil import iter_modules
 from typing import Any, Protocol
 
 import numpy as np
 
-from symstiff.arguments import require
-from symstiff.effects.lawful import check_laws
 from symstiff.errors import UserError
-from symstiff.robot.frozen import frozen_numbers
-from symstiff.robot.names import C_WORDS
 from symstiff.robot.schema import Robot
 from symstiff.symbolic.terms import Term, VirtualJoint
 
 Where = Mapping[str, Any]
 Shape = Mapping[str, float]
-_NAME = re.compile(r"[A-Za-z][A-Za-z0-9_]*", re.ASCII)
-_MEMBERS = frozenset({"k", "time", "temperature", "branch"})
-"""What the C struct of a model's parameters holds beside those of effects."""
-_FAR = 1e12
-"""Size of a shape's value, in SI units, that nobody means."""
-_DIGITS, _CLOCK = 4, 1e4
-"""Digits of a shape's value as told, and from where on it gets all of them, as the time of a clock does."""
+NAME = re.compile(r"[A-Za-z][A-Za-z0-9_]*", re.ASCII)
+"""Identifiers and names of parameters."""
 
 
 @dataclass(frozen=True)
@@ -166,11 +154,7 @@ def _alike(robot: Robot, shape: Shape) -> float:
     return 1.0
 
 
-def _likely(robot: Robot, where: Where) -> str:
-    return ""
-
-
-def _itself(robot: Robot, shape: Shape) -> str:
+def _nothing(robot: Robot, of: Mapping[str, Any]) -> str:
     return ""
 
 
@@ -219,191 +203,14 @@ class Effect:
     weights: float | None = None
     """The shape's entry ``weights`` where it is left out: 1, its law counts the links' weight by itself, or 0, it takes
     the load as it comes. None: its shapes have no such entry."""
-    unlikely: Callable[[Robot, Where], str] = _likely
+    unlikely: Callable[[Robot, Where], str] = _nothing
     """Why it is not looked for at one of its places, by what the robot file tells; empty where it is."""
-    alike: Callable[[Robot, Shape], str] = _itself
+    alike: Callable[[Robot, Shape], str] = _nothing
     """What outside of the catalogue looks like it, where the robot file does not speak for it; empty where nothing."""
 
     def __post_init__(self) -> None:
-        if not _NAME.fullmatch(self.identifier):
+        if not NAME.fullmatch(self.identifier):
             raise UserError(f"an effect cannot be called {self.identifier!r}: use letters, digits and _")
-
-
-def _check_names(found: Realisation) -> None:
-    """Refuse names that no C struct can hold; what has no terms has no code, and its names may tell of rows."""
-    for p in found.parameters if found.terms else ():
-        if not _NAME.fullmatch(p.name) or p.name in C_WORDS | _MEMBERS:
-            raise UserError(
-                f"an effect's parameter cannot be called {p.name!r}: it is a member of a C struct beside k, time, "
-                "temperature and branch: use letters, digits and _, e.g. <effect>_<place>_<what>"
-            )
-
-
-@dataclass(frozen=True)
-class EffectInstance:
-    """An effect in a model: which, where, with which shape."""
-
-    effect: str
-    where: Where
-    shape: Shape = field(default_factory=dict)
-
-    def __post_init__(self) -> None:
-        require(self.effect, str, "an effect's identifier", "'backlash' is one")
-        require(self.where, Mapping, f"where {self.effect} is", "{'joint': 2} is a place")
-        object.__setattr__(self, "where", {key: _plain(value) for key, value in self.where.items()})
-        shape = frozen_numbers(self.shape, f"shape of {self.effect}")
-        for key, value in shape.items():
-            if value and not 1.0 / _FAR <= abs(value) <= _FAR:
-                raise UserError(
-                    f"{self.effect}: {key} = {value:g}: give a size from {1.0 / _FAR:g} to {_FAR:g}, or 0"
-                )
-        object.__setattr__(self, "shape", shape)
-
-    def realise(self, robot: Robot) -> Realisation:
-        """Its parameters and terms on a robot. Raises UserError for a place the robot does not have."""
-        entry = find(self.effect)
-        if entry.places_in is None and not _acceptable(entry, robot, self.where):
-            raise UserError(f"{self.effect} cannot be at {dict(self.where)} on {robot.name}")
-        try:
-            found = entry.realise(robot, self.where, self.shape)
-            _check_names(found)
-            check_laws(found.terms, robot)
-            return found
-        except UserError as error:
-            raise UserError(f"{self.effect} at {dict(self.where)}: {error}") from error
-        except (KeyError, TypeError, ValueError, IndexError) as error:
-            raise UserError(
-                f"{self.effect} at {dict(self.where)}: the shape {dict(self.shape)} does not fit: {error}"
-            ) from error
-
-    def shape_phrases(self, robot: Robot) -> tuple[str, ...]:
-        """What the shape's values mean, with units."""
-        told, joint = find(self.effect).told, self.where.get("joint")
-        slides = isinstance(joint, int) and robot.joint[joint - 1].prismatic
-        said = []
-        for key, value in self.shape.items():
-            phrase = told.get(key, f"{key} = {{}}")
-            if phrase and ("{}" in phrase or value):
-                number = f"{float(value):.{_DIGITS if abs(value) < _CLOCK else 2 * _DIGITS + 2}g}"
-                said.append(phrase.format(number).replace("LOAD", "N" if slides else "N·m"))
-        return tuple(said)
-
-    def assumptions(self, robot: Robot) -> tuple[str, ...]:
-        """Remarks on what the shape takes for granted, and on what else looks like it."""
-        effect = find(self.effect)
-        assumed, alike = effect.assumed, effect.alike(robot, self.shape)
-        taken = (assumed[k].format(f"{float(v):.4g}") for k, v in self.shape.items() if k in assumed)
-        return (*taken, *((alike,) if alike else ()))
-
-    def unread(self, robot: Robot) -> tuple[str, ...]:
-        """Keys of the shape that the effect does not look at: misspelt, or of another effect."""
-        if find(self.effect).columns is not None:
-            return ()
-        read = _Read(self.shape)
-        find(self.effect).realise(robot, self.where, read)
-        return tuple(key for key in self.shape if key not in read.keys_read)
-
-
-def _plain(value: Any) -> Any:
-    """A part of a place without NumPy's types, which no file holds."""
-    if isinstance(value, np.ndarray | np.generic):
-        value = value.tolist()
-    if isinstance(value, list | tuple):
-        return type(value)(_plain(v) for v in value)
-    return int(value) if isinstance(value, float) and value.is_integer() else value
-
-
-class _Read(Mapping[str, float]):
-    """A shape that remembers what was read of it."""
-
-    def __init__(self, shape: Shape) -> None:
-        self._shape, self.keys_read = shape, set[str]()
-
-    def __getitem__(self, key: str) -> float:
-        self.keys_read.add(key)
-        return self._shape[key]
-
-    def __iter__(self) -> Iterator[str]:
-        self.keys_read.update(self._shape)
-        return iter(self._shape)
-
-    def __len__(self) -> int:
-        return len(self._shape)
-
-
-def realise_all(effects: Sequence[EffectInstance], robot: Robot) -> tuple[Realisation, ...]:
-    """Parameters and terms of effects of one model.
-
-    Raises UserError for two that give one parameter different laws; effects that share entries of a link agree on them.
-    """
-    found = tuple(effect.realise(robot) for effect in effects)
-    laws: dict[str, tuple[EffectInstance, set[Term]]] = {}
-    for effect, realised in zip(effects, found, strict=True):
-        for p in realised.parameters:
-            law = {term for term in realised.terms if term.parameter == p.name}
-            earlier, other = laws.setdefault(p.name, (effect, law))
-            if other != law:
-                raise UserError(
-                    f"{earlier.effect} with the shape {dict(earlier.shape)} and {effect.effect} with "
-                    f"{dict(effect.shape)} are two laws of one parameter, {p.name}: keep one of them"
-                )
-    return found
-
-
-def _acceptable(entry: Effect, robot: Robot, where: Where) -> bool:
-    """Whether the robot has the place; any harmonics are accepted where the joint is."""
-    free = {k: v for k, v in where.items() if k != "harmonics"}
-    places = ({k: v for k, v in place.items() if k != "harmonics"} for place in entry.places(robot))
-    return any(place == free for place in places)
-
-
-@cache
-def catalogue() -> dict[str, Effect]:
-    """All effects by identifier: the files of this room, then plugins (entry points ``symstiff.effects``)."""
-    package = import_module("symstiff.effects")
-    found: dict[str, Effect] = {}
-    for module in sorted(m.name for m in iter_modules(package.__path__)):
-        effect = getattr(import_module(f"symstiff.effects.{module}"), "EFFECT", None)
-        if isinstance(effect, Effect):
-            found[effect.identifier] = effect
-    for point in sorted(metadata.entry_points(group="symstiff.effects"), key=lambda p: p.name):
-        effect = _loaded(point)
-        if effect.identifier in found:
-            raise UserError(
-                f"{_of(point)}: there is an effect {effect.identifier!r} already: give it another identifier, or "
-                "uninstall the package"
-            )
-        found[effect.identifier] = effect
-    return found
-
-
-def _loaded(point: metadata.EntryPoint) -> Effect:
-    """The effect of a plugin. Raises UserError that names the package where it cannot be had."""
-    try:
-        effect = point.load()
-    except Exception as error:  # whatever another package's module raises
-        raise UserError(
-            f"{_of(point)}: cannot load {point.value} ({type(error).__name__}: {str(error)[:200]}): repair or "
-            "uninstall the package"
-        ) from error
-    if not isinstance(effect, Effect):
-        raise UserError(f"{_of(point)}: {point.value} is no Effect: see symstiff.effects.base")
-    return effect
-
-
-def _of(point: metadata.EntryPoint) -> str:
-    package = f" of package {point.dist.name}" if point.dist is not None else ""
-    return f"plugin {point.name}{package}"
-
-
-def find(identifier: str) -> Effect:
-    """An effect by its identifier. Raises UserError for an unknown one."""
-    if identifier not in catalogue():
-        raise UserError(
-            f"unknown effect {identifier!r}: known are {', '.join(catalogue())}; one of another package is known "
-            "where that package is installed (entry points symstiff.effects)"
-        )
-    return catalogue()[identifier]
 
 
 def place_name(where: Where) -> str:

@@ -6,24 +6,16 @@ In absolute data the placement of the device, six numbers, is always estimated.
 from __future__ import annotations
 
 from symstiff.effects.base import Effect, Realisation, Shape, Where
-from symstiff.effects.common import DEFLECTION, XYZ, couple, parameter
+from symstiff.effects.common import DEFLECTION, XYZ, parameter, turned
 from symstiff.robot.schema import Robot
-from symstiff.symbolic.terms import Term, VirtualJoint, deflection
 
 NAME = "frame_misalignment"
 
 
 def _realise(robot: Robot, where: Where, shape: Shape) -> Realisation:
-    parameters, terms = [], []
-    for k, axis in enumerate(XYZ):
-        p = parameter(NAME, where, f"r{axis}", "rad", -0.2, 0.2, 0.01)
-        parameters.append(p)
-        turn = [int(k == i) for i in range(3)]
-        for first in (0, 3):
-            for i, change in enumerate(couple(turn, [deflection(first + n) for n in (1, 2, 3)])):
-                if change != 0:
-                    terms.append(Term(p.name, VirtualJoint("measure", 0, first + i + 1), change))
-    return Realisation(tuple(parameters), tuple(terms))
+    parameters = tuple(parameter(NAME, where, f"r{axis}", "rad", -0.2, 0.2, 0.01) for axis in XYZ)
+    terms = tuple(term for k, p in enumerate(parameters) for term in turned(p.name, k))
+    return Realisation(parameters, terms)
 
 
 EFFECT = Effect(

@@ -8,7 +8,7 @@ import re
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
-from symstiff.effects.base import EffectInstance
+from symstiff.effects.instance import EffectInstance
 from symstiff.robot.schema import Robot
 
 if TYPE_CHECKING:

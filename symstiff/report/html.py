@@ -18,7 +18,7 @@ from symstiff.discrepancy.sharing import JOINTS
 from symstiff.discrepancy.speech import named, spoken
 from symstiff.discrepancy.verdict import INSUFFICIENT
 from symstiff.display import few
-from symstiff.effects.base import catalogue
+from symstiff.effects.registry import catalogue
 from symstiff.report import law_plots, plots, unnamed, words
 from symstiff.report.code import Line, formulas
 from symstiff.report.deciding import decides, reached, separation_text

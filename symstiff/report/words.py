@@ -12,7 +12,7 @@ from symstiff.discrepancy.remarks import FEW
 from symstiff.discrepancy.result import Name
 from symstiff.discrepancy.speech import named, place, spoken
 from symstiff.discrepancy.verdict import AS_WELL, INSUFFICIENT, NOT_ALONE, REFUTED
-from symstiff.effects.base import EffectInstance
+from symstiff.effects.instance import EffectInstance
 from symstiff.report.deciding import deciding
 from symstiff.report.tables import shift
 from symstiff.report.unnamed import device_text, explained, law_text

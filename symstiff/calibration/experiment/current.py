@@ -25,7 +25,8 @@ from symstiff.calibration.experiment.situation import (
 from symstiff.calibration.experiment.whole import whole
 from symstiff.calibration.measurements import Measurements
 from symstiff.calibration.rows import stated_sigma
-from symstiff.effects.base import Realisation, Shape, Where, find
+from symstiff.effects.base import Realisation, Shape, Where
+from symstiff.effects.registry import find
 from symstiff.model import StiffnessModel
 from symstiff.reduction.physical import Parameter as Compliance
 from symstiff.reduction.physical import physical_stages, terms_of
