@@ -35,9 +35,16 @@ def whole(value: Any, name: str, least: int = 0) -> int:
     return int(value)
 
 
+def real(value: Any, name: str, what: str) -> float:
+    """A number, of which the caller checks the range. Raises UserError."""
+    if not isinstance(value, Real) or isinstance(value, bool):
+        raise UserError(f"{name}: expected {what}, found {_shown(value)}")
+    return float(value)
+
+
 def number(value: Any, name: str, what: str = "a finite number", above: float = -math.inf) -> float:
     """A finite number above ``above``. Raises UserError."""
-    if not isinstance(value, Real) or isinstance(value, bool) or not above < float(value) < math.inf:
+    if not above < real(value, name, what) < math.inf:
         raise UserError(f"{name}: expected {what}, found {_shown(value)}")
     return float(value)
 

@@ -70,7 +70,7 @@ def test_searches(options: dict[str, Any]) -> None:
     assert f"{next(iter(options))}: expected a whole number" in refused(Search, **options)
 
 
-@pytest.mark.parametrize("size", [{"force": "a"}, {"force": None}, {"moment": "a"}, {"force": float("inf")}])
+@pytest.mark.parametrize("size", [{"force": "a"}, {"force": None}, {"moment": "a"}])
 def test_loads(size: dict[str, Any]) -> None:
     assert "expected newton" in refused(Load, "wrench", **size)
 

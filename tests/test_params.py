@@ -78,7 +78,11 @@ def test_the_text_is_toml_and_takes_other_values():
 
 
 @pytest.mark.parametrize(
-    ("values", "message"), [({"k9_99": 1.0}, "no parameter 'k9_99'"), ({"c1": math.nan}, "c1 is nan")]
+    ("values", "message"),
+    [
+        ({"k9_99": 1.0}, "no parameter 'k9_99'"),
+        ({"c1": math.nan}, "c1: expected a finite number, found 'nan'"),
+    ],
 )
 def test_values_that_the_model_cannot_have_are_not_written(values, message):
     m = model(ROBOT)

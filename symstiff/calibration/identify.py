@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from symstiff.arguments import number, require, whole
+from symstiff.arguments import real, require, whole
 from symstiff.calibration.absolute import fit_absolute
 from symstiff.calibration.checks import check_measured, without_copies, without_zeros
 from symstiff.calibration.constrained import ConstrainedEstimate, constrain
@@ -153,7 +153,7 @@ def identify(
     remarks = check_robot(table, robot)
     check_measured(table)
     whole(seed, "seed")
-    number(held_out, "held_out", "a share of the poses")
+    real(held_out, "held_out", "a share of the poses")
     if not 0 <= held_out < 1:
         raise UserError(f"--held-out {held_out:g}: give a share of the poses from 0 to below 1, e.g. 0.2")
     if table.kind == "absolute":

@@ -7,7 +7,7 @@ from typing import Any, Literal
 
 import numpy as np
 
-from symstiff.arguments import number
+from symstiff.arguments import real
 from symstiff.calibration.units import LARGEST_LOAD
 from symstiff.errors import UserError
 
@@ -29,9 +29,9 @@ class Load:
     def __post_init__(self) -> None:
         if self.kind not in ("gravity", "force", "wrench"):
             raise UserError(f"loads {self.kind!r}: use gravity, force or wrench")
-        number(self.force, "force", "newtons")
+        real(self.force, "force", "newtons")
         if self.moment is not None:
-            number(self.moment, "moment", "newton metres")
+            real(self.moment, "moment", "newton metres")
         if not 0 < self.force <= LARGEST_LOAD:
             raise UserError(
                 f"a load of {self.force:g} N: give a magnitude in newtons, up to {LARGEST_LOAD:g}"
