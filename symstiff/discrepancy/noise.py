@@ -16,10 +16,13 @@ from symstiff.discrepancy.sharing import (
     Roots,
     Sharing,
     Split,
+    applied,
     at_first,
     main_rows,
     mostly,
+    of_readings,
     patterns,
+    raised,
     shares,
 )
 
@@ -39,8 +42,6 @@ REPEATABILITY = 5.0
 """The same where every axis is read once in a pose: how a robot misses its poses is in the residual then."""
 _KNOWN = 1.3
 """Factor to which the variance that a pose's rows share is known, about."""
-_AT_ONCE = 1 << 17
-"""Numbers that are worked on together, so that they stay near the processor."""
 _LEAST = 1e-12
 """Least standard deviation that is told [m, rad]."""
 ENOUGH = 20
@@ -49,7 +50,10 @@ ENOUGH = 20
 
 @dataclass(frozen=True)
 class Noise:
-    """Covariance D (I + ratio K) D of the rows, K by pose and way of sharing; whoever uses it weighs the sharings."""
+    """Covariance D (S + ratio K) D of the rows, K by pose and way of sharing; whoever uses it weighs the sharings.
+
+    S is the identity, or what the markers of one reading share beside it; K is kept as S^-½·K·S^-½.
+    """
 
     spread: Array
     """(M,) standard deviations D, up to the common scale."""
@@ -58,38 +62,33 @@ class Noise:
     """K of each way: (n, m) row numbers of equal-sized blocks, their eigenvectors (n, m, k) and eigenvalues (n, k)."""
     learned: Mapping[str, tuple[float, ...]] = field(default_factory=dict)
     """The variances of the ways that were learned."""
+    reading: Roots = ()
+    """S less the identity; its blocks are the readings."""
 
     def root(self, sharing: Sharing, power: float) -> Roots:
-        """(I + ratio K)^power, less the identity."""
-        return tuple(
-            (rows, U, (1.0 + sharing.ratio * value) ** power - 1.0)
-            for rows, U, value in self.ways[sharing.way]
-        )
+        """Square root (power ½) of S + ratio K, or its inverse (-½): factors, the first one is applied first.
+
+        Each factor is symmetric, so that the reversed order is the transpose.
+        """
+        own = raised(self.reading, power)
+        shared = raised(self.ways[sharing.way], power, sharing.ratio)
+        return shared + own if power > 0 else own + shared
 
     def apply(self, roots: Roots, X: Array) -> Array:
-        """Multiply the rows of X (M, k) by the block matrices."""
-        out = np.array(X)
-        for rows, U, gain in roots:
-            if not np.any(gain):
-                continue
-            at_once = max(1, _AT_ONCE // max(rows.shape[1] * X.shape[1], 1))
-            for k in range(0, len(rows), at_once):
-                some = slice(k, k + at_once)
-                part = X[rows[some]]
-                along = gain[some, :, None] * np.matmul(U[some].transpose(0, 2, 1), part)
-                out[rows[some]] = part + np.matmul(U[some], along)
-        return out
+        """Multiply the rows of X (M, k) by the block matrices, one after the other."""
+        return applied(roots, X)
 
     def weigh(self, rows: Array) -> Array:
         """Rows (M, k) in units of the noise, up to the common scale, at the first of the sharings."""
         return self.apply(self.root(self.sharings[0], -0.5), rows / self.spread[:, None])
 
     def log_determinant(self, sharing: Sharing) -> float:
-        """log |I + ratio K|, and twice the price of what was learned."""
+        """log |S + ratio K|, and twice the price of what was learned."""
         learned = max(len(self.learned.get(sharing.way, ())) - 1, 0)
         poses = sum(len(rows) for rows, _, _ in self.ways[sharing.way])
         return learned * float(np.log1p(poses / ALIKE)) + float(
             sum(np.log1p(sharing.ratio * value).sum() for _, _, value in self.ways[sharing.way])
+            + sum(np.log1p(value).sum() for _, _, value in self.reading)
         )
 
 
@@ -126,6 +125,8 @@ class NoiseReport:
     """Of each axis, what a pose's rows share."""
     anew: float | None = None
     """Part of its variance that each repeat of a pose has alone; None without repeats."""
+    reading: float = 0.0
+    """Part of the rows' own variance that the markers of one reading share."""
 
     @property
     def mostly_shared(self) -> bool:
@@ -157,7 +158,9 @@ def start(problem: Problem, split: Split) -> Noise:
 
 def _noise(problem: Problem, spread: Array, split: Split) -> Noise:
     ways = patterns(problem, spread, split)
-    return Noise(spread, at_first(problem, ways), ways, split.learned)
+    return Noise(
+        spread, at_first(problem, ways), ways, split.learned, of_readings(problem, spread, split.reading)
+    )
 
 
 def refine(
@@ -226,9 +229,11 @@ def report(
         float(np.sum(sharing.ratio * value / (1.0 + sharing.ratio * value)))
         for _, _, value in noise.ways[sharing.way]
     )
-    source, found, freedom = "residual", scale2, max(dof - taken, 1.0)
+    alone = 1.0 + _square(noise, noise.reading)  # a row's own variance, by what its reading's rows share
+    whole = float(np.mean(alone[rows]))
+    source, found, freedom = "residual", scale2 * whole, max(dof - taken, 1.0)
     if repeats >= ENOUGH:
-        source, found, freedom = "repeats", square / repeats, float(repeats)
+        source, found, freedom = "repeats", square / repeats * whole, float(repeats)
     sigma = float(np.sqrt(found * np.mean(noise.spread[rows] ** 2)))
     stated = None if problem.sigma is None else float(np.sqrt(np.mean(problem.sigma[rows] ** 2)))
     relative = interval = None
@@ -243,12 +248,13 @@ def report(
     mean = float(np.mean((residual / noise.spread) ** 2))
     gain = found / mean if mean > 0 else 1.0  # the model's freedom is deducted from all axes alike
     by_axis = {a: float(np.sqrt(gain * np.mean(residual[own] ** 2))) for a, own in axes}
-    common = found * noise.spread**2 * _diagonal(noise, sharing)
+    common = found / whole * noise.spread**2 * _diagonal(noise, sharing)
     return NoiseReport(
         sigma, stated, relative, interval, misstated, freedom, source, by_axis,
         _homogeneity(problem, residual, dof), growth, by_marker,
         float(np.sqrt(np.mean(common[rows]))), approach_p, _mostly(problem, noise, sharing),
         not shares(problem, AXES), {a: float(np.sqrt(np.mean(common[own]))) for a, own in axes},
+        reading=1.0 - 1.0 / whole,
     )  # fmt: skip
 
 
@@ -275,9 +281,19 @@ def _off_by_half(interval: tuple[float, float], noise: Noise, sharing: Sharing) 
 
 def _diagonal(noise: Noise, sharing: Sharing) -> Array:
     """(M,) of ratio K."""
+    return _square(noise, noise.ways[sharing.way], sharing.ratio, raised(noise.reading, 0.5))
+
+
+def _square(noise: Noise, roots: Roots, ratio: float = 1.0, factor: Roots = ()) -> Array:
+    """(M,) diagonal of F·ratio·(the blocks)·Fᵀ."""
     out = np.zeros(len(noise.spread))
-    for rows, U, value in noise.ways[sharing.way]:
-        out[rows] = np.einsum("nmk,nk->nm", U**2, sharing.ratio * value)
+    for rows, U, value in roots:
+        if not factor:
+            out[rows] = np.einsum("nmk,nk->nm", U**2, ratio * value)
+            continue
+        columns = np.zeros((len(out), U.shape[2]))
+        columns[rows] = U * np.sqrt(ratio * value)[:, None, :]
+        out += np.sum(noise.apply(factor, columns) ** 2, axis=1)
     return out
 
 

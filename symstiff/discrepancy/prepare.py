@@ -31,6 +31,7 @@ from symstiff.discrepancy.sharing import (
     Split,
     approaches,
     near,
+    readings,
     repeated,
     several_markers,
     sizes,
@@ -39,6 +40,8 @@ from symstiff.discrepancy.strata import pure_error
 
 SAME_SHARE = 0.1
 """Change of the markers' or the repeats' own part of a shared error up to which the coarse grid is not seen again."""
+_SURE, _PAIRS, _SHAKES = 4.0, 60, 0.25
+"""Standard deviations, pairs of rows and variance from which the markers of one reading are taken to share an error."""
 _LOOKS = _COARSE, _NEAR, _FINE = "coarse", "near", "fine"
 """How the size of the shared error is looked for."""
 
@@ -81,7 +84,9 @@ def prepare(problem: Problem, candidates: Sequence[Candidate]) -> Prepared:
     first = _first_split(problem)
     bank, seen = _looked(problem, bank, noises.start(problem, first))
     split = _split(problem, seen)
-    changed = max(abs(split.own - first.own), abs(split.anew - first.anew))
+    changed = max(
+        abs(split.own - first.own), abs(split.anew - first.anew), abs(split.reading - first.reading)
+    )
     for look in _LOOKS[1 if changed < SAME_SHARE else 0 :]:
         clean = seen.clean
         noise, growth, by_marker = noises.refine(problem, _within_residual(clean), clean.freedom, split)
@@ -197,28 +202,29 @@ def _first_split(problem: Problem) -> Split:
     y = problem.y / spread
     left = y - basis @ (basis.T @ y)
     anew = _anew_share(problem, left)
-    return Split(_own_share(problem, left, anew), anew)
+    return Split(_own_share(problem, left, anew, _of_readings(problem, left) > 0), anew)
 
 
 def _split(problem: Problem, seen: _Look) -> Split:
     clean = seen.clean
     residual = _data_residual(clean)
     z = residual / clean.noise.spread
-    anew = _anew_share(problem, z)
-    own = _own_share(problem, z, anew)
+    anew, reading = _anew_share(problem, z), _of_readings(problem, z)
+    own = _own_share(problem, z, anew, reading > 0)
     ratio = clean.best.sharing.ratio
     if ratio == 0.0 or all(layer.sharing.way != JOINTS for layer in clean.layers):
-        return Split(own, anew)
+        return Split(own, anew, reading)
     left = (clean, _with_one_more(seen))
-    learned = {way: _sizes(problem, scan, anew) for way, scan in zip(LEARNED, left, strict=True)}
-    return Split(own, anew, {way: found for way, found in learned.items() if max(found) > RATIOS[0]})
+    learned = {way: _sizes(problem, scan, anew, reading) for way, scan in zip(LEARNED, left, strict=True)}
+    return Split(own, anew, reading, {way: found for way, found in learned.items() if max(found) > RATIOS[0]})
 
 
-def _sizes(problem: Problem, scan: Scan, anew: float) -> tuple[float, ...]:
+def _sizes(problem: Problem, scan: Scan, anew: float, reading: float) -> tuple[float, ...]:
     """What was learned of a pose's errors from what a scan leaves."""
     best, scale2 = scan.best, scan.best.rss / max(scan.freedom, 1)
     label = approaches(problem, anew)
-    return sizes(problem, _data_residual(scan), scan.noise.spread, scale2, best.sharing.ratio, label)
+    residual, spread = _data_residual(scan), scan.noise.spread
+    return sizes(problem, residual, spread, scale2, best.sharing.ratio, label, reading)
 
 
 def _with_one_more(seen: _Look) -> Scan:
@@ -240,21 +246,46 @@ def _anew_share(problem: Problem, z: Array) -> float:
     return _alone(z, each, whole)
 
 
-def _own_share(problem: Problem, z: Array, anew: float) -> float:
+def _own_share(problem: Problem, z: Array, anew: float, by_reading: bool) -> float:
     """Part of the shared error that each marker has for itself, by moments of the residual (M,) within a pose."""
     if not several_markers(problem):
         return 0.0
     label = approaches(problem, anew)
     each, whole = (label * (int(part.max()) + 1) + part for part in (problem.channel, problem.axis))
-    return _alone(z, each, whole)
+    return _alone(z, each, whole, readings(problem) if by_reading else None)
 
 
-def _alone(z: Array, each: Index, whole: Index) -> float:
-    """Part of the error that rows of one label ``whole`` share which those of each label within it have alone."""
+def _of_readings(problem: Problem, z: Array) -> float:
+    """Variance of an error that the markers of one reading share over that of each alone, 0 where it may be none.
+
+    By moments of the residual (M,): products of rows of one reading, less those of other readings of the pose.
+    """
+    if not several_markers(problem):
+        return 0.0
+    together, pairs = _products(z, readings(problem))
+    of_pose, all_pairs = _products(z, problem.pose * (int(problem.axis.max()) + 1) + problem.axis)
+    if pairs < _PAIRS or all_pairs - pairs < _PAIRS:
+        return 0.0
+    shared = together / pairs - (of_pose - together) / (all_pairs - pairs)
+    square = float(np.mean(z**2))
+    # pairs are counted twice
+    if shared < _SURE * square / np.sqrt(0.5 * pairs):
+        return 0.0
+    own = square - together / pairs
+    found = shared / max(own, 0.02 * square)
+    return float(found) if found > _SHAKES else 0.0
+
+
+def _alone(z: Array, each: Index, whole: Index, apart: Index | None = None) -> float:
+    """Part of the error that rows of one label ``whole`` share which those of each label within it have alone.
+
+    Rows of one label ``apart`` share something else too.
+    """
     same, pairs = _products(z, each)
     every, all_pairs = _products(z, whole)
+    other, other_pairs = (0.0, 0.0) if apart is None else _products(z, apart)
     alone = same / max(pairs, 1.0)
-    common = (every - same) / max(all_pairs - pairs, 1.0)
+    common = (every - same - other) / max(all_pairs - pairs - other_pairs, 1.0)
     return float(np.clip(1.0 - common / max(alone, 1e-12), 0.0, 1.0))
 
 

@@ -132,7 +132,7 @@ def _rows(noise: Noise, rows: Index) -> Noise:
     place = np.full(len(noise.spread), -1)
     place[rows] = np.arange(len(rows))
     ways = {way: _inside(place, batches) for way, batches in noise.ways.items()}
-    return replace(noise, spread=noise.spread[rows], ways=ways)
+    return replace(noise, spread=noise.spread[rows], ways=ways, reading=_inside(place, noise.reading))
 
 
 def _inside(place: Index, batches: Roots) -> Roots:

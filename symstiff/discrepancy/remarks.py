@@ -49,9 +49,9 @@ def remarked(view: View, last: Diagnosis) -> list[str]:
     if last.verdict == NOTHING and not last.growth:  # nothing was tested
         return [last.reason]
     return [
-        *_of_sigma(noise), *_of_approach(view.table, last), *_of_markers(noise), *_of_poses(view.table, last),
-        *_of_single(last), *_of_proof(last), *_of_rows(view, last), *_of_weights(view, last), *_of_sizes(view, last),
-        *_of_known(view.robot, last), *_of_further(last),
+        *_of_sigma(noise), *_of_readings(noise), *_of_approach(view.table, last), *_of_markers(noise),
+        *_of_poses(view.table, last), *_of_single(last), *_of_proof(last), *_of_rows(view, last),
+        *_of_weights(view, last), *_of_sizes(view, last), *_of_known(view.robot, last), *_of_further(last),
         *(of_sag(view.robot) if view.table.kind == "absolute" else ()),
     ]  # fmt: skip
 
@@ -73,6 +73,16 @@ def _of_sigma(noise: NoiseReport) -> list[str]:
         )
     return [
         f"what is left varies by {noise.ratio:.2f} times the stated sigma ({low:.2f} to {high:.2f}): {why}"
+    ]
+
+
+def _of_readings(noise: NoiseReport) -> list[str]:
+    """What shakes the tool moves all its markers."""
+    if noise.reading == 0.0:
+        return []
+    return [
+        f"the markers of one reading share {100 * noise.reading:.0f} % of the noise's variance, as a load or a robot "
+        "that is not still makes it: more readings of a load help more than more markers do"
     ]
 
 

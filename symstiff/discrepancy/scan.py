@@ -168,7 +168,7 @@ def _extended(scan: Scan, layer: Layer, entries: tuple[int, ...]) -> tuple[Layer
     residual = layer.y - U @ (U.T @ layer.y)
     inside = U.T @ layer.Q
     mix = mixes(scan.bank, layer.alive, layer.variance, inside)
-    whitened = scan.noise.apply(layer.whiten, U) / scan.noise.spread[:, None]
+    whitened = scan.noise.apply(layer.whiten[::-1], U) / scan.noise.spread[:, None]
     after = replace(
         layer, y=residual, left2=layer.left2 - np.sum((whitened.T @ scan.bank.columns) ** 2, axis=0),
         basis=np.hstack([layer.basis, U]), Q=mix(layer.Q - U @ inside), variance=mix.variance,

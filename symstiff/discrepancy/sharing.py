@@ -23,6 +23,8 @@ LEARNED = (EACH, BESIDE)
 ALIKE = 4.0
 """Poses that the belief in joints with like errors counts for; what is learned of more poses pays for it."""
 _STEPS = 150
+_AT_ONCE = 1 << 17
+"""Numbers that are worked on together, so that they stay near the processor."""
 _SEVERAL = 10
 """Rows beyond one a pose from which they say what they share."""
 NEAR = (0.55, 1.0, 1.8)
@@ -48,6 +50,8 @@ class Split:
     """Part of the axes' error that each marker has alone."""
     anew: float = 0.0
     """Part of the shared error that each repeat of a pose has alone: the robot came back to it."""
+    reading: float = 0.0
+    """Variance over the noise's of an error that the markers of one reading share: a tool or a load that shook."""
     learned: Mapping[str, tuple[float, ...]] = field(default_factory=dict)
     """Variances over the noise's by the way that was learned: of each joint's errors, of the axes' and, of several
     markers, of what each has alone."""
@@ -107,9 +111,10 @@ def patterns(problem: Problem, spread: Array, split: Split) -> dict[str, Roots]:
     markers = _markers(problem, split.own)
     alone = [np.sqrt(split.own) * u * marker for marker in markers]
     factor = np.column_stack([np.sqrt(1.0 - split.own) * u, *alone])
+    reading = raised(of_readings(problem, spread, split.reading), -0.5)
 
     def blocks(label: Index, factor: Array) -> Roots:
-        return _blocks(label, _by_turn(problem, split.anew, factor))
+        return _blocks(label, applied(reading, _by_turn(problem, split.anew, factor)))
 
     ways = {AXES: blocks(axis, factor)}
     if np.any(problem.axis < 3) and np.any(problem.axis >= 3):
@@ -119,6 +124,39 @@ def patterns(problem: Problem, spread: Array, split: Split) -> dict[str, Roots]:
     for way, found in split.learned.items():
         ways[way] = blocks(problem.pose, _every(problem, spread) * np.sqrt(_spread_out(problem, found)))
     return ways
+
+
+def of_readings(problem: Problem, spread: Array, variance: float) -> Roots:
+    """What the markers of one reading share of each axis, of a variance over the noise's."""
+    if variance <= 0.0:
+        return ()
+    return _blocks(readings(problem), np.sqrt(variance) * (_common(problem, spread) / spread)[:, None])
+
+
+def readings(problem: Problem) -> Index:
+    """(M,) a number for pose, load case and axis together: the markers that are read at a time."""
+    keys = np.column_stack([problem.pose, problem.case, problem.axis])
+    return np.unique(keys, axis=0, return_inverse=True)[1].reshape(-1)
+
+
+def raised(blocks: Roots, power: float, ratio: float = 1.0) -> Roots:
+    """(I + ratio·blocks)^power, less the identity."""
+    return tuple((rows, U, (1.0 + ratio * value) ** power - 1.0) for rows, U, value in blocks)
+
+
+def applied(roots: Roots, X: Array) -> Array:
+    """The rows of X (M, k) multiplied by the block matrices, one after the other."""
+    out = np.array(X)
+    for rows, U, gain in roots:
+        if not np.any(gain):
+            continue
+        at_once = max(1, _AT_ONCE // max(rows.shape[1] * X.shape[1], 1))
+        for k in range(0, len(rows), at_once):
+            some = slice(k, k + at_once)
+            part = out[rows[some]]
+            along = gain[some, :, None] * np.matmul(U[some].transpose(0, 2, 1), part)
+            out[rows[some]] = part + np.matmul(U[some], along)
+    return out
 
 
 def _by_turn(problem: Problem, anew: float, factor: Array) -> Array:
@@ -186,14 +224,22 @@ def _spread_out(problem: Problem, each: Sequence[float]) -> Array:
 
 
 def sizes(
-    problem: Problem, residual: Array, spread: Array, scale2: float, ratio: float, label: Index
+    problem: Problem,
+    residual: Array,
+    spread: Array,
+    scale2: float,
+    ratio: float,
+    label: Index,
+    reading: float = 0.0,
 ) -> tuple[float, ...]:
     """Variances over the noise's, by expectation-maximisation: of each joint's errors, the axes' and the markers' own.
 
     ``residual`` (M,) in the data's unit with the shared error in it, of variance ratio·scale2 against scale2. The
     joints' variances are drawn towards equal ones. Rows of one ``label`` (M,) share an error.
     """
-    F, z = _every(problem, spread), residual / (spread * np.sqrt(scale2))
+    own = raised(of_readings(problem, spread, reading), -0.5)
+    F = applied(own, _every(problem, spread))
+    z = applied(own, residual[:, None] / (spread * np.sqrt(scale2))[:, None])[:, 0]
     poses = np.unique(label)
     blocks = [F[label == p] for p in poses]
     seen = np.stack([f.T @ z[label == p] for f, p in zip(blocks, poses, strict=True)])

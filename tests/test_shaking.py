@@ -1,0 +1,85 @@
+"""Markers of one reading that move together, as a load or a robot that is not still moves them, are noise."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from symstiff.calibration.measurements import Measurements
+from symstiff.calibration.simulation import Effect, Truth, nominal_truth
+from symstiff.discrepancy import noise as noises
+from symstiff.discrepancy.assemble import assemble
+from symstiff.discrepancy.finding import Task
+from symstiff.discrepancy.sharing import AXES, JOINTS, Sharing, Split, readings
+from symstiff.discrepancy.workflow import run
+from symstiff.robot import load
+from tests.test_assemble import complete, design, measured, truth_of
+
+SIGMA = 3e-5
+
+
+def shaken(table: Measurements, truth: Truth, seed: int, together: float) -> Measurements:
+    """Readings whose noise has a part of its variance in common for the three markers of a load case."""
+    rng = np.random.default_rng(seed)
+    values = measured(truth, table).values.copy()
+    values[:, 3:] = np.nan
+    common = np.repeat(rng.normal(size=(len(table) // 3, 3)), 3, axis=0)
+    values[:, :3] += SIGMA * (
+        np.sqrt(together) * common + np.sqrt(1.0 - together) * rng.normal(size=(len(table), 3))
+    )
+    return replace(table, values=values, sigma=np.where(np.isfinite(values), SIGMA, np.nan))
+
+
+def laboratory(poses: int = 28) -> Measurements:
+    """Four loads a pose, three markers."""
+    return design("ur10", "deflection", poses, (0.25, 0.5, 0.75, 1.0))
+
+
+@pytest.mark.parametrize("seed", [1, 2, 3])
+def test_what_moves_all_markers_of_a_reading_is_no_missing_effect(seed: int) -> None:
+    found = run(Task(load("ur10"), shaken(laboratory(), truth_of("ur10"), seed, 0.64)))
+    assert found.verdict == "nothing_missing"
+    noise = found.first.noise
+    assert noise.reading == pytest.approx(0.64, abs=0.12)
+    assert noise.sigma == pytest.approx(SIGMA, rel=0.12)
+    assert any("the markers of one reading share" in remark for remark in found.remarks)
+
+
+def test_an_effect_is_named_beside_what_moves_all_markers_of_a_reading() -> None:
+    truth = Truth(
+        load("ur10"), nominal_truth(load("ur10")),
+        (Effect("nonlinear_stiffness", {"joint": 2}, "tanh", {"a": 4e-4, "tau0": 60.0}),),
+    )  # fmt: skip
+    found = run(Task(load("ur10"), shaken(laboratory(), truth, 4, 0.5)))
+    assert found.verdict == "named"
+    assert [(e.effect, dict(e.where)) for e in found.effects] == [("nonlinear_stiffness", {"joint": 2})]
+    assert found.first.noise.reading == pytest.approx(0.5, abs=0.15)
+
+
+def test_markers_that_read_alone_share_nothing() -> None:
+    found = run(Task(load("ur10"), shaken(laboratory(16), truth_of("ur10"), 5, 0.0)))
+    assert found.first.noise.reading == 0.0
+    assert not any("the markers of one reading" in remark for remark in found.remarks)
+
+
+@pytest.mark.parametrize("way", [AXES, JOINTS])
+def test_roots_of_the_noise_are_those_of_its_covariance(way: str) -> None:
+    """Against matrices put together entry by entry; uneven sigmas."""
+    table = shaken(laboratory(4), truth_of("ur10"), 6, 0.5)
+    problem = assemble(complete("ur10"), table, effects=()).problem
+    sigma = SIGMA * (1.0 + 0.3 * np.sin(np.arange(problem.rows)))
+    problem = replace(problem, sigma=sigma)
+    plain, both = (noises.start(problem, Split(reading=r)) for r in (0.0, 0.8))
+    sharing, eye = Sharing(way, 3.0), np.eye(problem.rows)
+    colour = plain.apply(plain.root(sharing, 0.5), eye)
+    u = np.sqrt(np.mean(sigma**2)) / sigma
+    together = readings(problem)[:, None] == readings(problem)[None, :]
+    covariance = colour @ colour.T + 0.8 * together * u[:, None] * u[None, :]
+    found = both.apply(both.root(sharing, 0.5), eye)
+    np.testing.assert_allclose(found @ found.T, covariance, atol=1e-9 * np.abs(covariance).max())
+    white = both.apply(both.root(sharing, -0.5), eye)
+    np.testing.assert_allclose(white @ found, eye, atol=1e-9)
+    np.testing.assert_allclose(both.apply(both.root(sharing, -0.5)[::-1], eye), white.T, atol=1e-9)
+    assert both.log_determinant(sharing) == pytest.approx(np.linalg.slogdet(covariance)[1])
