@@ -14,6 +14,7 @@ from symstiff.discrepancy.assemble import assemble
 from symstiff.discrepancy.finding import Task
 from symstiff.discrepancy.sharing import AXES, JOINTS, Sharing, Split, readings
 from symstiff.discrepancy.workflow import run
+from symstiff.report.verdict import verdict_table
 from symstiff.robot import load
 from tests.test_assemble import complete, design, measured, truth_of
 
@@ -45,6 +46,7 @@ def test_what_moves_all_markers_of_a_reading_is_no_missing_effect(seed: int) -> 
     assert noise.reading == pytest.approx(0.64, abs=0.12)
     assert noise.sigma == pytest.approx(SIGMA, rel=0.12)
     assert any("the markers of one reading share" in remark for remark in found.remarks)
+    assert verdict_table(found)["noise"]["reading_share"] == noise.reading
 
 
 def test_an_effect_is_named_beside_what_moves_all_markers_of_a_reading() -> None:

@@ -384,6 +384,8 @@ def _noise(finding: Finding) -> list[str]:
     if n.approach_p < _SEEN:
         how = ", as of joints that stand elsewhere" if n.shared == JOINTS else ""
         lines.append(f"load cases of a pose share an error of {words.size(n.approach, finding)}{how}")
+    if n.reading > 0:
+        lines.append(f"the markers of one reading share {100 * n.reading:.0f} % of its variance")
     if n.homogeneity_p < _SEEN:
         units = ("mm", "mrad")
         by = ", ".join(f"{COMPONENTS[a]} {numbers.milli(s)} {units[a > 2]}" for a, s in n.by_axis.items())

@@ -152,6 +152,7 @@ def _noise(finding: Finding) -> dict[str, Any]:
         "approach_mm": _mm(n.approach),
         "approach_p": finite(n.approach_p),
         "approach_of": "joints" if n.shared == JOINTS else "axes",
+        "reading_share": finite(n.reading),
         "homogeneity_p": finite(n.homogeneity_p),
     }
 
