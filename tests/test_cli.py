@@ -186,7 +186,8 @@ def test_what_a_reduction_cannot_hold_is_told_wherever_a_model_is_planned_or_fit
     surveyed = run("effects", robot, "--loads", "gravity", "--measure", "position")
     for seen in (planned, surveyed):
         assert f"warning: {rounded}" in " ".join(seen.out.split())
-    run("simulate", tmp_path / "truth.toml", "--poses", poses, "-o", data)
+    measured = run("simulate", tmp_path / "truth.toml", "--poses", poses, "-o", data)
+    assert 'positions of tcp; rotations too need components = "pose"' in " ".join(measured.out.split())
     for given in (("identify", robot, data, "-o", model), ("diagnose", robot, data, "-o", tmp_path / "out")):
         told = " ".join(json.loads(run(*given, "--json", "-").out)["remarks"])
         assert rounded in told

@@ -71,6 +71,9 @@ def run_simulate(
     )  # fmt: skip
     for warning in warned:
         note(out, warning)
+    if truth.components == "position" and len(table.points) < 3:
+        told = 'rotations too need components = "pose" below [measure] in the truth'
+        note(out, f"positions of {', '.join(table.points)}; {told}", "measured")
     out.print(f"wrote {output}")
 
 
