@@ -24,10 +24,8 @@ def require(value: Any, kind: type | tuple[type, ...], what: str, remedy: str) -
 
 
 def require_path(path: Any, what: str) -> None:
-    """Raise UserError where an argument is no path, or says nothing."""
+    """Raise UserError where an argument is no path."""
     require(path, (str, PathLike), f"the path of {what}", "give it as text or as a Path")
-    if isinstance(path, str) and not path.strip():
-        raise UserError(f"expected the path of {what}, found an empty text")
 
 
 def whole(value: Any, name: str, least: int = 0) -> int:

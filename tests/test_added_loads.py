@@ -42,6 +42,7 @@ def _experiment(model: StiffnessModel) -> Measurements:
     return replace(table, sigma=np.full((len(table), 6), 1e-6))
 
 
+@pytest.mark.slow
 def test_a_fit_puts_loads_and_laws_together_as_the_code_does() -> None:
     robot = load("ur10")
     model = grow(
@@ -81,6 +82,7 @@ def test_a_gear_under_a_biased_sensor_is_named_with_its_size(finding: Finding) -
     assert finding.rms.held_out_after < 0.4 * finding.rms.before
 
 
+@pytest.mark.slow
 def test_without_the_second_look_the_gap_stays_open(
     finding: Finding, monkeypatch: pytest.MonkeyPatch
 ) -> None:

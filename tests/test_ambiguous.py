@@ -186,6 +186,7 @@ def test_plan_takes_the_verdict_and_simulate_takes_the_plan(trip: Trip) -> None:
     assert planned == {f"decide{len(proposed) + k}" for k in range(1, 6)}  # both may be measured
 
 
+@pytest.mark.slow
 def test_old_and_new_data_together_give_the_right_name(trip: Trip) -> None:
     trip.measure("first/decide.csv", "new.csv", 4)
     data = (trip.place / "old.csv", trip.place / "new.csv")

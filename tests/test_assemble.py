@@ -164,6 +164,7 @@ SIGNALS = [
 ]  # fmt: skip
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("kind", "effect", "where", "shape", "values", "inside"), SIGNALS)
 def test_a_candidates_columns_hold_what_the_simulator_shows_of_the_effect(
     kind: str, effect: str, where: dict[str, Any], shape: str, values: dict[str, Any], inside: bool

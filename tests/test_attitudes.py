@@ -24,6 +24,7 @@ def test_a_small_change_of_a_rotation_vector_is_the_turn_that_is_told(vector: tu
     assert turns_of(v[None])[0] == pytest.approx(columns, abs=1e-7)
 
 
+@pytest.mark.slow
 def test_truthful_sigmas_of_attitudes_leave_a_variance_of_one() -> None:
     robot, found = load("ur10"), []
     low, high = np.array([j.range for j in robot.joint]).T

@@ -98,6 +98,7 @@ def test_the_peers_formulas_hold_on_other_robots(robot: str) -> None:
         assert bench_peers.error(np.array(values), own) < bench_peers.AGREEMENT
 
 
+@pytest.mark.slow
 def test_growth_is_measured_and_drawn_the_same_way_twice(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:

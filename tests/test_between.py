@@ -194,6 +194,7 @@ def two_slopes(knee: float, size: float) -> Measurements:
     )  # fmt: skip
 
 
+@pytest.mark.slow
 def test_a_gear_of_which_much_is_seen_is_named_though_no_shape_of_the_profile_is_near() -> None:
     found = run(Task(load("kuka_kr270"), two_slopes(2900.0, 1e-7)))
     assert found.verdict == "named"

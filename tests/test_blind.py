@@ -1,4 +1,4 @@
-"""The blind benchmark: reduced by default, at full size with ``-m benchmark``."""
+"""The blind benchmark: reduced with ``-m slow``, at full size with ``-m benchmark``."""
 
 from __future__ import annotations
 
@@ -81,6 +81,7 @@ def test_the_hidden_signal_has_the_noncentrality_that_the_label_says() -> None:
     assert there @ there == pytest.approx(hidden.label.wanted, rel=0.02)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("number", "seed"), [(59, 441), (47, 461), (49, 441)])
 def test_what_is_hidden_is_in_the_columns_of_its_own_candidate(number: int, seed: int) -> None:
     """A payload and robots that miss their poses, hysteresis under the weight of a quill, a drift and a compensator."""
@@ -137,6 +138,7 @@ def test_scores_follow_their_definitions() -> None:
     assert calibration([{"confidences": [(0.9, False)] * 10}])[0] == pytest.approx(0.9)
 
 
+@pytest.mark.slow
 def test_a_few_blind_cases_are_diagnosed_as_promised(tmp_path: Path) -> None:
     rows = benchmark(range(8), SMALL, others=False)
     print(report(rows))
@@ -152,6 +154,7 @@ def test_a_few_blind_cases_are_diagnosed_as_promised(tmp_path: Path) -> None:
     assert right >= 0.5 * len(named)
 
 
+@pytest.mark.slow
 def test_others_ways_see_the_same_data() -> None:
     row = one(0, SMALL)
     assert set(row["others"]) == {"BIC", "AIC", "lasso", "cross-validation"}
@@ -214,6 +217,7 @@ def test_the_command_draws_from_the_designs_that_it_is_asked_for(monkeypatch: py
     assert asked.lambdas == Options().lambdas
 
 
+@pytest.mark.slow
 def test_a_story_that_asks_for_more_loads_than_the_designs_have_is_left_out() -> None:
     drawn = Options(classes=("one",), shares=(1.0,), levels=(1,), story="hysteresis constant")
     with pytest.raises(RuntimeError, match="no story of kind one fits"):

@@ -59,6 +59,7 @@ def test_the_plan_promises_deviations_and_beats_random_poses(folder: Path) -> No
     assert (folder / "poses.png").read_bytes().startswith(b"\x89PNG")
 
 
+@pytest.mark.slow
 def test_a_planned_load_comes_in_steps_and_a_sliding_joint_stays_in_metres(folder: Path) -> None:
     succeeded(
         folder, "plan", "scara", "--poses", "4", "--loads", "gravity", "--force", "60", "--candidates", "200",
@@ -74,6 +75,7 @@ def test_a_planned_load_comes_in_steps_and_a_sliding_joint_stays_in_metres(folde
     assert (done.returncode, "--steps 0" in done.stderr) == (2, True)
 
 
+@pytest.mark.slow
 def test_one_marker_beside_the_tool_centre_point_is_planned_for_what_it_shows(tmp_path: Path) -> None:
     succeeded(
         tmp_path, "plan", "kuka_kr270", "--poses", "12", "--loads", "gravity", "--candidates", "500", "--markers", "p1",
@@ -102,6 +104,7 @@ def test_the_complete_set_has_bounds_for_every_parameter(folder: Path) -> None:
     assert complete["bounds"] is not None
 
 
+@pytest.mark.slow
 def test_an_identified_model_generates_code_with_its_values(folder: Path) -> None:
     succeeded(folder, "generate", "kuka_kr270", "--model", "model.toml", "-o", "code")
     manifest = json.loads((folder / "code" / "manifest.json").read_text())
@@ -124,6 +127,7 @@ def test_a_trajectory_is_corrected(folder: Path) -> None:
     assert any(k.startswith("q1") for k in rows[0])
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("arguments", "says"),
     [
@@ -146,6 +150,7 @@ def test_bad_input_is_one_line_and_exit_code_2(folder: Path, arguments: tuple[st
     assert not (folder / "x.toml").exists()
 
 
+@pytest.mark.slow
 def test_a_planned_moment_is_told_and_can_be_given(tmp_path: Path) -> None:
     plan = (
         "plan", "scara", "--poses", "8", "--force", "40", "--candidates", "200", "--no-refine", "-o", "p.csv",
@@ -161,6 +166,7 @@ def test_a_planned_moment_is_told_and_can_be_given(tmp_path: Path) -> None:
     assert told == {"class": "wrench", "force": 40.0, "moment": 3.0}
 
 
+@pytest.mark.slow
 def test_a_plan_with_load_steps_promises_what_the_fit_to_all_of_them_states(tmp_path: Path) -> None:
     printed = succeeded(
         tmp_path, "plan", "scara", "--poses", "8", "--loads", "gravity", "--force", "60", "--candidates", "200",
@@ -189,6 +195,7 @@ def test_a_trajectory_is_compensated_with_a_note_on_what_is_no_law_of_the_robot(
     assert "without large_deflection" in printed
 
 
+@pytest.mark.slow
 def test_physical_bounds_say_what_they_cost(folder: Path) -> None:
     printed = succeeded(folder, "identify", "kuka_kr270", "data.csv", "--physical", "-o", "again.toml")
     words = " ".join(printed.split())
@@ -197,6 +204,7 @@ def test_physical_bounds_say_what_they_cost(folder: Path) -> None:
     assert "contradict" not in words
 
 
+@pytest.mark.slow
 def test_a_model_file_is_refitted_under_the_same_physical_bounds_as_a_robot(folder: Path) -> None:
     for name, start in (("one.toml", "complete"), ("two.toml", "model.toml")):
         succeeded(folder, "identify", "kuka_kr270", "data.csv", "--start", start, "--physical", "-o", name)

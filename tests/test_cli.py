@@ -173,6 +173,7 @@ def test_inspect_warns_of_angles_that_look_rounded_and_of_compliances_without_a_
     )
 
 
+@pytest.mark.slow
 def test_what_a_reduction_cannot_hold_is_told_wherever_a_model_is_planned_or_fitted(
     run: Run, tmp_path: Path
 ) -> None:
@@ -215,6 +216,7 @@ def test_effects_tells_of_every_effect_what_such_data_can_show(run: Run) -> None
     assert next(e for e in absolute if e["effect"] == "joint_offset")["places"][1]["told"] == 1
 
 
+@pytest.mark.slow
 def test_effects_says_of_a_link_that_the_model_has_most_of_it(run: Run) -> None:
     groups = json.loads(
         run("inspect", "kuka_kr270", "--loads", "gravity", "--measure", "position", "--json", "-").out
@@ -272,6 +274,7 @@ EMIT = (
 )
 
 
+@pytest.mark.slow
 def test_fresh_interpreters_under_different_hash_seeds_write_the_same_bytes(tmp_path: Path) -> None:
     folders = []
     for seed in ("0", "1", "4242"):

@@ -148,6 +148,7 @@ def test_radians_under_degrees_are_asked_about(run: Run) -> None:
     assert "if these are radians, write q1[rad]" in notes(run, *IDENTIFY)
 
 
+@pytest.mark.slow
 def test_a_link_that_cannot_hold_its_joint_is_remarked_by_identify_and_diagnose(run: Run) -> None:
     from symstiff.reduction import reduce
 
@@ -351,6 +352,7 @@ def test_tables_cut_no_name_and_no_number_on_a_narrow_terminal(
     assert "…" not in done.out
 
 
+@pytest.mark.slow
 def test_a_plan_says_what_identify_may_find_undetermined_and_identify_does(run: Run) -> None:
     """One test pose asks for few combinations of the parameters: a plan for it alone leaves others to the noise."""
     Path("test.csv").write_text(

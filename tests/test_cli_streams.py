@@ -30,6 +30,7 @@ def test_characters_that_an_encoding_lacks_stop_no_command(command: tuple[str, .
     assert json.loads(done.stdout)  # the last one: whole in any encoding
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("encoding", ["ascii", "cp1252", "cp437", "latin-1"])
 def test_signs_and_exponents_are_told_in_every_encoding(encoding: str) -> None:
     done = subprocess.run(
@@ -73,6 +74,7 @@ def test_a_stopped_command_leaves_nothing_behind(tmp_path: Path, number: signal.
     assert list(tmp_path.iterdir()) == []
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("arguments", "written"),
     [

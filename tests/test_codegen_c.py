@@ -162,6 +162,7 @@ def test_the_selftest_is_clean_under_address_and_undefined_behaviour_sanitizers(
     assert "passed" in done(tmp_path / "selftest")
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("variant", [("double", "unrolled"), ("float", "compact")])
 def test_fuzzing_finds_no_unnamed_error_and_no_output_that_is_not_finite(folders, variant, tmp_path):
     folder = folders[variant]
@@ -339,6 +340,7 @@ def _recorded(folder: Path) -> set[tuple[str, str]]:
     )
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("variant", "sources"),
     [
@@ -357,6 +359,7 @@ def test_misra_findings_and_the_deviation_record_are_the_same(folders, variant, 
     assert findings == {(rule, file) for rule, file in _recorded(folder) if file in (*sources, f"{NAME}.h")}
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("variant", [("double", "unrolled"), ("float", "compact")])
 def test_the_static_analyser_of_gcc_is_silent(folders, variant, tmp_path):
     need("gcc")

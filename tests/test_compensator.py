@@ -39,6 +39,7 @@ def _compensator(found: Finding) -> EffectInstance:
     return only
 
 
+@pytest.mark.slow
 def test_the_files_anchor_is_found_and_nothing_is_said_of_a_turn() -> None:
     found = diagnosed(0.0, 2e-5, 0)
     assert found.verdict == "named"
@@ -47,6 +48,7 @@ def test_the_files_anchor_is_found_and_nothing_is_said_of_a_turn() -> None:
     assert not any("turned" in remark for remark in found.remarks)
 
 
+@pytest.mark.slow
 def test_a_spring_whose_zero_is_elsewhere_is_named_and_said_to_be_turned() -> None:
     found = diagnosed(2.0, 1e-5, 0)
     assert found.verdict == "named"

@@ -42,6 +42,7 @@ def _loads(rng, kind, n):
     return w * rng.normal(0.0, 1000.0, (n, 6))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("kind", ["gravity", "force", "wrench"])
 @pytest.mark.parametrize(
     "robot",
@@ -105,6 +106,7 @@ def test_a_joint_that_no_load_of_the_class_turns_adds_nothing():
     assert known_values(reduce(from_table(table, "level"), "gravity")) == {}
 
 
+@pytest.mark.slow
 def test_what_the_robot_file_states_is_the_same_to_the_last_digit_on_other_processors():
     program = (
         "from test_complete_map import _oblique; from symstiff.reduction import reduce\n"

@@ -18,6 +18,7 @@ from symstiff.robot.table import to_table
 KR270 = load("kuka_kr270")
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", library())
 def test_couplings_hold_in_an_independent_observation_matrix(name: str) -> None:
     for loads, measure in (("wrench", "pose"), ("gravity", "position")):

@@ -63,6 +63,7 @@ def symmetric_terms(robot: Robot) -> tuple[tuple[Term, ...], tuple[str, ...]]:
     return terms_of(parameters), tuple(p.name for p in parameters)
 
 
+@pytest.mark.slow
 @given(tables, st.integers(0, 2**31))
 @settings(max_examples=8, deadline=None)
 def test_columns_recursion_and_definition_agree_on_any_robot(table: dict[str, Any], seed: int) -> None:

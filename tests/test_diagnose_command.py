@@ -133,6 +133,7 @@ def test_an_arm_with_nothing_missing_is_left_alone(
     assert "accounts for the data" in " ".join(capsys.readouterr().out.split())
 
 
+@pytest.mark.slow
 def test_a_fault_in_the_code_loses_no_verdict(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     def broken(*_: object, **__: object) -> None:
         raise KeyError("DiracDelta")
@@ -265,12 +266,14 @@ def test_poses_of_one_reading_are_thinned_by_their_number() -> None:
     assert {int(table.pose.min()), int(table.pose.max())} == {0, 229}
 
 
+@pytest.mark.slow
 def test_the_same_table_gives_the_same_bytes(named: Path, tmp_path: Path) -> None:
     assert command("diagnose", ROBOT, named.parent / "data.csv", "-o", tmp_path / "again") == 0
     for name in ("report.html", "verdict.json", "model.toml"):
         assert (tmp_path / "again" / name).read_bytes() == (named / name).read_bytes()
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(not UR10.exists(), reason="the measured UR10 data are not there")
 def test_a_real_ur10_shows_its_geometry_and_its_gears() -> None:
     found = run(Task(load("ur10"), read_measurements(UR10), "joints", max_poses=100))

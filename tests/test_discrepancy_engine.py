@@ -151,6 +151,7 @@ def test_explained_squares_are_the_drop_of_a_generalised_least_squares_residual(
             assert found[entry] == pytest.approx(drop, rel=1e-5, abs=1e-5)
 
 
+@pytest.mark.slow
 def test_nothing_is_named_where_nothing_is_missing() -> None:
     a = arm(12)
     verdicts = [diagnose(measured(a.problem, seed=s), a.candidates, QUICK).verdict for s in range(20)]

@@ -20,6 +20,7 @@ from symstiff.discrepancy.strata import strata
 from tests.test_discrepancy_engine import QUICK, SIGMA, arm, catalogue, measured, saturating, scaled
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("size", [2.0, 12.0])
 def test_an_approach_error_common_to_a_poses_load_cases_raises_no_alarm(size: float) -> None:
     a = arm(12)
@@ -44,6 +45,7 @@ def approached(problem: Problem, size: float, seed: int, anew: bool) -> Problem:
     return replace(problem, y=problem.y + error + SIGMA * rng.normal(size=problem.rows))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("anew", [True, False])
 def test_a_robot_that_comes_back_for_every_repeat_or_stays_raises_no_alarm(anew: bool) -> None:
     a = arm(12, levels=(0.5, 1.0))
@@ -125,6 +127,7 @@ def joints_elsewhere(problem: Problem, size: Sequence[float], seed: int) -> Arra
     return np.asarray(np.einsum("mj,mj->m", problem.J[:, actuated], angle[problem.pose]))
 
 
+@pytest.mark.slow
 def test_joints_that_stand_elsewhere_raise_no_alarm() -> None:
     a = arm(30)
     size = [2e-5, 8e-5, 4e-5]
@@ -146,6 +149,7 @@ def turning_unevenly(problem: Problem, joint: int, harmonic: int) -> Candidate:
     return Candidate("uneven", {"joint": joint + 1, "harmonic": harmonic}, sizes, lambda shape: columns)
 
 
+@pytest.mark.slow
 def test_what_one_joint_has_in_every_pose_does_not_pass_for_the_size_of_its_errors() -> None:
     """Where each joint's errors have a size of their own, one with an effect would seem to miss its poses by more."""
     a, found = arm(20), []

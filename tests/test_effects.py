@@ -170,6 +170,7 @@ OF_THE_READING = {"force_sensor_misalignment", "frame_misalignment"}
 """What they turn is a load or a reading, and no compliance of the robot."""
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "name", sorted(n for n, e in catalogue().items() if e.columns is None and n not in OF_THE_READING)
 )

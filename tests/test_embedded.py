@@ -74,6 +74,7 @@ def test_a_failing_selftest_is_seen_from_outside_the_board(folders, tmp_path):
         selftest_on(CORTEX_M7, spoilt, NAME, False, tmp_path)
 
 
+@pytest.mark.slow
 def test_cortex_m7_keeps_to_its_budget_of_flash_and_stack(folders, functions):
     need(CORTEX_M7)
     found = measure(folders["double", "unrolled"], functions, False)[CORTEX_M7.name]["functions"]

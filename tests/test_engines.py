@@ -40,6 +40,7 @@ def test_an_oracle_has_its_functions_symmetry_and_value_at_zero(function: str, s
 # --- agreement -------------------------------------------------------------------------------------------
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", library())
 def test_exact_and_numeric_engine_agree_on_random_configurations(name: str) -> None:
     robot = load(name)

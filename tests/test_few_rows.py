@@ -44,6 +44,7 @@ def test_intervals_count_the_degrees_of_freedom_of_the_rows_that_tell_a_paramete
     np.testing.assert_allclose(fit.std, alone, rtol=0.03)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("rows", "columns", "tables"), [(30, 5, 1500), (60, 20, 1500), (600, 25, 300)])
 def test_clean_tables_small_and_large_show_a_suspect_as_seldom_as_told(rows, columns, tables):
     """One in a hundred; the median of few residuals is a poorer scale than their mean square."""

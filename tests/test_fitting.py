@@ -83,6 +83,7 @@ def test_a_robust_fit_of_a_force_sensors_bias_survives_a_pose_that_was_read_wron
     assert not any("settle" in r for r in found.remarks)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("seed", [1, 2, 3])
 def test_a_robust_fit_is_at_the_least_of_hubers_loss_that_another_solver_finds_from_the_truth(
     seed: int,
@@ -98,6 +99,7 @@ def test_a_robust_fit_is_at_the_least_of_hubers_loss_that_another_solver_finds_f
     assert np.abs(best.x - found.fit.values / size).max() < 0.01
 
 
+@pytest.mark.slow
 def test_least_squares_end_where_no_step_fits_better() -> None:
     """A bad pose leads plain least squares far away, where undamped steps go to and fro."""
     table = experiment(bad=5e-3)
@@ -117,6 +119,7 @@ def test_a_fit_that_did_not_settle_says_so(monkeypatch: pytest.MonkeyPatch) -> N
     np.testing.assert_array_equal(found.fit.values, found.model.vector())
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("force", [1e-6, 1e6])
 def test_a_soft_arm_under_small_loads_is_fitted_as_a_stiff_one_under_large_loads(force: float) -> None:
     usual = identify(load("ur10"), experiment(), biased())

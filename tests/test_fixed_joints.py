@@ -51,6 +51,7 @@ def test_what_is_kept_holds_where_the_joints_stood_alone() -> None:
     assert np.abs(found.deflection(q, w) - truth.deflection(q, w)).max() > 1e-3 * np.abs(wanted).max()
 
 
+@pytest.mark.slow
 def test_the_file_and_the_hash_tell_where_the_joints_stood(tmp_path: Path) -> None:
     models = [
         StiffnessModel.of(reduce(load(ROBOT), "gravity", "pose", fixed))
@@ -74,6 +75,7 @@ def test_a_joint_that_the_robot_does_not_have_cannot_stand_still(tmp_path: Path,
         load_model(tmp_path / "model.toml")
 
 
+@pytest.mark.slow
 def test_code_and_compensation_say_it(run: Run, tmp_path: Path) -> None:
     where = ("--loads", "gravity", "--fixed", "q2=-1,q3=1.2", "--targets", "c", "--no-compile")
     folder = tmp_path / "code"

@@ -68,6 +68,7 @@ def test_a_library_that_gives_no_command_where_there_is_one_is_not_verified(tmp_
         c_errors(library, functions, found, values, False)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("precision", ["double", "float"])
 @pytest.mark.parametrize(
     ("function", "right", "wrong"),
@@ -145,6 +146,7 @@ def replaced(text: str, found: re.Match[str], factor: float) -> str:
     return text[: found.start()] + literal + "f" * found[0].endswith("f") + text[found.end() :]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("precision", ["double", "float"])
 def test_the_selftest_sees_where_laws_bend_and_what_the_defaults_are(tmp_path, precision):
     functions = Functions(lawful())

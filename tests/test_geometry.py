@@ -83,6 +83,7 @@ def test_the_geometric_jacobian_is_the_partial_derivative_of_the_pose(name: str)
     assert_geometry_is_definition(load(name))
 
 
+@pytest.mark.slow
 def test_the_geometric_jacobian_is_the_definition_where_nothing_is_parallel(odd3r: Robot) -> None:
     table = to_table(odd3r)
     table["base"]["rpy"] = ["pi/2", 0, "pi"]  # more radicals cost half a minute; they are tested at 50 digits

@@ -17,6 +17,7 @@ def test_the_committed_folder_is_what_the_program_writes(name: str, tmp_path: Pa
     assert differences(name, tmp_path / name) == []
 
 
+@pytest.mark.slow
 def test_fresh_interpreters_under_different_hash_seeds_write_the_same_bytes(tmp_path: Path) -> None:
     code = (
         "import sys; from pathlib import Path; from tests.golden import write; "

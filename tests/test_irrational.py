@@ -105,6 +105,7 @@ CANCELLING = [
 ]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("robot", "fixed", "measure", "influential", "count"), CANCELLING)
 def test_fixed_angles_that_cancel_leave_what_numbers_leave(
     robot: Robot, fixed: Any, measure: str, influential: int, count: int
@@ -136,6 +137,7 @@ def test_an_irrational_coupling_reads_as_a_decimal_and_a_rational_one_as_a_fract
     )
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("fixed", [{2: 0.25, 3: 0.25}, {1: 0.25, 2: -0.25}, {2: "pi/7", 4: 1}, {3: "3*pi/4"}])
 def test_couplings_at_short_angles_are_those_of_numbers(fixed: Any) -> None:
     """A radian is no rational point of the circle: no fraction may be found where its sine matters."""

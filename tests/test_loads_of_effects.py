@@ -65,6 +65,7 @@ def test_a_payload_has_its_own_columns_though_the_robot_misses_its_poses(others:
     assert left(signal[view.state, view.component], found.problem.A, block) < 0.01
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("others", [(), (GEOMETRY,)])
 def test_a_payload_far_above_the_noise_is_no_weight_of_a_link(others: tuple[Effect, ...]) -> None:
     table = experiment(HEAVY, *others, noise=MISSED)

@@ -37,6 +37,7 @@ def printed(folder: Path, *arguments: str) -> str:
     return subprocess.run(command, cwd=folder, capture_output=True, text=True, check=False).stderr
 
 
+@pytest.mark.slow
 @PRECISIONS
 def test_findings_in_batches_reader_and_estimator_are_the_recorded_ones(
     precision: str, tmp_path: Path

@@ -160,6 +160,7 @@ def test_columns_that_are_the_rounding_of_others_are_told_as_not_loaded() -> Non
         identify(robot, table)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "effect",
     [

@@ -50,6 +50,7 @@ def test_an_effect_of_the_moment_reads_it_beside_the_parameters(functions, tmp_p
     assert seen[0] != seen[1]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("constant", [{}, {"T": 100.0}])
 @pytest.mark.parametrize("start", [0.0, 80_000.0, 1.7e9])
 def test_a_clock_may_begin_anywhere_and_by_default_nothing_has_drifted(functions, tmp_path, start, constant):

@@ -34,6 +34,7 @@ def in_tool(table: Measurements, vector: Array) -> Array:
     return np.column_stack([c * vector[0] - s * vector[1], s * vector[0] + c * vector[1], 0 * c + vector[2]])
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("flange", [True, False])
 def test_what_moved_once_is_accused_with_its_time_and_way(flange: bool) -> None:
     """The targets on the flange, between two poses; or the device."""
@@ -51,6 +52,7 @@ def test_what_moved_once_is_accused_with_its_time_and_way(flange: bool) -> None:
     assert f"a shift from 43 % of the session on in the {axes}'s axes" in words.sentence(found)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("of_tool", [True, False])
 @pytest.mark.parametrize("grows", [True, False])
 def test_a_load_beside_its_point_is_accused_with_its_lever(of_tool: bool, grows: bool) -> None:
@@ -73,6 +75,7 @@ def test_a_load_beside_its_point_is_accused_with_its_lever(of_tool: bool, grows:
         assert abs(value - hidden) < 3 * deviation < 0.06
 
 
+@pytest.mark.slow
 def test_a_device_that_reads_too_much_along_its_beam_is_accused_with_its_gain() -> None:
     table, beam = measured(poses=14), np.array([0.6, 0.64, 0.48])
     values = table.values.copy()

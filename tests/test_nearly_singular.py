@@ -56,6 +56,7 @@ FOUR_PARALLEL = [
 ]  # fmt: skip
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("precision", ["double", "float"])
 @pytest.mark.parametrize(
     ("rows", "tool"), [(PLANAR_4R, "[0, 0, 0]"), (FOUR_PARALLEL, "[0.05, 0.1, 0.3]")], ids=["4R", "6R"]

@@ -57,6 +57,7 @@ def a_model() -> StiffnessModel:
     return bare.with_effect(EffectInstance("gravity_compensator", {"joint": 2}, preloaded))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("precision", "layout"), [("double", "unrolled"), ("double", "compact"), ("float", "unrolled")]
 )

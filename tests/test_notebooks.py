@@ -76,6 +76,7 @@ def test_committed_notebooks_are_small_and_speak_of_no_machine(path):
     assert "execution_state" not in text
 
 
+@pytest.mark.slow
 @needs_kernel
 def test_the_first_notebook_finds_what_it_tells():
     node = _run(PLANAR)
@@ -91,6 +92,7 @@ def test_the_first_notebook_finds_what_it_tells():
     assert _pictures(node) == 1
 
 
+@pytest.mark.slow
 @needs_kernel
 def test_the_second_notebook_finds_what_it_tells():
     node = _run(CALIBRATION)

@@ -13,6 +13,7 @@ BIAS = {"effect": "force_sensor_bias", "shape": "constant", "bias": [1.5, -1.0, 
 GEAR = {"effect": "backlash", "where": {"joint": 2}, "shape": "tanh", "gap": 4e-4, "knee": 0.5}
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("hidden", [HARDENING, BIAS, GEAR], ids=lambda h: h["effect"])
 def test_what_is_not_linear_in_the_load_is_named_from_poses_of_one_load_each(
     hidden: dict[str, object],

@@ -131,6 +131,7 @@ def test_unknown_choices_are_named():
         Options(targets=("rust",))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("target", TARGETS)
 def test_every_target_takes_a_model_that_depends_on_the_moment(target):
     """Time and temperature: in the C struct, in inputs, in the simulation's time."""
@@ -144,6 +145,7 @@ def test_every_target_takes_a_model_that_depends_on_the_moment(target):
         assert TARGETS[target].emitter()(Functions(grown), options)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["t", "te", "ma", "test_main", "e", "n"])
 def test_a_name_that_begins_names_of_other_files_is_no_obstacle(name, tmp_path):
     compiler()
@@ -164,6 +166,7 @@ TITLES = [
 ]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("title", TITLES)
 def test_whatever_a_title_says_every_target_stays_what_it_is(title, tmp_path):
     compiler()
@@ -259,6 +262,7 @@ def test_without_compilation_no_target_runs_a_compiler(version, tmp_path, monkey
     assert not [name for name in unit if name.startswith("binaries/")]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("target", ["c", "st"])
 def test_the_meaning_of_default_parameters_is_told(target, tmp_path):
     known = StiffnessModel.of(reduce(load("ur10"), "gravity"))
@@ -283,6 +287,7 @@ def test_the_meaning_of_default_parameters_is_told(target, tmp_path):
             assert f"Default parameters: {said}" in files[file].decode()
 
 
+@pytest.mark.slow
 def test_angles_without_a_name_and_with_a_negative_cosine_are_compiled(tmp_path):
     rows = [(0.4, 2.5, 0.3, 0), (0.5, -3.0, 0.1, 2.2), (0.3, 1.0, 0.2, -2.0)]
     joints = [dict(zip(("a", "alpha", "d", "theta"), row, strict=True)) for row in rows]

@@ -34,6 +34,7 @@ def test_two_processes_give_the_same_bits_as_one():
     assert seen == [0.2, 0.4, 0.6, 0.8, 1.0]
 
 
+@pytest.mark.slow
 def test_a_local_cluster_of_two_workers_gives_the_same_bits_as_this_process():
     distributed = pytest.importorskip("distributed", reason="Dask is not installed")
     space = Space(THREE, FORCES)

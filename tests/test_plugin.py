@@ -150,6 +150,7 @@ def test_the_package_does_not_know_the_effect() -> None:
     assert "hose_package" not in catalogue()
 
 
+@pytest.mark.slow
 def test_without_the_plugin_its_effect_gets_no_name_of_the_catalogue(place: Path) -> None:
     found = run(Task(load(ROBOT), read_measurements(place / "data.csv")))
     assert found.verdict in ("unexplained", "named_insufficient")
@@ -240,6 +241,7 @@ def path(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
     catalogue.cache_clear()
 
 
+@pytest.mark.slow
 def test_the_documents_example_is_a_whole_plugin(path: Path) -> None:
     page = (Path(__file__).parent.parent / "docs" / "plugins.md").read_text(encoding="utf-8")
     (project,), (module,) = (

@@ -58,6 +58,7 @@ def test_what_the_model_holds_is_never_seen() -> None:
     assert np.all(np.isinf(visible(ready.scan, [entry], 0.0)[0].sizes))
 
 
+@pytest.mark.slow
 def test_a_smallest_size_is_told_that_a_robot_can_have() -> None:
     """In the likeliest shape of a gap the assumed arm may be so heavy that no load crosses it."""
     hidden = case(0, Options(seed=77, classes=("nothing",), shares=(1.0,), poses=(15,), markers=(1,)))

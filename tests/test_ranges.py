@@ -67,6 +67,7 @@ def found(length: float, force: float) -> Finding:
     return run(Task(*at(length, force)))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("length", "force"), [(0.04, 0.01), (0.25, 0.01), (10.0, 1000.0)])
 def test_an_arm_of_another_size_gets_the_same_name(length: float, force: float) -> None:
     usual, other = found(1.0, 1.0), found(length, force)

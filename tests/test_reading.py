@@ -45,6 +45,7 @@ def test_the_jacobian_written_out_is_the_numeric_one(name):
     np.testing.assert_allclose(seen, kinematics(chain.robot, [list(q.values())]).J_theta[0], atol=1e-13)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ROBOTS)
 def test_the_observation_matrix_by_columns_is_what_the_program_lets_be_temporaries(name):
     chain = ElasticChain(load(name))

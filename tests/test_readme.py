@@ -34,6 +34,7 @@ def test_the_python_of_the_readme_runs(tmp_path: Path, monkeypatch: pytest.Monke
     assert (tmp_path / "kr270" / "manifest.json").is_file()
 
 
+@pytest.mark.slow
 def test_the_python_of_the_readme_passes_a_strict_type_checker(tmp_path: Path) -> None:
     file = tmp_path / "readme.py"
     uses = "".join(f"print(symstiff.{name})\n" for name in symstiff.__all__)
@@ -63,6 +64,7 @@ def test_help_shows_every_exported_name() -> None:
         assert re.search(rf"^    (class )?{name}\b", shown, re.MULTILINE), name
 
 
+@pytest.mark.slow
 def test_from_a_plan_to_a_report_without_the_command_line(tmp_path: Path) -> None:
     robot = load("planar2r")
     model = StiffnessModel.of(symstiff.reduce(robot, "force", "pose"))

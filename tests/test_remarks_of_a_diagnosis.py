@@ -71,6 +71,7 @@ def test_a_start_that_no_row_loads_is_diagnosed_all_the_same() -> None:
     assert found.rms.held_out_after == pytest.approx(1e-5, rel=0.3)
 
 
+@pytest.mark.slow
 def test_loads_outside_a_start_models_class_are_told() -> None:
     narrow = StiffnessModel.of(reduce(load(ROBOT), "gravity", "position"))
     found = run(Task(load(ROBOT), measured(), start=narrow))
@@ -95,6 +96,7 @@ def test_repeats_tell_whether_a_shared_error_is_the_robots_repeatability(
     assert ("approach some poses anew" in said) == (anew is None)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("own", [True, False])
 def test_the_part_of_a_shared_error_that_each_repeat_has_alone_is_found(own: bool) -> None:
     rng = np.random.default_rng(7)

@@ -328,6 +328,7 @@ def test_the_header_tells_the_size_that_the_compiler_gives_the_state(tmp_path, r
     run(compiler(), *STRICT, "-O2", "-c", "-I.", "size.c", f"{robot}_rls.c", cwd=tmp_path)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("level", ["-O0", "-O2"])
 @pytest.mark.parametrize("precision", ["double", "float"])
 @pytest.mark.parametrize(

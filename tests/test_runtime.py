@@ -122,6 +122,7 @@ def test_the_interpreters_lock_is_released():
 CONTEXT = {"time": 0.3, "temperature": 31.0, "branch": -1.0}
 
 
+@pytest.mark.slow
 @needs_compiler
 @pytest.mark.parametrize(
     "effect",

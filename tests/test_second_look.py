@@ -81,6 +81,7 @@ def backlash_too(found: Diagnosis) -> Diagnosis:
     return replace(found, effects=(*found.effects, more), leading=(*found.leading, elsewhere))
 
 
+@pytest.mark.slow
 def test_a_second_look_under_the_loads_found_may_do_without_an_effect(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
@@ -89,6 +90,7 @@ def test_a_second_look_under_the_loads_found_may_do_without_an_effect(
     assert {(e.effect, e.where.get("joint")) for e in found.named} == {(BIAS, None), (GEAR, 2)}
 
 
+@pytest.mark.slow
 def test_a_second_look_does_not_do_without_the_effect_whose_loads_it_takes_for_granted(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
@@ -98,6 +100,7 @@ def test_a_second_look_does_not_do_without_the_effect_whose_loads_it_takes_for_g
     assert {(e.effect, e.where.get("joint")) for e in found.named} == {(BIAS, None), (GEAR, 2)}
 
 
+@pytest.mark.slow
 def test_what_stands_against_an_effect_in_the_first_look_stands_in_the_second(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:

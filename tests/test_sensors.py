@@ -97,6 +97,7 @@ def read(table: Measurements, truth: Truth, seed: int) -> Measurements:
     return replace(table, values=values, sigma=np.where(np.isfinite(values), 2e-5, np.nan))
 
 
+@pytest.mark.slow
 def test_a_flanges_load_cell_that_reads_one_axis_too_small_is_accused_in_its_own_axes() -> None:
     table = design("ur10", "deflection", poses=24)
     wrong = np.diag([0.12, 0.0, 0.0])
@@ -109,6 +110,7 @@ def test_a_flanges_load_cell_that_reads_one_axis_too_small_is_accused_in_its_own
     assert device.terms[0][1] == pytest.approx(12.0, abs=4 * device.terms[0][2])
 
 
+@pytest.mark.slow
 def test_a_device_that_turned_half_way_is_no_frame_that_is_misaligned() -> None:
     table = design("ur10", "deflection", poses=24)
     seen = read(table, truth_of("ur10"), 6)

@@ -38,6 +38,7 @@ def laboratory(poses: int = 28) -> Measurements:
     return design("ur10", "deflection", poses, (0.25, 0.5, 0.75, 1.0))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("seed", [1, 2, 3])
 def test_what_moves_all_markers_of_a_reading_is_no_missing_effect(seed: int) -> None:
     found = run(Task(load("ur10"), shaken(laboratory(), truth_of("ur10"), seed, 0.64)))
@@ -49,6 +50,7 @@ def test_what_moves_all_markers_of_a_reading_is_no_missing_effect(seed: int) -> 
     assert verdict_table(found)["noise"]["reading_share"] == noise.reading
 
 
+@pytest.mark.slow
 def test_an_effect_is_named_beside_what_moves_all_markers_of_a_reading() -> None:
     truth = Truth(
         load("ur10"), nominal_truth(load("ur10")),
@@ -60,6 +62,7 @@ def test_an_effect_is_named_beside_what_moves_all_markers_of_a_reading() -> None
     assert found.first.noise.reading == pytest.approx(0.5, abs=0.15)
 
 
+@pytest.mark.slow
 def test_markers_that_read_alone_share_nothing() -> None:
     found = run(Task(load("ur10"), shaken(laboratory(16), truth_of("ur10"), 5, 0.0)))
     assert found.first.noise.reading == 0.0

@@ -30,6 +30,7 @@ def experiment(shared: float, seed: int) -> tuple[np.ndarray, np.ndarray, np.nda
     return A, truth, sigma, y
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("known", [True, False])
 @pytest.mark.parametrize("robust", [True, False])
 @pytest.mark.parametrize("shared", [0.0, 3.0])
@@ -95,6 +96,7 @@ def of_several_points(pose: float, approach: float, unloaded: float, seed: int):
     return A.reshape(-1, 5), truth, (A @ truth + 1e-5 * noise).ravel(), blocks, p
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("errors", [(2.0, 0.0, 0.0), (0.0, 2.0, 0.0), (0.0, 0.0, 2.0), (1.0, 1.0, 1.0)])
 @pytest.mark.parametrize("robust", [True, False])
 def test_what_a_pose_an_approach_and_a_point_share_is_told_apart(errors, robust: bool) -> None:
@@ -148,6 +150,7 @@ def test_noise_that_rows_share_does_not_contradict_physics(shared: float, known:
     assert constrain(wrong).implausible_p < 1e-6
 
 
+@pytest.mark.slow
 def test_poses_that_share_an_error_are_no_outliers_and_one_that_was_moved_is() -> None:
     suspects, found = 0, 0
     for seed in range(12):
@@ -172,6 +175,7 @@ def test_many_rows_of_absolute_data_take_little_memory() -> None:
     assert peak < 10 * columns.nbytes
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("uneven", ["poses", "kinds", "kinds apart"])
 def test_a_shared_error_has_one_size_whatever_the_rows_own_sigma_is(uneven: str) -> None:
     """Of poses that are measured worse, or of translations and rotations, which may share as much or nothing."""
@@ -196,6 +200,7 @@ def best(problem: _Components, start: np.ndarray) -> float:
     )
 
 
+@pytest.mark.slow
 def test_a_large_error_does_not_hide_a_small_one_from_the_search() -> None:
     missed = 0
     for seed in range(6):

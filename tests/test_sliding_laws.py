@@ -112,6 +112,7 @@ def test_what_repeats_along_a_slide_is_looked_for_in_positions_up_to_sixteen_tim
     assert not any(law.family.startswith("waves") for law in _laws_of_angle(problem, 0))
 
 
+@pytest.mark.slow
 def test_a_rail_whose_error_repeats_is_no_robot_that_misses_its_poses() -> None:
     """The error is the same in all rows of a pose, and passed for the robot's repeatability."""
     table: Measurements = design("scara", "absolute", poses=30)

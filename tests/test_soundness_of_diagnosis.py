@@ -82,6 +82,7 @@ def test_a_marker_that_scatters_more_is_told() -> None:
     assert not any("scatters" in r for r in run(Task(load(ROBOT), measured())).remarks)
 
 
+@pytest.mark.slow
 def test_an_error_that_a_poses_rows_share_is_told_where_it_exceeds_the_noise() -> None:
     table = measured(poses=16)
     values = table.values.copy()
@@ -94,6 +95,7 @@ def test_an_error_that_a_poses_rows_share_is_told_where_it_exceeds_the_noise() -
     assert words.headline(run(Task(load(ROBOT), measured()))) == "Nothing is missing"
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("kind", "probability", "shared", "told"),
     [
@@ -113,6 +115,7 @@ def test_a_sure_shared_error_is_told(kind: str, probability: float, shared: str,
     assert [("0.6 times the noise" in r and told in r) for r in remarks] == [True] * bool(told)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("stated", "wrong"), [(2e-5, False), (2.83e-5, False), (4.5e-5, True), (1.4e-5, True)]
 )
@@ -140,6 +143,7 @@ def test_lateness_is_not_looked_for_where_it_is_a_constant() -> None:
     assert "order of the loads" not in places(measured(levels=(0.25, 0.5, 0.75, 1.0)))
 
 
+@pytest.mark.slow
 def test_swapped_labels_are_told_by_the_poses_that_hold_what_is_left() -> None:
     table = measured(poses=16)
     values = table.values.copy()
@@ -188,6 +192,7 @@ def test_a_set_that_takes_most_directions_proportional_to_the_load_is_insufficie
     assert _lacking(shop, none, 150.0, usual) is lacking
 
 
+@pytest.mark.slow
 def test_a_rocking_base_is_named_though_its_block_could_take_nearly_all_that_fifteen_poses_leave() -> None:
     """13 of 14 directions proportional to the load; of usual sizes it takes three, and those it asks for."""
     hidden = case(1, Drawn(
@@ -241,6 +246,7 @@ def test_a_bad_pose_needs_no_other_pose_to_confirm_it() -> None:
     assert any(r.startswith(f"pose {table.labels[4]}: measure it again") for r in found.remarks)
 
 
+@pytest.mark.slow
 def test_a_bad_pose_is_not_among_the_poses_that_prove_another_effect() -> None:
     """Nothing in the other poses can tell how far its marker slipped: the gap of all others is what closes."""
     table = measured(HARDENING, poses=16)
@@ -257,6 +263,7 @@ def test_a_bad_pose_is_not_among_the_poses_that_prove_another_effect() -> None:
     assert any(r.startswith(f"pose {table.labels[4]}: measure it again") for r in found.remarks)
 
 
+@pytest.mark.slow
 def test_an_error_that_exceeds_the_noise_is_told_whatever_is_named() -> None:
     table = measured(HARDENING, poses=16)
     values = table.values.copy()
@@ -273,6 +280,7 @@ def thrice(table: Measurements, noise: float) -> Measurements:
     return replace(table.select(rows), values=values, repeat=np.repeat([1.0, 2.0, 3.0], len(table)))
 
 
+@pytest.mark.slow
 def test_repeats_that_are_copies_say_nothing_of_the_noise() -> None:
     once = measured(HARDENING)
     once = replace(once, sigma=np.full_like(once.sigma, np.nan))
@@ -289,6 +297,7 @@ def test_repeats_that_are_copies_say_nothing_of_the_noise() -> None:
     assert not any("copies" in r for r in honest.remarks)
 
 
+@pytest.mark.slow
 def test_poses_copied_under_another_label_change_nothing() -> None:
     """Counted as measured anew they halve the noise of what has no noise, and effects come out of it."""
     once = measured(HARDENING)
@@ -342,6 +351,7 @@ def test_no_link_weighs_more_than_a_robot_of_its_reach_could() -> None:
     assert mass.high > sum(link.mass for link in robot.links)
 
 
+@pytest.mark.slow
 def test_the_rigid_robot_is_placed_as_well_as_it_can_be() -> None:
     """Whatever the fitted model makes of the device's placement."""
     table = design("ur10", "absolute", poses=20)
@@ -356,6 +366,7 @@ def test_the_rigid_robot_is_placed_as_well_as_it_can_be() -> None:
     assert np.sqrt(np.mean(found**2)) == pytest.approx(np.sqrt(np.mean(expected**2)), rel=1e-3)
 
 
+@pytest.mark.slow
 def test_readings_that_changed_places_are_told_by_their_rows() -> None:
     table = measured(poses=16)
     values = table.values.copy()

@@ -58,6 +58,7 @@ int main(void)
 """
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("cc", ["gcc", "clang"])
 @pytest.mark.parametrize(("robot", "precision"), CASES)
 @pytest.mark.parametrize("flags", ["-O2", "-Os", "-O3 -march=native"])

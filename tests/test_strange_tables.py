@@ -55,6 +55,7 @@ def lag() -> Measurements:
     return read(Effect("hysteresis", {"joint": 2}, values={"width": 4e-4, "knee": 1.0}))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("start", [0.0, 32400.0, 1.7e9])
 def test_a_drift_is_found_wherever_the_clock_stands(start: float) -> None:
     found = diagnosed(read(Effect("thermal_drift", None, "exponential", {"rate": [3e-4, 0, 2e-4]}), start))
@@ -78,6 +79,7 @@ def exchanged() -> Finding:
     return diagnosed(replace(lag(), branch=-lag().branch))
 
 
+@pytest.mark.slow
 def test_an_exchanged_branch_is_asked_about() -> None:
     swapped = exchanged()
     assert "hysteresis" not in {e.effect for e in swapped.named}
@@ -109,6 +111,7 @@ def test_a_sure_wrong_sign_of_what_would_lead_is_a_matter_of_the_table(
     assert [told in r for r in asked] == [True] * bool(told)
 
 
+@pytest.mark.slow
 def test_rows_that_have_come_back_to_no_load_are_left_out() -> None:
     """What a load leaves behind has the sign of a load that is gone."""
     table = lag()
@@ -138,6 +141,7 @@ def test_the_row_that_opens_a_pose_at_no_load_is_no_reading() -> None:
     assert any(said in r for r in identify(load(ROBOT), opened).remarks)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("kind", ["deflection", "absolute"])
 @pytest.mark.parametrize("names", [("p2", "p1", "p3"), ("p3", "p1", "p2")])
 def test_exchanged_markers_are_asked_about(
@@ -167,6 +171,7 @@ def test_of_many_markers_two_may_be_exchanged() -> None:
     assert marker_hint(("tcp",), lambda names: (1.0, 99)) == ""
 
 
+@pytest.mark.slow
 def test_what_rounding_and_a_few_readings_leave_exchanges_no_markers() -> None:
     for seed in range(12):
         table = measured(seed=seed)
@@ -195,6 +200,7 @@ def test_what_is_computed_and_not_measured_has_nothing_missing() -> None:
     assert found.remarks[-1].startswith("the model gives the readings but for rounding")
 
 
+@pytest.mark.slow
 def test_computed_data_are_named_from_the_joints_alone_too() -> None:
     robot = load("ur5e")
     q = np.random.default_rng(3).uniform(-2.5, 2.5, (20, 6))
@@ -263,6 +269,7 @@ def test_identify_leaves_out_what_has_no_size_and_says_so() -> None:
     assert found.fit.values == pytest.approx(alone.fit.values)
 
 
+@pytest.mark.slow
 def test_a_size_that_goes_astray_is_not_named(tmp_path: Path) -> None:
     """One joint, a quarter of a radian of deflection: far beyond what the second order tells."""
     (tmp_path / "one.toml").write_text('format = 1\nname = "one"\n[[joint]]\na = 0.5\nalpha = 0\nd = 0\n')

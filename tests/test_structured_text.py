@@ -43,6 +43,7 @@ def source(robot: str, precision: str = "double") -> str:
     return emit_st(Functions(small(robot)), options)[f"FB_{robot}.st"].decode()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("robot", ROBOTS)
 def test_deflections_are_those_of_numpy(robot):
     block, m = Block(source(robot)), small(robot)
@@ -71,6 +72,7 @@ def test_commands_are_the_least_joint_motions_that_undo_the_deflection(robot):
         )
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("precision", ["double", "float"])
 def test_both_precisions_agree_with_the_c_functions(precision, tmp_path):
     folder = written(tmp_path, "scara", precision)
@@ -132,6 +134,7 @@ def test_a_correction_that_is_not_small_is_an_error_that_keeps_the_joints():
     np.testing.assert_array_equal(outputs["q_cmd"], q)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("effect", ["backlash", "transmission_error"])
 def test_laws_of_effects_are_written_in_standard_functions(effect):
     m = model("planar2r")
@@ -161,6 +164,7 @@ def test_no_two_names_differ_by_case_alone():
         assert len({n.lower() for n in declared}) == len(declared)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("precision", ["double", "float"])
 @pytest.mark.parametrize(("effect", "shape"), [("hysteresis", 0), ("thermal_drift", 0), ("thermal_drift", 1)])
 def test_laws_of_the_moment_read_it_from_inputs(effect, shape, precision):

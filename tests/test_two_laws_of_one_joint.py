@@ -43,6 +43,7 @@ HARDENING = Effect("nonlinear_stiffness", {"joint": 1}, "polynomial", {"c3": -2.
 ROOT = Effect("nonlinear_stiffness", {"joint": 1}, "power", {"a": 1.5e-3, "tau0": TORQUE, "exponent": 0.6})
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("gear", [SATURATING, HARDENING])
 def test_backlash_and_an_uneven_stiffness_of_one_gear_are_two_effects(gear: Effect) -> None:
     found = diagnosed(gear, GAP)
@@ -55,6 +56,7 @@ def test_backlash_and_an_uneven_stiffness_of_one_gear_are_two_effects(gear: Effe
     assert gap == pytest.approx(2e-4, rel=0.5)
 
 
+@pytest.mark.slow
 def test_one_law_whose_shape_is_only_close_is_one_effect() -> None:
     found = diagnosed(ROOT)
     assert [(e.effect, e.where) for e in found.named] == [("nonlinear_stiffness", {"joint": 1})]

@@ -79,6 +79,7 @@ def experiment(
     )  # fmt: skip
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("effect", "joint", "shape", "sizes"),
     [
@@ -101,6 +102,7 @@ def test_gears_are_named_where_the_file_tells_no_masses(
     assert gap is None or gap.value == pytest.approx(2e-4, rel=0.15)
 
 
+@pytest.mark.slow
 def test_hysteresis_is_named_where_the_weight_is_many_times_the_load() -> None:
     table = experiment("hysteresis", 2, "constant", {"width": 1e-4, "knee": 1.0}, force=6.0)
     found = run(Task(without_masses(load("ur10")), table))
@@ -108,6 +110,7 @@ def test_hysteresis_is_named_where_the_weight_is_many_times_the_load() -> None:
     assert found.named[0].parameters["hysteresis_2_width"].value == pytest.approx(1e-4, rel=0.15)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("joint", "force", "knee"), [(3, 20.0, 4.0), (2, 50.0, 12.0)])
 def test_a_step_as_wide_as_the_loads_is_backlash_where_the_weight_is_many_times_as_large(
     joint: int, force: float, knee: float
@@ -117,6 +120,7 @@ def test_a_step_as_wide_as_the_loads_is_backlash_where_the_weight_is_many_times_
     assert_named(found, "backlash", joint)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("mass", [3.0, 6.0])
 def test_the_hysteresis_of_a_quill_is_named_though_nobody_tells_what_it_weighs(mass: float) -> None:
     """A SCARA's sliding joint carries its quill, which has no length in the DH table."""
@@ -154,6 +158,7 @@ def found_under(
     return run(Task(bare, experiment(effect, joint, shape, sizes, 1500.0, weighing(bare, told))))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("effect", "joint", "shape", "sizes"),
     [
@@ -175,6 +180,7 @@ def test_an_arm_that_is_heavy_at_its_base_has_its_gears_named(
     assert_named(found_under(told, effect, joint, shape, sizes), effect, joint)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("effect", "joint", "shape", "sizes"),
     [
@@ -199,6 +205,7 @@ def test_the_gears_of_a_wrist_are_named_though_its_weight_hangs_beside_their_axe
     assert any("a body that hangs beside the joint's axis" in remark for remark in found.remarks)
 
 
+@pytest.mark.slow
 def test_a_gear_that_no_assumed_arm_explains_is_told_to_want_masses() -> None:
     """A counterweight behind the shoulder that is heavier than the arm: no arm that is tried pulls the other way."""
     bare = load("kuka_kr270")
@@ -284,6 +291,7 @@ def test_masses_are_tried_where_they_matter_and_are_not_known() -> None:
             assert not any(name in s for s in find(effect).shapes(load("ur10"), {"joint": 2}, scales))
 
 
+@pytest.mark.slow
 def test_what_is_assumed_is_said_once_and_of_what_the_verdict_counts(monkeypatch: pytest.MonkeyPatch) -> None:
     table = experiment("backlash", 2, "tanh", {"gap": 2e-4, "knee": 0.5})
     whole = workflow.diagnose

@@ -56,6 +56,7 @@ def test_a_marker_that_gives_way_is_accused_with_its_size() -> None:
     assert "mm)" in unnamed.device_text(law)
 
 
+@pytest.mark.slow
 def test_a_force_sensor_that_reads_too_little_at_large_loads_is_accused() -> None:
     truth = design()
     share = np.linalg.norm(truth.w, axis=1) / np.linalg.norm(truth.w, axis=1).max()
@@ -208,6 +209,7 @@ def test_a_foot_that_lifts_is_accused_with_its_tilt() -> None:
     assert column == pytest.approx(_tilted(table, 0.5, 1.0)[view.state, view.component], abs=1e-12)
 
 
+@pytest.mark.slow
 def test_a_flange_that_slips_the_way_of_the_force_is_accused_with_its_slip() -> None:
     table = measured()
     size = np.linalg.norm(table.w[:, :3], axis=1)
@@ -239,6 +241,7 @@ def test_a_slip_is_read_in_the_axes_of_the_device() -> None:
     assert block == pytest.approx(shifted[view.state, view.component], abs=2e-3)
 
 
+@pytest.mark.slow
 def test_a_marker_that_gives_way_along_the_force_is_accused() -> None:
     table = measured(poses=16)
     values = table.values.copy()
@@ -250,6 +253,7 @@ def test_a_marker_that_gives_way_along_the_force_is_accused() -> None:
     assert (law.place, law.terms[0][0][:27]) == ("marker p3", "shift the way of the force:")
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("of_tool", [False, True])
 def test_a_marker_whose_bracket_bends_across_the_force_is_accused(of_tool: bool) -> None:
     """In the base's axes, or in those of the flange that carries it."""
@@ -276,6 +280,7 @@ def test_a_marker_whose_bracket_bends_across_the_force_is_accused(of_tool: bool)
     assert "y by fz" not in unnamed.device_text(law)
 
 
+@pytest.mark.slow
 def test_a_rig_that_rubs_is_accused_with_its_friction() -> None:
     told = measured(poses=20, levels=(0.3, 0.6, 1.0, 0.6, 0.3))
     branch = np.repeat([1.0, 1.0, 1.0, -1.0, -1.0] * 20, 3)
@@ -290,6 +295,7 @@ def test_a_rig_that_rubs_is_accused_with_its_friction() -> None:
     assert "friction in the rig" in words.sentence(found)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("after", "again", "verdict"),
     [
@@ -314,6 +320,7 @@ def test_what_unused_poses_refute_is_not_named(
     assert perhaps == ("another effect is in front" in words.sentence(found)) == (verdict != "named")
 
 
+@pytest.mark.slow
 def test_the_folds_that_select_what_all_data_do_are_counted() -> None:
     found = _diagnosed(measured(HARDENING, poses=16)).last.held_out
     assert found is not None

@@ -89,6 +89,7 @@ def test_the_values_are_those_that_loads_at_the_tool_show(way: str) -> None:
     assert error < 0.05 * float(np.sqrt(np.mean(wanted**2)))
 
 
+@pytest.mark.slow
 def test_absolute_data_of_a_heavy_arm_say_that_model_and_code_leave_its_weight_out() -> None:
     robot = heavy()
     for kind, told in (("absolute", 1), ("deflection", 0)):
@@ -182,6 +183,7 @@ def with_gap() -> Measurements:
     return measurements(q, w, values=values, pose=pose, kind="absolute", joint_units=["rad"] * 6)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("way", ["diagnosis", "identification", "identified again"])
 def test_a_gap_found_under_the_arms_weight_turns_over_where_the_whole_load_does(
     way: str, tmp_path: Path
@@ -270,6 +272,7 @@ def test_of_positions_no_deflection_is_said_to_be_compensated(run: Run, tmp_path
     assert "inf" not in done.out
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("start", "noise"), [("complete", 5e-3), ("complete", 1e-3), ("joints", 1e-3)])
 def test_a_diagnosis_writes_no_compliances_that_geometry_hides(
     start: str, noise: float, tmp_path: Path
