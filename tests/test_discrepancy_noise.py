@@ -2,19 +2,16 @@
 
 from __future__ import annotations
 
-import weakref
 from collections.abc import Sequence
 from dataclasses import replace
-from typing import Any
 
 import numpy as np
 import pytest
 
-from symstiff.discrepancy import prepare as prepare_module
 from symstiff.discrepancy.diagnose import diagnose
 from symstiff.discrepancy.prepare import prepare, settled
 from symstiff.discrepancy.problem import Array, Candidate, Options, Parameter, Problem
-from symstiff.discrepancy.scan import Scan, evidence, likeliest
+from symstiff.discrepancy.scan import evidence, extend, likeliest
 from symstiff.discrepancy.sharing import EACH, JOINTS, LEARNED, sizes
 from symstiff.discrepancy.strata import strata
 from tests.test_discrepancy_engine import QUICK, SIGMA, arm, catalogue, measured, saturating, scaled
@@ -366,21 +363,17 @@ def test_a_shift_of_two_poses_is_no_error_that_all_poses_share_once_it_is_named(
     assert after.sigma == pytest.approx(SIGMA, rel=0.15)
 
 
-def test_there_is_never_more_than_one_scan(monkeypatch: pytest.MonkeyPatch) -> None:
-    """A scan holds all columns at every sharing: of a large table that is most of the memory."""
-    a, bases = arm(), []
-    own = prepare_module.open_scan
-
-    def watched(*arguments: Any) -> Scan:
-        alive = sum(base() is not None for base in bases)
-        assert alive == 0, f"{alive} bases of earlier scans are kept"
-        scan = own(*arguments)
-        bases.extend(weakref.ref(layer.Q) for layer in scan.layers)
-        return scan
-
-    monkeypatch.setattr(prepare_module, "open_scan", watched)
-    ready = prepare(measured(a.problem, scaled(a.problem, saturating(a.problem, 1), 400.0)), a.candidates)
-    assert len(bases) > 2 * len(ready.scan.layers)
+def test_a_scan_holds_the_columns_once_and_not_at_every_sharing() -> None:
+    """Of a large table they are most of the memory."""
+    a = arm()
+    scan = prepare(measured(a.problem, scaled(a.problem, saturating(a.problem, 1), 400.0)), a.candidates).scan
+    assert len(scan.layers) > 2
+    for held in (scan, extend(scan, (1, 4))):
+        mixes = [array for la in held.layers for pair in la.bases.of_several for array in pair]
+        arrays = [v for la in held.layers for part in (la, la.bases) for v in vars(part).values()]
+        held_by_layers = sum(x.nbytes for x in (*arrays, *mixes) if isinstance(x, np.ndarray))
+        assert held_by_layers < 0.5 * scan.columns.nbytes
+        assert held.columns is scan.columns
 
 
 def test_the_noise_of_the_axes_is_not_what_a_model_of_many_parameters_leaves() -> None:

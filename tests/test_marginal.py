@@ -14,7 +14,6 @@ from symstiff.calibration.measurements import measurements
 from symstiff.calibration.simulation import Effect, Truth, clean_response, nominal_truth
 from symstiff.discrepancy.assemble import Assembly, assemble
 from symstiff.discrepancy.bank import build
-from symstiff.discrepancy.beside import evidence_beside
 from symstiff.discrepancy.design import effective_rank
 from symstiff.discrepancy.laws import unnamed_laws
 from symstiff.discrepancy.marginal import EXPECTED, log_bayes, of_sizes
@@ -194,11 +193,17 @@ def test_the_evidence_beside_a_set_is_that_of_the_scan_that_holds_it() -> None:
     )
     bank = build(given_data, [*arm().candidates, block], unnamed_laws(given_data))
     scan = open_scan(bank, start(given_data, Split()), given_data.y, given_data.A)
-    others = np.arange(len(bank.start)) > 5
     for entries in ((0,), (1, 5), (len(arm().candidates) + 2, 2)):
-        quick, whole = evidence_beside(scan, entries), evidence(extend(scan, entries))
-        away = others & ~np.isin(np.arange(len(bank.start)), entries)
-        assert quick.entry[away] == pytest.approx(whole.entry[away], abs=1e-5)
+        A = np.hstack([problem.A, *(bank.columns[:, bank.slice(e)] for e in entries)])
+        quick, whole = (
+            extend(scan, entries),
+            open_scan(bank, start(given_data, Split()), given_data.y, A),
+        )
+        assert [la.rss for la in quick.layers] == pytest.approx([la.rss for la in whole.layers], rel=1e-9)
+        away = ~np.isin(bank.owner, bank.owner[list(entries)])
+        assert np.count_nonzero(away) > 0.8 * len(away)
+        np.testing.assert_array_equal(quick.best.rank[away], whole.best.rank[away])
+        assert evidence(quick).entry[away] == pytest.approx(evidence(whole).entry[away], abs=1e-6)
 
 
 def test_hysteresis_follows_the_total_load_where_the_robot_has_masses() -> None:

@@ -117,20 +117,15 @@ def test_sets_that_explain_more_than_the_leader_compete_with_the_leader_and_one_
     assert beside(score + 1000.0) == []
 
 
-def test_a_search_keeps_few_scans_of_a_large_table(monkeypatch: pytest.MonkeyPatch) -> None:
-    """A scan holds all columns at every sharing: hundreds of megabytes where a table is large."""
+def test_a_search_keeps_few_scans(monkeypatch: pytest.MonkeyPatch) -> None:
     a = arm(20)
     ready = prepare(measured(a.problem, scaled(a.problem, of_sign(a.problem, 0), 400.0)), a.candidates)
-    assert search._size(ready.scan) > 2 * ready.bank.columns.nbytes
-    entries = range(min(6, len(ready.bank.start)))
-    kept = []
-    for room in (1e9, 2.5 * search._size(ready.scan), 0.0):
-        monkeypatch.setattr(search, "_ROOM", room)
-        shop = Workshop(ready.scan, np.array([True] * len(ready.bank.candidates)), QUICK)
-        judged = [search.judge(shop, Proposal((int(ready.bank.owner[e]),), (e,), 0.0)) for e in entries]
-        assert not any(isinstance(value, Scan) for j in judged for value in vars(j).values())
-        kept.append(len(shop.scans))
-    assert kept == [len(entries) + 1, 2, 2]
+    monkeypatch.setattr(search, "_SCANS", 3)
+    shop = Workshop(ready.scan, np.array([True] * len(ready.bank.candidates)), QUICK)
+    for entry in range(6):
+        judged = search.judge(shop, Proposal((int(ready.bank.owner[entry]),), (entry,), 0.0))
+        assert not any(isinstance(value, Scan) for value in vars(judged).values())
+    assert len(shop.scans) == 3
 
 
 @pytest.mark.parametrize(("second", "told"), [(28.0, 1), (200.0, 2)])

@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
+from itertools import chain
+
 import numpy as np
 import pytest
 
 from symstiff import threads
-from symstiff.discrepancy.beside import beside
 from symstiff.discrepancy.null import null
 from symstiff.discrepancy.prepare import prepare
 from symstiff.discrepancy.scan import extend
@@ -33,7 +34,8 @@ def test_the_number_of_processors_changes_no_bit_of_a_scan(monkeypatch: pytest.M
         monkeypatch.setattr(threads, "_processors", lambda n=processors: n)
         scan = prepare(problem, a.candidates).scan
         drawn = null(scan, 300, 5)
-        layers = [*scan.layers, *extend(scan, (2,)).layers, *beside(scan, (1, 4)).scan.layers]
-        seen.append([*(v for la in layers for v in (la.y, la.Q, la.variance)), drawn.named, drawn.generic])
+        scans = [scan, extend(scan, (2,)), extend(scan, (1, 4))]
+        layers = [(la.y, la.left2, la.bases.scale, la.variance) for s in scans for la in s.layers]
+        seen.append([*chain.from_iterable(layers), *(s.squares for s in scans), drawn.named, drawn.generic])
     for one, other in zip(*seen, strict=True):
         np.testing.assert_array_equal(one, other)

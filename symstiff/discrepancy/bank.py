@@ -1,4 +1,4 @@
-"""The candidates' columns side by side, and their orthonormal bases after projection off a model."""
+"""The candidates' columns side by side, with their priors."""
 
 from __future__ import annotations
 
@@ -12,10 +12,6 @@ import numpy as np
 from symstiff.calibration.experiment.rounding import without_rounding
 from symstiff.discrepancy.problem import Array, Candidate, Index, Parameter, Problem, Shape
 
-NUMERIC_ZERO = 1e-9
-"""Share of a column's squared length below which nothing of it is left outside the model."""
-_NOTHING = 1e-8
-"""Squared length of a unit direction below which nothing of it is left."""
 UNNAMED = 0.3
 """Prior share of laws without a name: the catalogue holds most of what robots have, and not all."""
 _LEAST_SIZE = 0.02
@@ -111,13 +107,21 @@ class Bank:
         """Columns of an entry."""
         return slice(int(self.start[entry]), int(self.start[entry] + self.width[entry]))
 
-    def batches(self) -> list[tuple[int, Index]]:
-        """Entries grouped by width: (width, (n, width) column numbers)."""
-        out = []
-        for width in np.unique(self.width):
-            begin = self.start[self.width == width]
-            out.append((int(width), begin[:, None] + np.arange(width)))
-        return out
+    @cached_property
+    def batches(self) -> tuple[Index, ...]:
+        """Column numbers (n, w) of the entries of several columns: by width, those of known usual sizes apart."""
+        kinds = sorted(
+            {(int(w), bool(known)) for w, known in zip(self.width, self.sized, strict=True) if w > 1}
+        )
+        begin = [(w, self.start[(self.width == w) & (self.sized == known)]) for w, known in kinds]
+        return tuple(first[:, None] + np.arange(w) for w, first in begin)
+
+    @cached_property
+    def pairs(self) -> tuple[Index, Index]:
+        """(Q,) numbers of the one and the other of all pairs of columns of one entry, batch by batch."""
+        of_batch = [columns[:, np.array(np.triu_indices(columns.shape[1], 1))] for columns in self.batches]
+        one, other = (np.concatenate([self.start[:0], *(p[:, k].ravel() for p in of_batch)]) for k in (0, 1))
+        return one, other
 
 
 NDArrayBool = np.ndarray[tuple[int, ...], np.dtype[np.bool_]]
@@ -235,97 +239,3 @@ def _log_prior(kept: Sequence[Candidate], generic: NDArrayBool) -> Array:
         for kind, g in zip(kinds, generic, strict=True)
     ]
     return np.log(np.array(weight)) if weight else np.zeros(0)
-
-
-def orthonormal(bank: Bank, projected: Array, reference: Array) -> tuple[Array, Array, Array]:
-    """Orthonormalise each entry's projected columns.
-
-    ``projected`` (M, K) are the columns after projection, ``reference`` (K,) their squared lengths before it.
-    Returns Q (M, K), with zero columns for directions of which nothing is left; the share (K,) of each direction
-    in the square of a signal by parameters of usual size; and the rank of each entry (S,).
-    """
-    length2 = np.einsum("mk,mk->k", projected, projected)
-    shown = length2 > NUMERIC_ZERO * np.maximum(reference, 1e-300)
-    Q = projected * np.where(shown, 1.0 / np.sqrt(np.where(shown, length2, 1.0)), 0.0)
-    variance = np.ones(projected.shape[1])
-    rank = shown[bank.start].astype(float)
-    for width, cols in bank.batches():
-        if width == 1:
-            continue
-        members = np.flatnonzero(bank.width == width)
-        block = projected[:, cols.ravel()].reshape(len(projected), len(cols), width)
-        block = (block / np.sqrt(np.maximum(reference[cols], 1e-300))).transpose(1, 0, 2)
-        gram = np.matmul(np.swapaxes(block, 1, 2), block)
-        mix, share, found = turned(gram, bank.usual[cols], NUMERIC_ZERO)
-        made = np.matmul(block, mix)
-        Q[:, cols.ravel()] = made.transpose(1, 0, 2).reshape(len(projected), -1)
-        variance[cols.ravel()] = share.ravel()
-        rank[members] = found
-    return Q, variance, rank
-
-
-@dataclass(frozen=True)
-class Mixes:
-    """How the entries' orthonormal bases are mixed once some directions are taken out of them."""
-
-    scale: Array
-    """(K,) of the entries of one column; one elsewhere."""
-    of_several: tuple[tuple[Index, Array], ...]
-    """For each width the columns (n, w) and their mixes (n, w, w)."""
-    variance: Array
-    """(K,) as of ``orthonormal``."""
-    rank: Array
-    """(S,)"""
-
-    def __call__(self, X: Array) -> Array:
-        """Mix the columns of X (M, K)."""
-        out = X * self.scale
-        for cols, mix in self.of_several:
-            block = X[:, cols.ravel()].reshape(len(X), *cols.shape).transpose(1, 0, 2)
-            out[:, cols.ravel()] = np.matmul(block, mix).transpose(1, 0, 2).reshape(len(X), -1)
-        return np.asarray(out)
-
-
-def mixes(bank: Bank, alive: NDArrayBool, variance: Array, inside: Array) -> Mixes:
-    """What makes bases orthonormal again of which directions are taken out.
-
-    ``alive`` (K,) tells the directions that a basis has, ``variance`` (K,) how usual sizes spread over them, and
-    ``inside`` (p, K) are their products with the orthonormal directions that are taken out.
-    """
-    length2 = alive - np.einsum("pk,pk->k", inside, inside)
-    there = length2 > _NOTHING
-    scale = np.where(there, 1.0 / np.sqrt(np.where(there, length2, 1.0)), 0.0)
-    share = np.ones(len(alive))
-    rank = there[bank.start].astype(float)
-    several = []
-    for width, cols in bank.batches():
-        if width == 1:
-            continue
-        V, own = inside[:, cols], alive[cols]
-        gram = own[:, :, None] * np.eye(width) - np.einsum("pnw,pnv->nwv", V, V)
-        mix, of_usual, found = turned(gram, np.sqrt(variance[cols] * own), _NOTHING)
-        scale[cols.ravel()] = 1.0
-        share[cols.ravel()] = of_usual.ravel()
-        rank[np.flatnonzero(bank.width == width)] = found
-        several.append((cols, mix))
-    return Mixes(scale, tuple(several), share, rank)
-
-
-def turned(gram: Array, usual: Array, zero: float) -> tuple[Array, Array, Array]:
-    """How to mix the columns of entries so that they are orthonormal, and independent at their usual sizes.
-
-    From products ``gram`` (n, w, w) and sizes ``usual`` (n, w): the mixes (n, w, w), the share (n, w) of every
-    direction in the square of a signal of usual size, and the number (n,) of directions longer than ``zero``.
-    """
-    value, vector = np.linalg.eigh(gram)
-    ok = value > zero
-    root = np.sqrt(np.where(ok, value, 1.0))
-    along = vector * np.where(ok, 1.0 / root, 0.0)[:, None, :]
-    seen = np.where(ok, root, 0.0)[:, :, None] * np.swapaxes(vector, 1, 2) * usual[:, None, :]
-    share, axes = np.linalg.eigh(np.matmul(seen, np.swapaxes(seen, 1, 2)))
-    share = np.maximum(share, 0.0)
-    return (
-        np.matmul(along, axes),
-        share / np.maximum(share.sum(axis=1, keepdims=True), 1e-300),
-        ok.sum(axis=1),
-    )

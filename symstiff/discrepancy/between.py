@@ -9,9 +9,17 @@ from itertools import product
 import numpy as np
 
 from symstiff.discrepancy.bank import Bank, build
-from symstiff.discrepancy.beside import evidence_beside
 from symstiff.discrepancy.problem import Array, Candidate, Index, Move, Problem, Shape
-from symstiff.discrepancy.scan import Evidence, Layer, Scan, column_space, directions, likeliest
+from symstiff.discrepancy.scan import (
+    Evidence,
+    Layer,
+    Scan,
+    column_space,
+    directions,
+    evidence,
+    extend,
+    likeliest,
+)
 
 WORTH = 2.0
 """Log likelihood that a shape between two has to gain."""
@@ -26,7 +34,7 @@ More = Mapping[int, Sequence[tuple[Shape, int]]]
 
 def between(scan: Scan, others: tuple[int, ...] = ()) -> More:
     """Shapes that explain clearly more than those of the bank, of the leader beside ``others`` and of its rivals."""
-    bank, found = scan.bank, evidence_beside(scan, others)
+    bank, found = scan.bank, evidence(extend(scan, others))
     score = np.where(bank.generic, -np.inf, found.score)
     score[bank.owner[list(others)]] = -np.inf
     more = {}

@@ -10,7 +10,7 @@ from scipy import optimize, stats
 
 from symstiff.discrepancy.marginal import log_bayes
 from symstiff.discrepancy.problem import Array
-from symstiff.discrepancy.scan import Scan
+from symstiff.discrepancy.scan import Scan, basis_of
 
 
 def detectable_noncentrality(
@@ -84,9 +84,9 @@ def least_sizes(scan: Scan, entry: int, threshold: float, sigma2: float) -> Arra
 
 def confusability(scan: Scan, entries: Sequence[int]) -> Array:
     """D_ij, (n, n): what is left of the fitted signal i after the model and j; D_ii is the noncentrality itself."""
-    layer, bank = scan.best, scan.bank
+    layer = scan.best
     scale2 = layer.rss / max(scan.freedom, 1)
-    Q = [layer.Q[:, bank.slice(e)] for e in entries]
+    Q = [basis_of(scan, layer, e) for e in entries]
     signal = [q @ (q.T @ layer.y) for q in Q]
     D = np.empty((len(Q), len(Q)))
     for i, s in enumerate(signal):

@@ -12,7 +12,7 @@ from scipy.special import logsumexp
 
 from symstiff.discrepancy.laws import Law, every_law, largest_load
 from symstiff.discrepancy.problem import Array, Index, Problem
-from symstiff.discrepancy.scan import Evidence, Layer, Scan, at_sharing, coefficients, likeliest
+from symstiff.discrepancy.scan import Evidence, Layer, Scan, at_sharing, basis_of, coefficients, likeliest
 
 _ROUNDING = 1e-9
 _SUSPECTS = 3
@@ -194,7 +194,7 @@ def device_law(problem: Problem, scan: Scan, found: Evidence, place: str) -> Fit
     value, std, _ = coefficients(scan, problem.A, problem.y, (entry,))
     P = problem.A.shape[1]
     own = bank.parameters(entry)
-    explained = float(np.sum((layer.Q[:, bank.slice(entry)].T @ layer.y) ** 2)) / max(layer.rss, 1e-300)
+    explained = float(np.sum((basis_of(scan, layer, entry).T @ layer.y) ** 2)) / max(layer.rss, 1e-300)
     numbers = zip(own, value[P:].tolist(), std[P:].tolist(), strict=True)
     return FittedDevice(place, tuple((p.name, v, d, p.unit) for p, v, d in numbers), explained)
 

@@ -7,7 +7,7 @@ parameters that data see in a few directions competes as those few, and a fit by
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from functools import lru_cache
 
 import numpy as np
 from scipy.sparse import csr_matrix
@@ -16,10 +16,10 @@ from symstiff.discrepancy.problem import Array, Index
 
 EXPECTED = (12.0, 48.0, 200.0, 1000.0)
 """Noncentralities that an effect is expected to have; the evidence averages over them."""
-_TABLE = 1000
 _FEW = 4000
-_SMALL = 0.5
-"""Share R² up to which values even in R² serve: draws of noise have less."""
+"""Values from which they are read from tables: draws have few ranks."""
+_TABLE, _FARTHEST = 1 << 14, -float(np.log(1e-12))
+"""Steps of a table, and -log(1 - R²) where it ends."""
 
 
 def log_bayes(explained: Array, rss: Array, rank: Array, freedom: int) -> Array:
@@ -37,34 +37,32 @@ def log_bayes(explained: Array, rss: Array, rank: Array, freedom: int) -> Array:
     return np.asarray(np.where(rank > 0, total - np.log(len(EXPECTED)), -np.inf))
 
 
-def of_rank(share: Array, rank: float, freedom: int) -> Array:
-    """``log_bayes`` of shares R², read between ``_TABLE`` values where there are many: draws need few ranks.
+def of_ranks(share: Array, rank: Array, freedom: int) -> Array:
+    """``log_bayes`` of shares R² (S, B) by ranks (S,), read between tabled values where there are many."""
+    if share.size < _FEW:
+        return log_bayes(share, np.ones_like(share), rank[:, None], freedom)
+    ranks, which = np.unique(rank, return_inverse=True)
+    value = np.stack([_table(float(r), freedom) for r in ranks]).astype(share.dtype)
+    rise = np.where(ranks[:, None] > 0, value[:, 1:] - np.where(ranks[:, None] > 0, value[:, :-1], 0.0), 0.0)
+    with np.errstate(divide="ignore"):
+        place = np.minimum(np.log1p(-np.clip(share, 0.0, 1.0)) * (-_TABLE / _FARTHEST), _TABLE)
+    k = np.minimum(place.astype(np.int32), _TABLE - 1)
+    place -= k
+    row = which.astype(np.int32)[:, None]
+    return np.asarray(value.ravel()[k + row * (_TABLE + 1)] + place * rise.ravel()[k + row * _TABLE])
 
-    The values are even in R², or, where some R² are near one, in log(1 - R²).
-    """
-    if share.size < _FEW or rank == 0:
-        return log_bayes(share, np.ones_like(share), np.array(rank), freedom)
-    top = float(share.max())
-    if top <= _SMALL:
-        return _read(share, top, lambda r: log_bayes(r, np.ones_like(r), np.array(rank), freedom))
-    left = -np.log1p(-np.clip(share, 0.0, 1 - 1e-12))
-    return _read(
-        left, float(left.max()), lambda x: log_bayes(-np.expm1(-x), np.ones_like(x), np.array(rank), freedom)
-    )
 
-
-def _read(x: Array, top: float, law: Callable[[Array], Array]) -> Array:
-    """A law at many x from 0 to ``top``, linear between even values."""
-    value = law(np.linspace(0.0, top, _TABLE + 1))
-    place = x * (_TABLE / max(top, 1e-300))
-    k = np.minimum(place.astype(np.intp), _TABLE - 1)
-    return np.asarray(value[k] + (place - k) * np.diff(value)[k])
+@lru_cache(maxsize=256)
+def _table(rank: float, freedom: int) -> Array:
+    """(_TABLE + 1,) of a rank, even in log(1 - R²)."""
+    explained = -np.expm1(-np.linspace(0.0, _FARTHEST, _TABLE + 1))
+    return log_bayes(explained, np.ones_like(explained), np.array(rank), freedom)
 
 
 def of_groups(values: Array, start: Index, weight: Array | None = None) -> Array:
     """Sums over groups of rows, (K, B) -> (S, B), with weights (W, K) (W·S, B); ``start`` (S,): first row of each."""
     rows = len(values)
-    weight = np.ones((1, rows)) if weight is None else weight
+    weight = (np.ones((1, rows)) if weight is None else weight).astype(values.dtype)
     ends = np.append(start, rows)[1:]
     first = np.concatenate([[0], *(ends + k * rows for k in range(len(weight)))])
     shape = (len(weight) * len(start), rows)

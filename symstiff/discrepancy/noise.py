@@ -70,9 +70,16 @@ class Noise:
 
         Each factor is symmetric, so that the reversed order is the transpose.
         """
-        own = raised(self.reading, power)
-        shared = raised(self.ways[sharing.way], power, sharing.ratio)
+        own, shared = self.own(power), self.shared(sharing, power)
         return shared + own if power > 0 else own + shared
+
+    def own(self, power: float) -> Roots:
+        """The factor of S."""
+        return raised(self.reading, power)
+
+    def shared(self, sharing: Sharing, power: float) -> Roots:
+        """The factor of what a pose's rows share."""
+        return raised(self.ways[sharing.way], power, sharing.ratio)
 
     def apply(self, roots: Roots, X: Array) -> Array:
         """Multiply the rows of X (M, k) by the block matrices, one after the other."""

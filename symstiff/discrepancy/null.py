@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from symstiff.discrepancy.problem import Array
-from symstiff.discrepancy.scan import Mask, Scan, candidate_evidence, entry_evidence
+from symstiff.discrepancy.scan import Mask, Scan, back, candidate_evidence, entry_evidence
 from symstiff.threads import in_threads
 
 _AT_ONCE = 128
@@ -69,8 +69,9 @@ def _scores(scan: Scan, errors: Array) -> Array:
     for layer in scan.layers:
         e = scan.noise.apply(layer.whiten, errors)
         e = e - layer.basis @ (layer.basis.T @ e)
-        squares.append((layer.Q.T @ e) ** 2)
         rss.append(np.einsum("mb,mb->b", e, e))
+        whitened = back(scan.noise, layer.sharing, e).astype(np.float32)
+        squares.append(layer.bases(scan.single.T @ whitened) ** 2)
     entry = entry_evidence(scan, np.stack(squares), np.stack(rss))
     return candidate_evidence(scan.bank, entry) + scan.bank.log_prior[:, None]
 

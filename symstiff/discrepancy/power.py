@@ -16,7 +16,7 @@ from scipy import stats
 
 from symstiff.discrepancy.bank import Bank
 from symstiff.discrepancy.problem import Array, Index
-from symstiff.discrepancy.scan import Layer, Scan, candidate_evidence, entry_evidence, outside
+from symstiff.discrepancy.scan import Layer, Scan, back, candidate_evidence, entry_evidence, outside
 
 POWER = 0.8
 """Share of cases in which an effect of the size that is told is seen."""
@@ -114,8 +114,8 @@ def _question(scan: Scan, asked: Sequence[tuple[int, int]]) -> _Question:
     for layer in scan.layers:
         S = _signals(scan, layer, [e for e, _ in asked], signal)
         length.append(np.linalg.norm(S, axis=0))
-        along.append(np.concatenate([(layer.Q[:, o].T @ s) ** 2 for o, s in zip(own, S.T, strict=True)]))
-        layers.append(_thin(layer, direction, entry))
+        along.append(_along(scan, layer, own, S))
+        layers.append(replace(layer, bases=layer.bases.of(direction, entry)))
     thin = replace(
         bank,
         candidates=tuple(bank.candidates[c] for c in owner),
@@ -148,7 +148,12 @@ def _signals(scan: Scan, layer: Layer, entries: Sequence[int], columns: Index) -
     return outside(scan, layer, distinct)[:, [int(np.flatnonzero(held == c)[0]) for c in columns]]
 
 
-def _thin(layer: Layer, directions: Index, entries: Index) -> Layer:
-    """A layer's numbers of some directions and entries, its columns left out but for where there are directions."""
-    alive = layer.alive[directions].astype(float)[None]
-    return replace(layer, Q=alive, variance=layer.variance[directions], rank=layer.rank[entries])
+def _along(scan: Scan, layer: Layer, own: Sequence[Index], S: Array) -> Array:
+    """Squares of signals (M, P) in the directions of their own candidates' entries, one after the other."""
+    whitened = back(scan.noise, layer.sharing, S)
+    turn = np.array([sum(np.array_equal(o, before) for before in own[:k]) for k, o in enumerate(own)])
+    products = np.zeros((scan.columns.shape[1], int(turn.max()) + 1))
+    for o, k, s in zip(own, turn, whitened.T, strict=True):
+        products[o, k] = s @ scan.columns[:, o]
+    seen = layer.bases(products) ** 2
+    return np.concatenate([seen[o, k] for o, k in zip(own, turn, strict=True)])

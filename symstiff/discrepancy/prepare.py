@@ -10,7 +10,6 @@ from scipy import stats
 
 from symstiff.discrepancy import noise as noises
 from symstiff.discrepancy.bank import Bank, build
-from symstiff.discrepancy.beside import Beside, beside, evidence_beside
 from symstiff.discrepancy.between import between, with_shapes
 from symstiff.discrepancy.laws import unnamed_laws
 from symstiff.discrepancy.problem import Array, Candidate, Index, Problem
@@ -18,8 +17,9 @@ from symstiff.discrepancy.scan import (
     Scan,
     at_sharing,
     at_sharings,
-    by_direction,
     column_space,
+    evidence,
+    extend,
     likely,
     one_sharing,
     open_scan,
@@ -64,13 +64,8 @@ class _Look:
     scan: Scan
     obvious: tuple[int, ...]
     """Entries that stand out."""
-    beside: Beside
+    clean: Scan
     """The scan with them in the model."""
-
-    @property
-    def clean(self) -> Scan:
-        """Residuals and likelihoods after what stands out."""
-        return self.beside.scan
 
 
 def prepare(problem: Problem, candidates: Sequence[Candidate]) -> Prepared:
@@ -78,7 +73,7 @@ def prepare(problem: Problem, candidates: Sequence[Candidate]) -> Prepared:
 
     Otherwise a large missing effect would pass for noise that differs between axes or between poses. The size of the
     shared error is looked for on the coarse grid, on that once more where markers share otherwise than it seemed,
-    near what is likely, and finer. A scan holds all columns at every sharing: there is never more than one.
+    near what is likely, and finer.
     """
     bank = build(problem, candidates, unnamed_laws(problem))
     first = _first_split(problem)
@@ -93,7 +88,6 @@ def prepare(problem: Problem, candidates: Sequence[Candidate]) -> Prepared:
         if look != _COARSE:
             kept = [layer.sharing for layer in clean.layers]
             noise = replace(noise, sharings=near(noise.sharings, kept, look == _FINE))
-        del seen, clean
         seen = _opened(problem, bank, noise, by_way=look != _FINE)
         split = _split(problem, seen) if look != _FINE else split
     report = _report(problem, seen.scan, seen.clean, seen.obvious, growth, by_marker)
@@ -104,9 +98,7 @@ def prepare(problem: Problem, candidates: Sequence[Candidate]) -> Prepared:
 def settled(problem: Problem, ready: Prepared, entries: tuple[int, ...]) -> Prepared:
     """The same with the noise told that is left after what was found, which may have passed for a shared error."""
     told = ready.report
-    report = _report(
-        problem, ready.scan, beside(ready.scan, entries).scan, entries, told.growth, told.by_marker
-    )
+    report = _report(problem, ready.scan, extend(ready.scan, entries), entries, told.growth, told.by_marker)
     return replace(ready, report=replace(report, anew=told.anew))
 
 
@@ -129,7 +121,6 @@ def _looked(problem: Problem, bank: Bank, noise: noises.Noise) -> tuple[Bank, _L
     while place < len(seen.obvious):
         if more := between(seen.scan, seen.obvious[:place]):
             bank = with_shapes(problem, bank, more)
-            del seen
             seen = _opened(problem, bank, noise, by_way=True)
         place += 1
     return bank, seen
@@ -151,11 +142,11 @@ def _opened(problem: Problem, bank: Bank, noise: noises.Noise, by_way: bool) -> 
     """
     whole = open_scan(bank, noise, problem.y, problem.A)
     obvious = _obvious(whole)
-    after = beside(whole, obvious)
-    kept = likely(whole, by_direction(whole), by_way) | likely(after.scan, after.squares, by_way)
+    clean = extend(whole, obvious)
+    kept = likely(whole, by_way) | likely(clean, by_way)
     # none may be the likeliest once everything that is missing is in the model
     kept |= np.array([layer.sharing.ratio == 0 for layer in whole.layers])
-    return _Look(at_sharings(whole, kept), obvious, after.at(kept))
+    return _Look(at_sharings(whole, kept), obvious, at_sharings(clean, kept))
 
 
 def _sharing_none(scan: Scan) -> float:
@@ -172,7 +163,7 @@ def _obvious(scan: Scan, most: int = 3, least: float = 4.0) -> tuple[int, ...]:
     """The few candidates that stand out beyond doubt, named or not, each in its best shape beside those before it."""
     entries: tuple[int, ...] = ()
     for _ in range(most):
-        found = evidence_beside(scan, entries)
+        found = evidence(extend(scan, entries))
         score = np.array(found.score)
         score[scan.bank.owner[list(entries)]] = -np.inf
         if not len(score) or score.max() < least:
@@ -229,12 +220,12 @@ def _sizes(problem: Problem, scan: Scan, anew: float, reading: float) -> tuple[f
 
 def _with_one_more(seen: _Look) -> Scan:
     """What is left after the effect of the catalogue that has most evidence, however little."""
-    found = seen.beside.evidence
+    found = evidence(seen.clean)
     score = np.where(seen.scan.bank.generic, -np.inf, found.score)
     best = int(np.argmax(score)) if len(score) else -1
     if best < 0 or not np.isfinite(score[best]):
         return seen.clean
-    return beside(seen.scan, (*seen.obvious, int(found.best_entry[best]))).scan
+    return extend(seen.scan, (*seen.obvious, int(found.best_entry[best])))
 
 
 def _anew_share(problem: Problem, z: Array) -> float:

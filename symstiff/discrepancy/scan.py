@@ -6,15 +6,17 @@ stated sigma changes nothing here.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
 
 from symstiff.calibration.decomposition import svd
-from symstiff.discrepancy.bank import Bank, mixes, orthonormal
-from symstiff.discrepancy.marginal import of_groups, of_rank, of_sizes
+from symstiff.discrepancy.bank import Bank
+from symstiff.discrepancy.bases import Bases, Single, inner
+from symstiff.discrepancy.bases import outside as entry_bases
+from symstiff.discrepancy.marginal import of_groups, of_ranks, of_sizes
 from symstiff.discrepancy.noise import Noise
 from symstiff.discrepancy.problem import Array, Index
 from symstiff.discrepancy.sharing import Roots, Sharing
@@ -22,8 +24,11 @@ from symstiff.threads import in_threads
 
 Mask = np.ndarray[tuple[int, ...], np.dtype[np.bool_]]
 
+_ROWS = 128
+"""Rows whose columns are worked on together, so that they stay near the processor."""
 
-@dataclass(frozen=True)
+
+@dataclass(frozen=True, eq=False)
 class Layer:
     """All that belongs to one hypothesis of the error that a pose's rows share."""
 
@@ -38,28 +43,36 @@ class Layer:
     """(K,) the same after projection off the model."""
     basis: Array
     """(M, P') orthonormal basis of the model."""
-    Q: Array
-    """(M, K) orthonormal bases of the entries outside the model."""
-    variance: Array
-    """(K,) how the entries' usual sizes spread over the directions of Q; sums to one within an entry."""
-    rank: Array
-    """(S,)"""
+    bases: Bases
+    """Of the entries outside the model."""
     rss: float
     determinant: float
     """log|V| + log|A' V^-1 A| (restricted likelihood)."""
 
-    @cached_property
+    @property
+    def variance(self) -> Array:
+        """(K,) as of ``bases``."""
+        return self.bases.variance
+
+    @property
+    def rank(self) -> Array:
+        """(S,) as of ``bases``."""
+        return self.bases.rank
+
+    @property
     def alive(self) -> Mask:
-        """(K,) whether a direction of Q is there."""
-        return np.asarray(np.einsum("mk,mk->k", self.Q, self.Q) > 0.5)
+        """(K,) as of ``bases``."""
+        return self.bases.alive
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Scan:
     """A model with the candidates projected off it."""
 
     bank: Bank
     noise: Noise
+    columns: Array
+    """(M, K) the bank in units of the noise, what readings share taken out: all sharings begin with it."""
     layers: tuple[Layer, ...]
     freedom: int
     """M - rank of the model."""
@@ -74,16 +87,44 @@ class Scan:
         """The layer of the likeliest sharing."""
         return self.layers[int(np.argmax(self.log_likelihood))]
 
+    @cached_property
+    def squares(self) -> Array:
+        """(R, K) what each direction of the entries' bases explains of the residual."""
+        seen = self.seen([layer.y[:, None] for layer in self.layers])
+        return np.stack([along[:, 0] ** 2 for along in seen])
+
+    def seen(self, vectors: Sequence[Array]) -> list[Array]:
+        """For every layer the products (K, B) of the entries' bases with whitened vectors (M, B) outside the model."""
+        return [layer.bases(x) for layer, x in zip(self.layers, self.products(vectors), strict=True)]
+
+    def products(self, vectors: Sequence[Array]) -> list[Array]:
+        """The same with the entries' whitened columns."""
+        whitened = [back(self.noise, la.sharing, x) for la, x in zip(self.layers, vectors, strict=True)]
+        ends = np.cumsum([x.shape[1] for x in whitened])[:-1]
+        return np.split(self.columns.T @ np.hstack(whitened), ends, axis=1)
+
+    @cached_property
+    def single(self) -> Single:
+        """The columns in single precision: for simulated noise, of which they explain little."""
+        return self.columns.astype(np.float32)
+
+
+def back(noise: Noise, sharing: Sharing, X: Array) -> Array:
+    """Whitened rows (M, k) once more whitened by what a pose's rows share: products with columns that are not."""
+    return noise.apply(noise.shared(sharing, -0.5), X)
+
 
 def open_scan(bank: Bank, noise: Noise, y: Array, A: Array) -> Scan:
     """Whiten by every sharing and project data and candidates off the model's column space."""
     basis = column_space(A / noise.spread[:, None])
-    together = np.column_stack([y, bank.columns]) / noise.spread[:, None]
-    together = np.column_stack([together[:, 0], basis, together[:, 1:]])
+    own = noise.own(-0.5)
+    first = noise.apply(own, np.column_stack([y / noise.spread, basis]))
+    columns = noise.apply(own, bank.columns / noise.spread[:, None])
+    whole = _whitened_products(bank, noise, columns)
     layers = in_threads(
-        lambda sharing: _layer(bank, noise, sharing, together, basis.shape[1]), noise.sharings
+        lambda sharing: _layer(bank, noise, sharing, first, columns, whole[sharing]), noise.sharings
     )
-    return Scan(bank, noise, tuple(layers), len(y) - basis.shape[1])
+    return Scan(bank, noise, columns, tuple(layers), len(y) - basis.shape[1])
 
 
 def column_space(A: Array, tolerance: float = 1e-9) -> Array:
@@ -96,21 +137,47 @@ def column_space(A: Array, tolerance: float = 1e-9) -> Array:
     return np.asarray(U[:, s > tolerance * s[0]])
 
 
-def _layer(bank: Bank, noise: Noise, sharing: Sharing, together: Array, rank: int) -> Layer:
-    """The layer of a sharing, ``together`` being data, the model's ``rank`` directions and the bank, side by side."""
-    whiten = noise.root(sharing, -0.5)
-    data = noise.apply(whiten, together)
-    y, A, columns = data[:, 0], data[:, 1 : 1 + rank], data[:, 1 + rank :]
-    basis, s, _ = svd(A)
-    outside = basis @ (basis.T @ columns)
-    np.subtract(columns, outside, out=outside)
-    residual = y - basis @ (basis.T @ y)
-    length2 = np.einsum("mk,mk->k", columns, columns)
-    left2 = np.einsum("mk,mk->k", outside, outside)
-    Q, variance, found = orthonormal(bank, outside, length2)
+def _whitened_products(bank: Bank, noise: Noise, columns: Array) -> Mapping[Sharing, Array]:
+    """For every sharing the products (K + Q,) of whitened columns: the hypotheses of one way differ by weights."""
+    ways = list(dict.fromkeys(sharing.way for sharing in noise.sharings))
+
+    def of_way(way: str) -> dict[Sharing, Array]:
+        own = [sharing for sharing in noise.sharings if sharing.way == way]
+        found = _weighted(bank, noise.ways[way], columns, np.array([sharing.ratio for sharing in own]))
+        return dict(zip(own, found, strict=True))
+
+    return {sharing: found for part in in_threads(of_way, ways) for sharing, found in part.items()}
+
+
+def _weighted(bank: Bank, blocks: Roots, columns: Array, ratios: Array) -> Array:
+    """(R, K + Q) products of columns (M, K) by (I + ratio·blocks)⁻¹: along the blocks' directions, and beside them."""
+    total = np.zeros((len(ratios), columns.shape[1] + len(bank.pairs[0])))
+    for rows, U, value in blocks:
+        weight = 1.0 / (1.0 + ratios[:, None, None] * value)
+        at_once = max(1, _ROWS // rows.shape[1])
+        for k in range(0, len(rows), at_once):
+            some = slice(k, k + at_once)
+            part = columns[rows[some]]
+            along = np.matmul(U[some].transpose(0, 2, 1), part)
+            part -= np.matmul(U[some], along)
+            beside, through = (x.reshape(x.shape[0] * x.shape[1], x.shape[2]) for x in (part, along))
+            total += inner(bank, beside, np.ones((1, len(beside))))
+            total += inner(bank, through, weight[:, some].reshape(len(ratios), -1))
+    return total
+
+
+def _layer(bank: Bank, noise: Noise, sharing: Sharing, first: Array, columns: Array, whole: Array) -> Layer:
+    """The layer of a sharing, from data and the model's directions side by side, and products of all columns."""
+    data = noise.apply(noise.shared(sharing, -0.5), first)
+    basis, s, _ = svd(data[:, 1:])
+    residual = data[:, 0] - basis @ (basis.T @ data[:, 0])
+    inside = back(noise, sharing, basis).T @ columns
+    left = whole - inner(bank, inside, np.ones((1, len(inside))))[0]
+    length2 = whole[: columns.shape[1]]
     determinant = noise.log_determinant(sharing) + 2.0 * float(np.log(s).sum())
     return Layer(
-        sharing, whiten, noise.root(sharing, 0.5), residual, length2, left2, basis, Q, variance, found,
+        sharing, noise.root(sharing, -0.5), noise.root(sharing, 0.5), residual, length2,
+        np.maximum(left[: len(length2)], 0.0), basis, entry_bases(bank, left, length2),
         float(residual @ residual), determinant,
     )  # fmt: skip
 
@@ -120,6 +187,11 @@ def outside(scan: Scan, layer: Layer, entries: Sequence[int]) -> Array:
     columns = np.hstack([scan.bank.columns[:, scan.bank.slice(e)] for e in entries])
     white = scan.noise.apply(layer.whiten, columns / scan.noise.spread[:, None])
     return np.asarray(white - layer.basis @ (layer.basis.T @ white))
+
+
+def basis_of(scan: Scan, layer: Layer, entry: int) -> Array:
+    """(M, w) orthonormal basis of an entry outside the model, whitened; zero where nothing is left of a direction."""
+    return np.asarray(outside(scan, layer, [entry]) @ layer.bases.mix(scan.bank.slice(entry)))
 
 
 def directions(scan: Scan, layer: Layer, entries: Sequence[int]) -> tuple[Array, Array]:
@@ -140,7 +212,7 @@ def likeliest(scan: Scan, entries: tuple[int, ...]) -> Layer:
         rss = layer.rss - float(np.sum((U.T @ layer.y) ** 2))
         layers.append(replace(layer, rss=rss, determinant=layer.determinant + 2.0 * float(np.log(s).sum())))
         gained = len(s)
-    after = Scan(scan.bank, scan.noise, tuple(layers), scan.freedom - gained)
+    after = replace(scan, layers=tuple(layers), freedom=scan.freedom - gained)
     return scan.layers[int(np.argmax(after.log_likelihood))]
 
 
@@ -158,32 +230,30 @@ def extend(scan: Scan, entries: tuple[int, ...]) -> Scan:
     """The scan after the columns of some entries have joined the model."""
     if not entries:
         return scan
-    layers, gained = zip(*in_threads(lambda layer: _extended(scan, layer, entries), scan.layers), strict=True)
-    return Scan(scan.bank, scan.noise, layers, scan.freedom - gained[-1])
+    found = [directions(scan, layer, entries) for layer in scan.layers]
+    products = scan.products([U for U, _ in found])
+    layers = in_threads(
+        lambda k: _extended(scan.bank, scan.layers[k], *found[k], products[k]), range(len(found))
+    )
+    return replace(scan, layers=tuple(layers), freedom=scan.freedom - len(found[-1][1]))
 
 
-def _extended(scan: Scan, layer: Layer, entries: tuple[int, ...]) -> tuple[Layer, int]:
-    """A layer after some entries, and the directions that they add."""
-    U, s = directions(scan, layer, entries)
+def _extended(bank: Bank, layer: Layer, U: Array, s: Array, products: Array) -> Layer:
+    """A layer after some directions, which the columns have products (K, p) with."""
     residual = layer.y - U @ (U.T @ layer.y)
-    inside = U.T @ layer.Q
-    mix = mixes(scan.bank, layer.alive, layer.variance, inside)
-    whitened = scan.noise.apply(layer.whiten[::-1], U) / scan.noise.spread[:, None]
-    after = replace(
-        layer, y=residual, left2=layer.left2 - np.sum((whitened.T @ scan.bank.columns) ** 2, axis=0),
-        basis=np.hstack([layer.basis, U]), Q=mix(layer.Q - U @ inside), variance=mix.variance,
-        rank=mix.rank, rss=float(residual @ residual),
-        determinant=layer.determinant + 2.0 * float(np.log(s).sum()),
+    return replace(
+        layer, y=residual, left2=np.maximum(layer.left2 - np.sum(products**2, axis=1), 0.0),
+        basis=np.hstack([layer.basis, U]), bases=layer.bases.without(bank, layer.bases(products)),
+        rss=float(residual @ residual), determinant=layer.determinant + 2.0 * float(np.log(s).sum()),
     )  # fmt: skip
-    return after, len(s)
 
 
-def likely(scan: Scan, squares: Array, by_way: bool = False, within: float = 5.0) -> Mask:
+def likely(scan: Scan, by_way: bool = False, within: float = 5.0) -> Mask:
     """(R,) the sharings within some log-likelihood of the best, or of the best of their way.
 
-    It is enough to be so with or without the best candidate, by what every direction explains (R, K).
+    It is enough to be so with or without the best candidate.
     """
-    explains = sum_entries(scan.bank, squares.T)
+    explains = sum_entries(scan.bank, scan.squares.T)
     top = explains.max(axis=0) if explains.size else np.zeros(len(scan.layers))
     rss = np.array([layer.rss for layer in scan.layers])
     ways = np.array([layer.sharing.way for layer in scan.layers])
@@ -208,14 +278,9 @@ def log_likelihood(scan: Scan, rss: Array) -> Array:
     )
 
 
-def by_direction(scan: Scan) -> Array:
-    """(R, K) squares that each direction of the entries' bases explains of the residual."""
-    return np.stack([(layer.Q.T @ layer.y) ** 2 for layer in scan.layers])
-
-
 def explained(scan: Scan) -> Array:
     """(R, S) sum of squares that each entry explains of the residual."""
-    return sum_entries(scan.bank, by_direction(scan).T).T
+    return sum_entries(scan.bank, scan.squares.T).T
 
 
 def sum_entries(bank: Bank, squares: Array) -> Array:
@@ -233,7 +298,7 @@ def entry_evidence(scan: Scan, squares: Array, rss: Array) -> Array:
     weight = weight - weight.max(axis=0)
     total = np.full((len(scan.bank.start), squares.shape[2]), -np.inf)
     for r, layer in enumerate(scan.layers):
-        left = np.maximum(rss[r], 1e-300)
+        left = np.maximum(rss[r], 1e-300).astype(squares.dtype)
         shares = squares[r] / (np.repeat(left, scan.bank.width, axis=0) if each else left)
         total = np.maximum(total, weight[r] + _of_layer(scan.bank, layer, shares, scan.freedom))
     return total
@@ -242,10 +307,7 @@ def entry_evidence(scan: Scan, squares: Array, rss: Array) -> Array:
 def _of_layer(bank: Bank, layer: Layer, shares: Array, freedom: int) -> Array:
     """Evidence (S, B) of each entry at one sharing, by both beliefs about its directions."""
     share = sum_entries(bank, shares)
-    value = np.empty_like(share)
-    for rank in np.unique(layer.rank):
-        rows = np.flatnonzero(layer.rank == rank)
-        value[rows] = of_rank(share[rows], float(rank), freedom)
+    value = of_ranks(share, layer.rank, freedom)
     sized = np.flatnonzero(bank.sized & (layer.rank > 1))
     if len(sized):
         own = np.concatenate([np.arange(bank.start[e], bank.start[e] + bank.width[e]) for e in sized])
@@ -290,13 +352,8 @@ class Evidence:
 
 def evidence(scan: Scan) -> Evidence:
     """Evidence for every candidate given the data."""
-    return of_squares(scan, by_direction(scan))
-
-
-def of_squares(scan: Scan, squares: Array) -> Evidence:
-    """Evidence from what each direction explains at each sharing, (R, K)."""
     rss = np.array([[layer.rss] for layer in scan.layers])
-    entry = entry_evidence(scan, squares[:, :, None], rss)
+    entry = entry_evidence(scan, scan.squares[:, :, None], rss)
     candidate = candidate_evidence(scan.bank, entry)[:, 0]
     entry = entry[:, 0]
     first, likely = scan.bank.first_entry, entry + np.log(np.maximum(scan.bank.share, 1e-300))

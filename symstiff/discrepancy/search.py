@@ -10,12 +10,20 @@ import numpy as np
 
 from symstiff.calibration.decomposition import svd
 from symstiff.discrepancy.bank import Bank
-from symstiff.discrepancy.beside import evidence_beside
 from symstiff.discrepancy.design import effective_rank
 from symstiff.discrepancy.laws import of_load
 from symstiff.discrepancy.null import Null, null
 from symstiff.discrepancy.problem import Array, Options
-from symstiff.discrepancy.scan import Evidence, Layer, Scan, explained, extend, log_likelihood
+from symstiff.discrepancy.scan import (
+    Evidence,
+    Layer,
+    Scan,
+    basis_of,
+    evidence,
+    explained,
+    extend,
+    log_likelihood,
+)
 from symstiff.discrepancy.sharing import Sharing
 from symstiff.discrepancy.strata import PROPORTIONAL, Stratum, fills
 
@@ -25,8 +33,8 @@ SAME_PLACE = 0.5
 """The same share for another shape of a member's law: at its virtual joint, and by what that depends on."""
 _RIVALS, _FAR = 40, 8.0
 """Unnamed laws at most that may take a member's place, and log evidence by which they may trail."""
-_SCANS, _ROOM = 8, 1e9
-"""Scans that a search keeps at most, and bytes that more than two may take: a large table's takes half of that."""
+_SCANS = 8
+"""Scans that a search keeps at most."""
 
 
 @dataclass(frozen=True)
@@ -83,10 +91,10 @@ class Workshop:
     nulls: dict[tuple[tuple[int, ...], tuple[int, ...]], Null] = field(default_factory=dict)
 
     def scan(self, entries: tuple[int, ...]) -> Scan:
-        """The scan with some entries in the model; the latest are kept, as each holds all columns."""
+        """The scan with some entries in the model; the latest are kept."""
         key = tuple(sorted(entries))
         if key not in self.scans:
-            if len(self.scans) >= min(_SCANS, max(2, int(_ROOM // max(_size(self.start), 1)))):
+            if len(self.scans) >= _SCANS:
                 del self.scans[next(iter(self.scans))]
             self.scans[key] = extend(self.start, key)
         return self.scans[key]
@@ -95,7 +103,7 @@ class Workshop:
         """The evidence of everything else with some entries in the model."""
         key = tuple(sorted(entries))
         if key not in self.found:
-            self.found[key] = evidence_beside(self.start, key)
+            self.found[key] = evidence(extend(self.start, key))
         return self.found[key]
 
     def null(self, members: tuple[int, ...], entries: tuple[int, ...]) -> Null:
@@ -117,11 +125,6 @@ class Workshop:
         found = self.evidence(entries)
         bank = self.start.bank
         return np.where(self.free(members) & (bank.generic == generic), found.score, -np.inf)
-
-
-def _size(scan: Scan) -> int:
-    """Bytes of a scan's columns."""
-    return sum(layer.Q.nbytes for layer in scan.layers)
 
 
 def proposals(shop: Workshop, bases: list[Proposal], breadth: int = 24) -> list[Proposal]:
@@ -360,9 +363,9 @@ def _rivals(shop: Workshop, proposal: Proposal) -> list[float]:
 def _same(scan: Scan, law: int, entries: tuple[int, ...]) -> bool:
     """Does a law's fitted signal lie in the space of some entries, and not only because that space is large?"""
     layer, bank = scan.best, scan.bank
-    a = layer.Q[:, bank.slice(law)]
+    a = basis_of(scan, layer, law)
     signal = a @ (a.T @ layer.y)
-    U, s, _ = svd(np.hstack([layer.Q[:, bank.slice(e)] for e in entries]))
+    U, s, _ = svd(np.hstack([basis_of(scan, layer, e) for e in entries]))
     U = U[:, s > 1e-7]
     inside = U.T @ signal
     share = float(inside @ inside) / max(float(signal @ signal), 1e-300)

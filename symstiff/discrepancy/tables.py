@@ -18,6 +18,7 @@ from symstiff.discrepancy.scan import (
     Scan,
     at_sharing,
     at_sharings,
+    basis_of,
     coefficients,
     evidence,
     extend,
@@ -116,10 +117,11 @@ def _confused(ready: Prepared, entry: int) -> tuple[Name, ...]:
     """Other named candidates that hold most of the fitted signal of an entry, or share its structural group."""
     bank, layer = ready.bank, ready.scan.best
     own = int(bank.owner[entry])
-    Q = layer.Q[:, bank.slice(entry)]
+    Q = basis_of(ready.scan, layer, entry)
     signal = Q @ (Q.T @ layer.y)
     total = float(signal @ signal)
-    inside = sum_entries(bank, ((layer.Q.T @ signal) ** 2)[:, None])[:, 0]
+    seen = at_sharing(ready.scan, layer.sharing).seen([signal[:, None]])[0]
+    inside = sum_entries(bank, seen**2)[:, 0]
     group = bank.candidates[own].group
     found: dict[int, float] = {}
     for e, value in enumerate(inside):

@@ -10,7 +10,7 @@ from dataclasses import replace
 import numpy as np
 
 from symstiff.discrepancy.problem import Array, Problem
-from symstiff.discrepancy.scan import Scan, explained, extend, outside
+from symstiff.discrepancy.scan import Scan, basis_of, explained, extend, outside
 
 
 def information_criterion(scan: Scan, penalty: float, most: int = 3) -> tuple[int, ...]:
@@ -123,7 +123,7 @@ def _fold_errors(
     scan: Scan, entries: list[int], fold: np.ndarray[tuple[int, ...], np.dtype[np.intp]]
 ) -> Array:
     layer = scan.best
-    X = np.hstack([layer.Q[:, :0], *(layer.Q[:, scan.bank.slice(e)] for e in entries)])
+    X = np.hstack([layer.basis[:, :0], *(basis_of(scan, layer, e) for e in entries)])
     out = []
     for k in np.unique(fold):
         train = fold != k
