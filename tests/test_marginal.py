@@ -18,6 +18,7 @@ from symstiff.discrepancy.design import effective_rank
 from symstiff.discrepancy.laws import unnamed_laws
 from symstiff.discrepancy.marginal import EXPECTED, log_bayes, of_sizes
 from symstiff.discrepancy.noise import start
+from symstiff.discrepancy.null import null
 from symstiff.discrepancy.problem import Array, Candidate, Parameter
 from symstiff.discrepancy.scan import column_space, evidence, extend, open_scan
 from symstiff.discrepancy.sharing import Split
@@ -178,6 +179,7 @@ def test_a_column_of_rounding_is_no_direction_of_a_block() -> None:
     scan = open_scan(bank, start(problem, Split()), problem.y, problem.A)
     assert scan.best.rank[0] == 2
     assert not np.any(bank.columns[:, 2])
+    assert np.all(np.isfinite(null(scan, 200, 0).named))
 
 
 def test_the_evidence_beside_a_set_is_that_of_the_scan_that_holds_it() -> None:

@@ -111,7 +111,7 @@ def outside(bank: Bank, products: Array, reference: Array) -> Bases:
         gram[:, np.arange(width), np.arange(width)] = products[columns]
         gram[:, one, other] = gram[:, other, one] = products[at : at + count].reshape(len(columns), -1)
         at += count
-        unit = 1.0 / np.sqrt(floor[columns])
+        unit = np.where(reference[columns] > 0, 1.0 / np.sqrt(floor[columns]), 0.0)
         usual = bank.usual[columns] if _sized(bank, columns) else None
         found = turned(gram * unit[:, :, None] * unit[:, None, :], usual, NUMERIC_ZERO)
         several.append((columns, replace(found, mix=unit[:, :, None] * found.mix)))

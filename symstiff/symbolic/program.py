@@ -122,25 +122,42 @@ def evaluate(
     return outputs
 
 
-def walk(expression: sp.Expr, values: Mapping[sp.Symbol, Any], algebra: Algebra) -> Any:
-    """Interpret one SymPy expression in an algebra."""
+def walk(
+    expression: sp.Expr,
+    values: Mapping[sp.Symbol, Any],
+    algebra: Algebra,
+    known: dict[sp.Expr, Any] | None = None,
+) -> Any:
+    """Interpret one SymPy expression in an algebra.
+
+    ``known`` holds what parts of expressions are for these ``values``; new ones are added to it.
+    """
     if expression.is_Symbol:
         return values[expression]
+    if known is None:
+        return _interpreted(expression, algebra, lambda part: walk(part, values, algebra))
+    if expression not in known:
+        known[expression] = _interpreted(expression, algebra, lambda part: walk(part, values, algebra, known))
+    return known[expression]
+
+
+def _interpreted(expression: sp.Expr, algebra: Algebra, inner: Callable[[sp.Expr], Any]) -> Any:
+    """An expression in an algebra from what its parts are there."""
     if expression.is_Number or expression.is_NumberSymbol:
         return algebra.number(expression)
     if expression.is_Add:
         terms = [split_sign(a) for a in expression.args]
         terms.sort(key=lambda t: t[0] < 0)
-        return algebra.sum([(sign, walk(e, values, algebra)) for sign, e in terms])
+        return algebra.sum([(sign, inner(e)) for sign, e in terms])
     if expression.is_Mul:
         sign, positive = split_sign(expression)
         if sign < 0:
-            return algebra.sum([(-1, walk(positive, values, algebra))])
-        return algebra.product([walk(a, values, algebra) for a in positive.args])
+            return algebra.sum([(-1, inner(positive))])
+        return algebra.product([inner(a) for a in positive.args])
     if expression.is_Pow:
-        return algebra.power(walk(expression.base, values, algebra), expression.exp)
+        return algebra.power(inner(expression.base), expression.exp)
     if expression.is_Function:
-        return algebra.call(type(expression).__name__, [walk(a, values, algebra) for a in expression.args])
+        return algebra.call(type(expression).__name__, [inner(a) for a in expression.args])
     raise TypeError(f"no interpretation of {type(expression).__name__} in a program")
 
 
@@ -149,11 +166,18 @@ def split_sign(expression: sp.Expr) -> tuple[int, sp.Expr]:
     """Split ±x into sign and x; only a numeric coefficient's sign counts."""
     if expression.is_Mul:
         head = expression.args[0]
-        if head.is_Number and head.is_negative:
+        if head.is_Number and _below_zero(head):
             return -1, -expression
-    elif expression.is_Number and expression.is_negative:
+    elif expression.is_Number and _below_zero(expression):
         return -1, -expression
     return 1, expression
+
+
+def _below_zero(number: sp.Number) -> bool:
+    """``is_negative``, which SymPy deduces from all that it knows of a number."""
+    if number.is_Rational:
+        return bool(number.p < 0)
+    return bool(number._mpf_[0]) if number.is_Float else bool(number.is_negative)
 
 
 def negative(expression: sp.Expr) -> bool:

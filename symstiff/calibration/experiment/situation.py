@@ -9,6 +9,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 import sympy as sp
@@ -115,10 +116,18 @@ class View:
         }
         return known
 
+    @cached_property
+    def _parts(self) -> dict[sp.Expr, Any]:
+        """What parts of factors are: laws at one place, and their shapes, have most of their parts in common."""
+        return {}
+
     def factor(self, expression: sp.Expr, more: Mapping[sp.Symbol, Floats] | None = None) -> Floats:
         """A term's factor at every state (N,)."""
-        values = self.values if not more else {**self.values, **more}
-        return np.asarray(np.broadcast_to(walk(expression, values, _ALGEBRA), (len(self.table),)))
+        if more:
+            found = walk(expression, {**self.values, **more}, _ALGEBRA)
+        else:
+            found = walk(expression, self.values, _ALGEBRA, self._parts)
+        return np.asarray(np.broadcast_to(found, (len(self.table),)))
 
     def load_of(self, at: VirtualJoint, factor: Floats) -> Floats:
         """Loads (N, V) that a term of the wrench or of a body's weight puts on the virtual joints."""
