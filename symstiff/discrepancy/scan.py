@@ -184,8 +184,7 @@ def _layer(bank: Bank, noise: Noise, sharing: Sharing, first: Array, columns: Ar
 
 def outside(scan: Scan, layer: Layer, entries: Sequence[int]) -> Array:
     """(M, k) whitened columns of some entries, projected off the model."""
-    columns = np.hstack([scan.bank.columns[:, scan.bank.slice(e)] for e in entries])
-    white = scan.noise.apply(layer.whiten, columns / scan.noise.spread[:, None])
+    white = back(scan.noise, layer.sharing, np.hstack([scan.columns[:, scan.bank.slice(e)] for e in entries]))
     return np.asarray(white - layer.basis @ (layer.basis.T @ white))
 
 
@@ -308,9 +307,10 @@ def _of_layer(bank: Bank, layer: Layer, shares: Array, freedom: int) -> Array:
     """Evidence (S, B) of each entry at one sharing, by both beliefs about its directions."""
     share = sum_entries(bank, shares)
     value = of_ranks(share, layer.rank, freedom)
-    sized = np.flatnonzero(bank.sized & (layer.rank > 1))
+    several = bank.sized & (layer.rank > 1)
+    sized = np.flatnonzero(several)
     if len(sized):
-        own = np.concatenate([np.arange(bank.start[e], bank.start[e] + bank.width[e]) for e in sized])
+        own = np.flatnonzero(np.repeat(several, bank.width))
         start = np.concatenate([[0], np.cumsum(bank.width[sized])[:-1]]).astype(np.intp)
         known = of_sizes(shares[own], layer.variance[own], start, freedom)
         value[sized] = np.logaddexp(value[sized], known) - np.log(2.0)
