@@ -151,8 +151,9 @@ def _signals(scan: Scan, layer: Layer, entries: Sequence[int], columns: Index) -
 def _along(scan: Scan, layer: Layer, own: Sequence[Index], S: Array) -> Array:
     """Squares of signals (M, P) in the directions of their own candidates' entries, one after the other."""
     whitened = back(scan.noise, layer.sharing, S)
-    turn = np.array([sum(np.array_equal(o, before) for before in own[:k]) for k, o in enumerate(own)])
-    products = np.zeros((scan.columns.shape[1], int(turn.max()) + 1))
+    first = [int(o[0]) for o in own]
+    turn = [first[:k].count(f) for k, f in enumerate(first)]
+    products = np.zeros((scan.columns.shape[1], max(turn) + 1))
     for o, k, s in zip(own, turn, whitened.T, strict=True):
         products[o, k] = s @ scan.columns[:, o]
     seen = layer.bases(products) ** 2
