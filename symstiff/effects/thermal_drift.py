@@ -18,7 +18,8 @@ from symstiff.robot.schema import Robot
 from symstiff.symbolic.terms import TEMPERATURE, TIME, Term, VirtualJoint
 
 NAME = "thermal_drift"
-CONSTANTS = (0.25, 0.6)
+CONSTANTS = (0.07, 0.15, 0.3, 0.6)
+"""Time constants as shares of a session; a warm-up of minutes in one of hours is the smallest."""
 _ROOM = 20.0
 """Temperature that a drift is counted from where none is told [°C]."""
 
