@@ -72,7 +72,7 @@ def _scores(scan: Scan, errors: Array) -> Array:
         rss.append(np.einsum("mb,mb->b", e, e))
         whitened = back(scan.noise, layer.sharing, e).astype(np.float32)
         squares.append(layer.bases(scan.single.T @ whitened) ** 2)
-    entry = entry_evidence(scan, np.stack(squares), np.stack(rss))
+    entry = entry_evidence(scan, squares, np.stack(rss))
     return candidate_evidence(scan.bank, entry) + scan.bank.log_prior[:, None]
 
 

@@ -65,7 +65,7 @@ class _Question:
             rss.append(layer.rss - noise + size * length**2)
         bank = self.scan.bank
         by_entry = np.stack(rss)[:, bank.owner, None]
-        entry = entry_evidence(self.scan, np.stack(squares)[:, :, None], by_entry)
+        entry = entry_evidence(self.scan, [s[:, None] for s in squares], by_entry)
         return np.asarray(candidate_evidence(bank, entry)[:, 0] + bank.log_prior)
 
     def needed(self, threshold: float) -> Array:

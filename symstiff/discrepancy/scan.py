@@ -169,12 +169,12 @@ def _weighted(bank: Bank, blocks: Roots, columns: Array, ratios: Array) -> Array
 def _layer(bank: Bank, noise: Noise, sharing: Sharing, first: Array, columns: Array, whole: Array) -> Layer:
     """The layer of a sharing, from data and the model's directions side by side, and products of all columns."""
     data = noise.apply(noise.shared(sharing, -0.5), first)
-    basis, s, _ = svd(data[:, 1:])
+    basis, triangle = np.linalg.qr(data[:, 1:])
     residual = data[:, 0] - basis @ (basis.T @ data[:, 0])
     inside = back(noise, sharing, basis).T @ columns
     left = whole - inner(bank, inside, np.ones((1, len(inside))))[0]
     length2 = whole[: columns.shape[1]]
-    determinant = noise.log_determinant(sharing) + 2.0 * float(np.log(s).sum())
+    determinant = noise.log_determinant(sharing) + 2.0 * float(np.log(np.abs(np.diag(triangle))).sum())
     return Layer(
         sharing, noise.root(sharing, -0.5), noise.root(sharing, 0.5), residual, length2,
         np.maximum(left[: len(length2)], 0.0), basis, entry_bases(bank, left, length2),
@@ -231,8 +231,9 @@ def extend(scan: Scan, entries: tuple[int, ...]) -> Scan:
         return scan
     found = [directions(scan, layer, entries) for layer in scan.layers]
     products = scan.products([U for U, _ in found])
-    layers = in_threads(
-        lambda k: _extended(scan.bank, scan.layers[k], *found[k], products[k]), range(len(found))
+    layers = (
+        _extended(scan.bank, layer, U, s, seen)
+        for layer, (U, s), seen in zip(scan.layers, found, products, strict=True)
     )
     return replace(scan, layers=tuple(layers), freedom=scan.freedom - len(found[-1][1]))
 
@@ -287,17 +288,17 @@ def sum_entries(bank: Bank, squares: Array) -> Array:
     return of_groups(squares, bank.start)
 
 
-def entry_evidence(scan: Scan, squares: Array, rss: Array) -> Array:
-    """Evidence of each entry at its likeliest sharing: squares by direction (R, K, B), rss (R, B) -> (S, B).
+def entry_evidence(scan: Scan, squares: Sequence[Array | Single], rss: Array) -> Array:
+    """Evidence of each entry at its likeliest sharing: R squares by direction (K, B), rss (R, B) -> (S, B).
 
     ``rss`` may differ between entries, (R, S, B).
     """
     each = rss.ndim == 3
     weight = log_likelihood(scan, rss)
     weight = weight - weight.max(axis=0)
-    total = np.full((len(scan.bank.start), squares.shape[2]), -np.inf)
+    total = np.full((len(scan.bank.start), rss.shape[-1]), -np.inf)
     for r, layer in enumerate(scan.layers):
-        left = np.maximum(rss[r], 1e-300).astype(squares.dtype)
+        left = np.maximum(rss[r], 1e-300).astype(squares[r].dtype)
         shares = squares[r] / (np.repeat(left, scan.bank.width, axis=0) if each else left)
         total = np.maximum(total, weight[r] + _of_layer(scan.bank, layer, shares, scan.freedom))
     return total
@@ -353,7 +354,7 @@ class Evidence:
 def evidence(scan: Scan) -> Evidence:
     """Evidence for every candidate given the data."""
     rss = np.array([[layer.rss] for layer in scan.layers])
-    entry = entry_evidence(scan, scan.squares[:, :, None], rss)
+    entry = entry_evidence(scan, list(scan.squares[:, :, None]), rss)
     candidate = candidate_evidence(scan.bank, entry)[:, 0]
     entry = entry[:, 0]
     first, likely = scan.bank.first_entry, entry + np.log(np.maximum(scan.bank.share, 1e-300))
