@@ -16,6 +16,7 @@ from symstiff.discrepancy.deciding import (
     Choice,
     Experiment,
     Rival,
+    _hypotheses,
     decide_by,
     decide_poses,
     experiments_like,
@@ -47,6 +48,18 @@ def rival(effect: str, size: float, shape: dict[str, float] | None = None, **whe
 
 def offered_like(kind: str = "deflection") -> Experiment:
     return Experiment(kind, ("tcp",), AXES, LOADS)
+
+
+def test_what_rivals_have_in_common_is_held_once() -> None:
+    """Each of its copies, and products of all of them at every pose on offer, took gigabytes."""
+    model, table = stiff(), measured(poses=6)
+    base = rival("base_compliance", 1e-8, link=0).effects[0]
+    gears = [rival("nonlinear_stiffness", 1e-7, joint=j).effects[0] for j in (1, 2)]
+    found = _hypotheses(model, [Rival((base, gear), {}) for gear in gears], table, SIGMA)
+    blocks = [block for of_rival in found.blocks for block in of_rival]
+    shared = set(blocks[0].tolist()) & set(blocks[-1].tolist())
+    assert len(shared) == found.laws.shape[1] - sum(len(set(b.tolist()) - shared) for b in blocks) > 1
+    assert all(shared <= set(block.tolist()) for block in blocks)
 
 
 def columns(model: StiffnessModel, instance: EffectInstance, table: Measurements) -> np.ndarray:

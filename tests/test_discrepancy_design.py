@@ -28,7 +28,8 @@ def test_deciding_poses_are_those_where_the_rivals_differ() -> None:
     first = rng.normal(size=(24, 1))
     second = np.array(first)
     second[pose == 4] = rng.normal(size=(4, 1))
-    rivals = Hypotheses(model, np.hstack([first, second]), ((first,), (second,)))
+    both = np.hstack([first, second])
+    rivals = Hypotheses(model, both, both, ((np.array([0]),), (np.array([1]),)))
     chosen = deciding_poses(rivals, pose, 0.1, 3)
     assert 4 in chosen.poses
     assert chosen.separation[-1] > 0

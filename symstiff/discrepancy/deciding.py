@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -13,7 +13,7 @@ from symstiff.calibration.loading import load_factor
 from symstiff.calibration.measurements import Measurements, concatenate, measurements
 from symstiff.discrepancy.candidates import scales_of
 from symstiff.discrepancy.growth import columns_of
-from symstiff.discrepancy.problem import Array
+from symstiff.discrepancy.problem import Array, Index
 from symstiff.discrepancy.scan import column_space
 from symstiff.discrepancy.separation import Decider, Hypotheses, deciding_poses
 from symstiff.effects.base import Scales
@@ -145,11 +145,10 @@ def decide_poses(
     tell("deciding poses: predictions")
     found = _hypotheses(model, rivals, table, sigma)
     state, _ = np.nonzero(table.measured)
-    have = None if taken is None else _rows(found, ~new[state])
-    found = _closest(found, have)
-    have = None if taken is None else _rows(found, ~new[state])
+    found = _closest(found, found if taken is None else found.rows(~new[state]))
+    have = None if taken is None else found.rows(~new[state])
     best = deciding_poses(
-        _rows(found, new[state]), table.pose[state][new[state]], 1.0, choice.most, have, choice.least,
+        found.rows(new[state]), table.pose[state][new[state]], 1.0, choice.most, have, choice.least,
         choice.enough, tell,
     )  # fmt: skip
     used = choice.used if taken is None else (*choice.used, *taken.labels)
@@ -204,15 +203,14 @@ def _hypotheses(
     if table.kind == "absolute":
         A = np.hstack([A, _placement(situation)])
     weight = (1.0 / sigma[view.component])[:, None]
-    scales, known = scales_of(view), dict[str, Array]()
+    scales, known = scales_of(view), _Laws(situation, model)
     signals, blocks = [], []
     for rival in rivals:
-        own = _block(situation, model, rival.effects, known)
+        own = known.block(rival.effects)
         value = np.array([rival.values.get(n, 0.0) for n in names_of(model, rival)])
-        signals.append(own @ value)
-        others = [_block(situation, model, e, known) for e in _other_shapes(model, rival, scales)]
-        blocks.append(tuple(weight * b for b in (own, *others)))
-    return Hypotheses(weight * A, weight * np.stack(signals, axis=1), tuple(blocks))
+        signals.append(known.columns[:, own] @ value)
+        blocks.append((own, *(known.block(effects) for effects in _other_shapes(model, rival, scales))))
+    return Hypotheses(weight * A, weight * np.stack(signals, axis=1), weight * known.columns, tuple(blocks))
 
 
 def _other_shapes(
@@ -228,42 +226,51 @@ def _other_shapes(
     return out
 
 
-def _block(
-    situation: Situation, model: StiffnessModel, effects: Sequence[EffectInstance], known: dict[str, Array]
-) -> Array:
-    """(M, k) columns of an explanation's own parameters; ``known`` holds those already computed."""
-    parts, seen = [], set(model.parameters)
-    for effect in effects:
-        own = [p.name for p in effect.realise(model.robot).parameters if p.name not in seen]
-        seen |= set(own)
-        key = f"{effect.effect} {effect.where} {sorted(effect.shape.items())} {own}"
-        if key not in known:
-            known[key] = columns_of(situation, effect, own)
-        parts.append(known[key])
-    return np.hstack(parts)
+@dataclass
+class _Laws:
+    """The columns of effects at their shapes, each computed once."""
+
+    situation: Situation
+    model: StiffnessModel
+    found: list[Array] = field(default_factory=list)
+    """Columns (M, k), one after the other."""
+    place: dict[str, Index] = field(default_factory=dict)
+    """Their numbers."""
+
+    @property
+    def columns(self) -> Array:
+        """(M, L) all that were asked for."""
+        return np.hstack(self.found)
+
+    def block(self, effects: Sequence[EffectInstance]) -> Index:
+        """Numbers (k,) of the columns of an explanation's own parameters."""
+        parts, seen = [], set(self.model.parameters)
+        for effect in effects:
+            own = [p.name for p in effect.realise(self.model.robot).parameters if p.name not in seen]
+            seen |= set(own)
+            key = f"{effect.effect} {effect.where} {sorted(effect.shape.items())} {own}"
+            if key not in self.place:
+                first = sum(part.shape[1] for part in self.found)
+                self.found.append(columns_of(self.situation, effect, own))
+                self.place[key] = first + np.arange(len(own))
+            parts.append(self.place[key])
+        return np.concatenate(parts)
 
 
-def _rows(columns: Hypotheses, rows: Array | np.ndarray) -> Hypotheses:
-    blocks = tuple(tuple(b[rows] for b in rival) for rival in columns.blocks)
-    return Hypotheses(columns.model[rows], columns.signals[rows], blocks)
-
-
-def _closest(columns: Hypotheses, have: Hypotheses | None) -> Hypotheses:
-    """Each rival in its own shape and in those that say most nearly the same, on the data where there are any."""
-    judge = columns if have is None else have
+def _closest(columns: Hypotheses, judge: Hypotheses) -> Hypotheses:
+    """Each rival in its own shape and in those that say most nearly the same on some rows: the data's, if any."""
     basis = column_space(judge.model)
-    left = judge.signals - basis @ (basis.T @ judge.signals)
+    signals, laws = (x - basis @ (basis.T @ x) for x in (judge.signals, judge.laws))
     kept = []
     for k, rival in enumerate(columns.blocks):
-        missed = [_missed(basis, left[:, k], block) for block in judge.blocks[k][1:]]
+        missed = [_missed(signals[:, k], laws[:, block]) for block in rival[1:]]
         order = sorted(range(len(missed)), key=lambda i: (missed[i], i))[:_SHAPES]
         kept.append((rival[0], *(rival[1 + i] for i in order)))
-    return Hypotheses(columns.model, columns.signals, tuple(kept))
+    return columns.of(tuple(kept))
 
 
-def _missed(basis: Array, signal: Array, block: Array) -> float:
-    """Squared length of a signal outside the model and a block."""
-    outside = block - basis @ (basis.T @ block)
+def _missed(signal: Array, outside: Array) -> float:
+    """Squared length of a signal outside a block."""
     fitted = outside @ np.linalg.lstsq(outside, signal, rcond=1e-9)[0]
     return float(np.sum((signal - fitted) ** 2))
 

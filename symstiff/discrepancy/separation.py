@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -31,18 +31,30 @@ class Decider:
 class Hypotheses:
     """Columns of M rows: the current model's (M, P), every rival's signal, and the blocks that its law may take.
 
-    ``signals`` (M, R) are what the rivals predict beside the model; ``blocks`` hold for each rival one or more
-    (M, k) column blocks, one for each shape of its law, that it may fit with.
+    ``signals`` (M, R) are what the rivals predict beside the model, ``laws`` (M, L) the columns of all effects, each
+    once: rivals have effects in common. ``blocks`` hold for each rival the numbers (k,) of the laws that it may fit
+    with, once for each shape of its law.
     """
 
     model: Array
     signals: Array
-    blocks: tuple[tuple[Array, ...], ...]
+    laws: Array
+    blocks: tuple[tuple[Index, ...], ...]
 
     @property
     def columns(self) -> Array:
-        """All columns side by side: model, signals, blocks."""
-        return np.hstack([self.model, self.signals, *(b for rival in self.blocks for b in rival)])
+        """All columns side by side: model, signals, laws."""
+        return np.hstack([self.model, self.signals, self.laws])
+
+    def rows(self, some: Array | Index) -> Hypotheses:
+        """The same of some rows."""
+        return replace(self, model=self.model[some], signals=self.signals[some], laws=self.laws[some])
+
+    def of(self, blocks: tuple[tuple[Index, ...], ...]) -> Hypotheses:
+        """The same with some of the blocks, and the laws that those need."""
+        needed = np.unique(np.concatenate([b for rival in blocks for b in rival]))
+        kept = tuple(tuple(np.searchsorted(needed, b) for b in rival) for rival in blocks)
+        return replace(self, laws=self.laws[:, needed], blocks=kept)
 
 
 def deciding_poses(
@@ -84,7 +96,7 @@ def deciding_poses(
 
 @dataclass(frozen=True)
 class _Layout:
-    """Which columns are whose: P of the model, then R signals, then the rivals' blocks (numbers after the model's)."""
+    """Which columns are whose: P of the model, then R signals, then the rivals' laws (numbers after the model's)."""
 
     model: int
     signals: int
@@ -92,14 +104,9 @@ class _Layout:
 
 
 def _layout(columns: Hypotheses) -> _Layout:
-    at, blocks = columns.signals.shape[1], []
-    for rival in columns.blocks:
-        own = []
-        for block in rival:
-            own.append(np.arange(at, at + block.shape[1], dtype=np.intp))
-            at += block.shape[1]
-        blocks.append(tuple(own))
-    return _Layout(columns.model.shape[1], columns.signals.shape[1], tuple(blocks))
+    first = columns.signals.shape[1]
+    blocks = tuple(tuple(first + b for b in rival) for rival in columns.blocks)
+    return _Layout(columns.model.shape[1], first, blocks)
 
 
 def _separable(total: Array, layout: _Layout) -> list[tuple[int, int]]:
@@ -126,22 +133,24 @@ def _apart(gram: Array, layout: _Layout, pairs: list[tuple[int, int]], share: fl
         rest -= gram[:, P:, :P] @ np.linalg.solve(inner, gram[:, :P, P:])
     floor = share * np.einsum("nkk->nk", gram[:, P:, P:])
     least = np.full(len(gram), np.inf)
-    for i, j in pairs:
-        inside = np.max([_inside(rest, floor, i, block) for block in layout.blocks[j]], axis=0)
-        least = np.minimum(least, np.maximum(rest[:, i, i] - inside, 0.0))
+    for j in {j: None for _, j in pairs}:
+        own = [i for i, other in pairs if other == j]
+        inside = np.max([_inside(rest, floor, own, block) for block in layout.blocks[j]], axis=0)
+        left = np.maximum(rest[:, own, own] - inside, 0.0)
+        least = np.minimum(least, left.min(axis=1))
     return least
 
 
-def _inside(rest: Array, floor: Array, i: int, block: Index) -> Array:
-    """(n,) squared length of signal i inside a block, both outside the model."""
-    cross = rest[:, i, block]
+def _inside(rest: Array, floor: Array, signals: list[int], block: Index) -> Array:
+    """(n, signals) squared lengths of signals inside a block, both outside the model."""
+    cross = rest[:, block[:, None], signals]
     if len(block) == 1:
         own = np.maximum(rest[:, block[0], block[0]], 0.0) + floor[:, block[0]]
-        return np.asarray(cross[:, 0] ** 2 / np.where(own > 0, own, 1.0))
+        return np.asarray(cross[:, 0] ** 2 / np.where(own > 0, own, 1.0)[:, None])
     own = rest[:, block[:, None], block] + np.eye(len(block)) * np.maximum(
         floor[:, block].max(axis=1), 1e-300
     )[:, None, None]  # fmt: skip
-    return np.asarray(np.einsum("nk,nk->n", cross, np.linalg.solve(own, cross[:, :, None])[:, :, 0]))
+    return np.asarray(np.einsum("nki,nki->ni", cross, np.linalg.solve(own, cross)))
 
 
 def _ridged(gram: Array, share: float) -> Array:
