@@ -79,8 +79,9 @@ def _print(out: Console, finding: Finding, sentence: str) -> None:
     from rich.table import Table
 
     from symstiff.discrepancy.numbers import milli, p_text
+    from symstiff.discrepancy.speech import named
     from symstiff.report.tables import step_rows
-    from symstiff.report.words import headline
+    from symstiff.report.words import headline, shape_text
 
     out.print(headline(finding), style="bold")
     out.print(sentence)
@@ -99,5 +100,8 @@ def _print(out: Console, finding: Finding, sentence: str) -> None:
         cells = [milli(1e-3 * x) for a in shown for x in row.sizes.get(a, (float("nan"),) * 2)]
         table.add_row(row.title, row.parameters, *cells, "" if row.p_left is None else p_text(row.p_left))
     print_table(out, table, ["step"])
+    for effect in finding.named:
+        if shape := shape_text(finding, effect):
+            out.print(f"{named(effect.effect, effect.where)}: {shape}")
     for remark in finding.remarks:
         note(out, remark)

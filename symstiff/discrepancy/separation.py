@@ -4,10 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 
 from symstiff.discrepancy.problem import Array, Index
+from symstiff.threads import in_threads
 
 _HARD, _SOFT = 1e-10, 1e-3
 """Shares of the largest column by which directions count as not determined: in truth, and with too few poses yet."""
@@ -133,9 +135,9 @@ def _apart(gram: Array, layout: _Layout, pairs: list[tuple[int, int]], share: fl
         rest -= gram[:, P:, :P] @ np.linalg.solve(inner, gram[:, :P, P:])
     floor = share * np.einsum("nkk->nk", gram[:, P:, P:])
     least = np.full(len(gram), np.inf)
-    for j in {j: None for _, j in pairs}:
+    for j in dict.fromkeys(j for _, j in pairs):
         own = [i for i, other in pairs if other == j]
-        inside = np.max([_inside(rest, floor, own, block) for block in layout.blocks[j]], axis=0)
+        inside = np.max(in_threads(partial(_inside, rest, floor, own), layout.blocks[j]), axis=0)
         left = np.maximum(rest[:, own, own] - inside, 0.0)
         least = np.minimum(least, left.min(axis=1))
     return least

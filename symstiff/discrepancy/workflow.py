@@ -198,8 +198,10 @@ def _finding(
     remarks += dict.fromkeys(assumed)  # several sets may hold one effect
     # what the complete model keeps are sums with signs
     ladder = {named_at(e.effect, e.where) for e in climbed}
-    alone = [e for e in counted if named_at(e.effect, e.where) not in ladder]
-    remarks += dict.fromkeys(out_of_range(alone, task.robot, extent))
+    alone = {  # the first set's, where several hold one effect
+        name: e for e in reversed(counted) if (name := named_at(e.effect, e.where)) not in ladder
+    }
+    remarks += dict.fromkeys(out_of_range([*reversed(alone.values())], task.robot, extent))
     return Finding(
         task, table, before, after, told, first, last, assembly, verdict if testable else UNEXPLAINED, testable, reason,
         counted, tuple(e for e in named if e not in counted),
@@ -235,12 +237,13 @@ def _hidden(fitted: Fitted, base: StiffnessModel) -> list[str]:
     if view.table.kind != "absolute" or not zero:
         return []
     size = milli(float(np.sqrt(np.mean(fitted.residual[problem.axis < 3] ** 2))))
+    be, their = ("is", "its") if len(zero) == 1 else ("are", "their")
     lacks = (
-        "is no model of the robot under loads" if len(zero) == len(own) else "lacks their part under loads"
+        "is no model of the robot under loads" if len(zero) == len(own) else f"lacks {their} part under loads"
     )
     return [
-        f"{len(zero)} of the model's {len(own)} compliances ({few(zero, 4)}) are not determined by these positions "
-        f"beside the geometry and are zero: model.toml leaves {size} mm rms per coordinate and {lacks} before loaded "
+        f"{len(zero)} of the model's {len(own)} compliances ({few(zero, 4)}) {be} not determined by these positions "
+        f"beside the geometry and {be} zero: model.toml leaves {size} mm rms per coordinate, and {lacks} until loaded "
         "poses, or deflections, are measured"
     ]
 

@@ -185,8 +185,9 @@ def _alike(robot: Robot, shape: Shape) -> str:
     if robot.gravity_compensator is not None:
         return ""
     return (
-        "the robot file tells of no compensator. What the data show is a stiffness that depends on the joint's angle; "
-        "where the robot has no spring there, look for a gear or a bearing that does"
+        "the robot file tells of no compensator, and of all springs that pull alike one is told: its lengths are no "
+        "measurements. What the data show is a stiffness that depends on the joint's angle; where the robot has no "
+        "spring there, look for a gear or a bearing that does"
     )
 
 

@@ -58,7 +58,7 @@ def headline(finding: Finding) -> str:
     return {
         "named": "Missing: " + names(finding.named),
         "nothing_missing": _nothing_missing(finding),
-        "ambiguous": "Ambiguous: more than one effect accounts for the data",
+        "ambiguous": "Ambiguous: more than one explanation accounts for the data",
         "named_insufficient": "Missing, but not all of it: " + names(finding.named),
         "unexplained": "Something is missing that has no name in the catalogue",
     }[finding.verdict]
@@ -254,7 +254,8 @@ def explanations(finding: Finding) -> tuple[list[Found], list[list[Found]]]:
 def _ambiguous(finding: Finding) -> str:
     common, own = explanations(finding)
     texts = [
-        f"{names(members) or 'nothing more'}" + (f" ({confidence(members)})" if members else "")
+        f"{names(members).replace('; ', ' with ') or 'nothing more'}"
+        + (f" ({confidence(members)})" if members else "")
         for members in own
     ]
     beside = f"Beside {'; '.join(_told(common))}, " if common else ""
