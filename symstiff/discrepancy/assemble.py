@@ -17,7 +17,7 @@ from symstiff.calibration.loading import load_factor
 from symstiff.calibration.measurements import Measurements
 from symstiff.discrepancy.candidates import candidates as candidates_of
 from symstiff.discrepancy.candidates import grouped, structural
-from symstiff.discrepancy.devices import device_laws
+from symstiff.discrepancy.devices import DeviceLaws
 from symstiff.discrepancy.noise import Noise
 from symstiff.discrepancy.problem import Array, Candidate, Problem
 from symstiff.effects.base import Effect
@@ -107,7 +107,7 @@ def _problem(situation: Situation, current: Current) -> Problem:
         J=view.J,
         tau=(view.tau + view.more)[state],
         weight=_weight(view),
-        devices=device_laws(situation),
+        devices=DeviceLaws(situation),
         markers=tuple(table.points[k] for k in np.unique(table.point[state])),
         virtual_joints=tuple(_title(v) for v in view.joints),
         joint_of=tuple(v.body - 1 if v.kind == "joint" else -1 for v in view.joints),

@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from typing import overload
 
 import numpy as np
 
@@ -31,8 +34,31 @@ _LIFTS = (0.3, 0.5, 0.7)
 """Shares of the largest tilting moment from which a foot lifts, and of the largest force from which a flange slips."""
 
 
-def device_laws(situation: Situation) -> tuple[DeviceLaw, ...]:
-    """The laws that compete with the catalogue at no virtual joint; those without an influence are left out."""
+@dataclass(frozen=True, eq=False)
+class DeviceLaws(Sequence[DeviceLaw]):
+    """The laws that compete with the catalogue at no virtual joint, computed when one is asked for: fits need none."""
+
+    situation: Situation
+
+    @cached_property
+    def _laws(self) -> tuple[DeviceLaw, ...]:
+        return _found(self.situation)
+
+    def __len__(self) -> int:
+        """How many have an influence."""
+        return len(self._laws)
+
+    @overload
+    def __getitem__(self, index: int) -> DeviceLaw: ...
+    @overload
+    def __getitem__(self, index: slice) -> tuple[DeviceLaw, ...]: ...
+    def __getitem__(self, index: int | slice) -> DeviceLaw | tuple[DeviceLaw, ...]:
+        """One or some of them."""
+        return self._laws[index]
+
+
+def _found(situation: Situation) -> tuple[DeviceLaw, ...]:
+    """The laws; those without an influence are left out."""
     view = situation.view
     found = [
         *_gains(situation),

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Protocol
 
@@ -71,7 +71,7 @@ class Problem:
     """(M, V) load on the virtual joints."""
     weight: Array | None = None
     """(M, V) what the links' weight puts on the virtual joints beside ``tau``, in deflection data."""
-    devices: tuple[DeviceLaw, ...] = ()
+    devices: Sequence[DeviceLaw] = ()
     """What sensors and markers may add: an axis that reads too large, a marker that gives way."""
     markers: tuple[str, ...] = ()
     """Names of the measured points, in their order in ``channel``."""
