@@ -62,6 +62,25 @@ def test_a_drift_has_grown_by_its_parameter_at_the_end_of_the_session():
         np.testing.assert_allclose(dt[:, 0], [0.0, 1e-4], rtol=1e-8, atol=1e-16)
 
 
+@pytest.mark.parametrize("constant", [0.05, 0.085, 0.11, 0.2, 0.42, 0.8])
+def test_what_warms_up_within_a_part_of_the_session_is_in_the_profile(constant):
+    """A time constant that is not, leaves most of a slow start or of a fast one, and another name takes it."""
+    session = 14200.0
+    shapes = catalogue()["thermal_drift"].shapes(load("ur10"), {"link": 2}, Scales(context={"time": session}))
+    t = np.linspace(0.0, session, 60)
+
+    def grown(shape):
+        return 1.0 - np.exp(-t / shape["T"]) if "T" in shape else t / shape["time"]
+
+    def left(law):
+        X = np.column_stack([np.ones_like(t), law])
+        truth = grown({"T": constant * session})
+        rest = truth - X @ np.linalg.lstsq(X, truth, rcond=None)[0]
+        return np.sum(rest**2) / np.sum((truth - truth.mean()) ** 2)
+
+    assert min(left(grown(shape)) for shape in shapes) < 0.07
+
+
 def test_coefficients_of_powers_of_the_load_have_the_units_of_these_powers():
     robot = load("scara")
     slide = next(j for j, joint in enumerate(robot.joint, start=1) if joint.prismatic)

@@ -38,7 +38,7 @@ _AT_ONCE = 0.1
 _UNLOADED = 1e-9
 """Load on a joint, against the largest, that is rounding."""
 _SAME = 1e-6
-_MOST_SHAPES = 4
+_MOST_SHAPES = 6
 _SAME_ANGLE = 2e-3
 
 
