@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Sequence
 from itertools import pairwise, permutations
 from pathlib import Path
 
@@ -21,6 +22,13 @@ from symstiff.robot import load
 SIGMA = 0.1
 
 
+def hypotheses(model: np.ndarray, signals: np.ndarray, blocks: Sequence[Sequence[np.ndarray]]) -> Hypotheses:
+    """Every block with columns of its own."""
+    ends = iter(np.cumsum([0, *(b.shape[1] for rival in blocks for b in rival)]).tolist())
+    numbers = tuple(tuple(next(ends) + np.arange(b.shape[1]) for b in rival) for rival in blocks)
+    return Hypotheses(model, signals, np.hstack([b for rival in blocks for b in rival]), numbers)
+
+
 def made_up(seed: int, shapes: int = 1) -> tuple[Hypotheses, np.ndarray]:
     """Eight poses of five rows, a model of three columns, three rivals of one or two columns."""
     rng = np.random.default_rng(seed)
@@ -28,12 +36,7 @@ def made_up(seed: int, shapes: int = 1) -> tuple[Hypotheses, np.ndarray]:
     widths = (1, 2, 1)
     blocks = tuple(tuple(rng.normal(size=(40, k)) for _ in range(shapes)) for k in widths)
     signals = np.stack([b[0] @ rng.normal(size=b[0].shape[1]) for b in blocks], axis=1)
-    return Hypotheses(rng.normal(size=(40, 3)), signals, blocks), pose
-
-
-def rows(columns: Hypotheses, keep: np.ndarray) -> Hypotheses:
-    blocks = tuple(tuple(b[keep] for b in rival) for rival in columns.blocks)
-    return Hypotheses(columns.model[keep], columns.signals[keep], blocks)
+    return hypotheses(rng.normal(size=(40, 3)), signals, blocks), pose
 
 
 def by_least_squares(columns: Hypotheses) -> float:
@@ -41,7 +44,7 @@ def by_least_squares(columns: Hypotheses) -> float:
     found = []
     for i, j in permutations(range(columns.signals.shape[1]), 2):
         for block in columns.blocks[j]:
-            X = np.hstack([columns.model, block])
+            X = np.hstack([columns.model, columns.laws[:, block]])
             signal = columns.signals[:, i]
             left = signal - X @ np.linalg.lstsq(X, signal, rcond=None)[0]
             found.append(float(left @ left) / SIGMA**2)
@@ -54,7 +57,7 @@ def test_separation_is_what_least_squares_leaves_on_the_chosen_poses(seed: int, 
     columns, pose = made_up(seed, shapes)
     chosen = deciding_poses(columns, pose, SIGMA, 4)
     for k in range(2, 5):
-        expected = by_least_squares(rows(columns, np.isin(pose, chosen.poses[:k])))
+        expected = by_least_squares(columns.rows(np.isin(pose, chosen.poses[:k])))
         assert chosen.separation[k - 1] == pytest.approx(expected, rel=1e-5, abs=1e-6)
     assert all(b >= a * (1 - 1e-9) for a, b in pairwise(chosen.separation))
 
@@ -62,16 +65,16 @@ def test_separation_is_what_least_squares_leaves_on_the_chosen_poses(seed: int, 
 def test_data_already_taken_count() -> None:
     columns, pose = made_up(1)
     old = np.isin(pose, (0, 1, 2))
-    have, offered = rows(columns, old), rows(columns, ~old)
+    have, offered = columns.rows(old), columns.rows(~old)
     chosen = deciding_poses(offered, pose[~old], SIGMA, 2, have)
     assert not set(chosen.poses) & {0, 1, 2}
-    expected = by_least_squares(rows(columns, old | np.isin(pose, chosen.poses)))
+    expected = by_least_squares(columns.rows(old | np.isin(pose, chosen.poses)))
     assert chosen.separation[-1] == pytest.approx(expected, rel=1e-6)
 
 
 def test_a_rival_that_may_change_its_shape_is_harder_to_tell_apart() -> None:
     columns, pose = made_up(2, shapes=3)
-    rigid = Hypotheses(columns.model, columns.signals, tuple(b[:1] for b in columns.blocks))
+    rigid = columns.of(tuple(b[:1] for b in columns.blocks))
     soft = deciding_poses(columns, pose, SIGMA, 8).separation[-1]
     assert soft < deciding_poses(rigid, pose, SIGMA, 8).separation[-1]
 
@@ -86,17 +89,17 @@ def test_the_choice_ends_where_it_is_ample() -> None:
 
 def test_an_explanation_that_holds_another_is_told_apart_one_way_only() -> None:
     columns, pose = made_up(4)
-    one = columns.blocks[0][0]
-    two = np.hstack([one, columns.blocks[1][0]])
-    nested = Hypotheses(columns.model, np.stack([one[:, 0], two.sum(axis=1)], axis=1), ((one,), (two,)))
+    one, other = (columns.laws[:, columns.blocks[k][0]] for k in (0, 1))
+    two = np.hstack([one, other])
+    nested = hypotheses(columns.model, np.stack([one[:, 0], two.sum(axis=1)], axis=1), ((one,), (two,)))
     chosen = deciding_poses(nested, pose, SIGMA, 3)
     assert chosen.separation[-1] > 10
 
 
 def test_equal_explanations_have_no_deciding_pose() -> None:
     columns, pose = made_up(5)
-    one = columns.blocks[0][0]
-    same = Hypotheses(columns.model, np.hstack([one, 2 * one]), ((one,), (one,)))
+    one = columns.laws[:, columns.blocks[0][0]]
+    same = hypotheses(columns.model, np.hstack([one, 2 * one]), ((one,), (one,)))
     assert deciding_poses(same, pose, SIGMA, 3) == Decider((), ())
 
 
