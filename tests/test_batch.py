@@ -296,7 +296,8 @@ def test_sine_and_cosine_keep_their_stated_bound(tmp_path, precision, numbers, f
 def test_arguments_that_may_leave_the_domain_keep_the_librarys_sine():
     import sympy as sp
 
-    from symstiff.symbolic.program import Builder, Vector
+    from symstiff.symbolic.builder import Builder
+    from symstiff.symbolic.program import Vector
 
     q, w = sp.Symbol("q_1", real=True), sp.Symbol("w_1", real=True)
     b = Builder("x", (Vector("q", (q,)), Vector("w", (w,))))

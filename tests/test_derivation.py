@@ -16,10 +16,10 @@ from symstiff.reduction.physical import original, symmetrised, terms_of
 from symstiff.robot import Robot, from_table, load
 from symstiff.robot.table import to_table
 from symstiff.symbolic.algebras import evaluate_numpy
+from symstiff.symbolic.builder import Builder
 from symstiff.symbolic.chain import ElasticChain
 from symstiff.symbolic.compliance import compliance_program
 from symstiff.symbolic.numeric import forward
-from symstiff.symbolic.program import Builder
 from symstiff.symbolic.programs import (
     deflection_program,
     observation_program,

@@ -21,9 +21,10 @@ from symstiff.reduction.circle import prime_with_roots
 from symstiff.reduction.prime import PRIMES, PrimeAlgebra
 from symstiff.robot import from_table, library, load, parse_exact
 from symstiff.symbolic.algebras import count
+from symstiff.symbolic.builder import Builder
 from symstiff.symbolic.chain import ElasticChain
 from symstiff.symbolic.numeric import kinematics
-from symstiff.symbolic.program import Builder, Let, Program
+from symstiff.symbolic.program import Let, Program
 from symstiff.symbolic.programs import (
     jacobian_program,
     virtual_jacobian_program,

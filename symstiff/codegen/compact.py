@@ -17,9 +17,10 @@ import sympy as sp
 
 from symstiff.model import StiffnessModel
 from symstiff.symbolic.algebras import count
+from symstiff.symbolic.builder import Builder
 from symstiff.symbolic.chain import frames, jacobian_columns
 from symstiff.symbolic.passes import q_vector
-from symstiff.symbolic.program import Builder, Program
+from symstiff.symbolic.program import Program
 from symstiff.symbolic.terms import tau
 
 ZERO = (sp.S.Zero,) * 3

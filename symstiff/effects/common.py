@@ -10,8 +10,8 @@ import sympy as sp
 
 from symstiff.effects.base import EffectParameter, Shape, Where, place_name
 from symstiff.robot.schema import Robot
+from symstiff.symbolic.builder import Builder
 from symstiff.symbolic.chain import ElasticChain
-from symstiff.symbolic.program import Builder
 from symstiff.symbolic.terms import AXES, Term, VirtualJoint, actuated_joint, deflection, link_joint, tau
 
 GRAVITY = sp.Rational(980665, 100000)  # m/s²

@@ -26,8 +26,8 @@ import sympy as sp
 from symstiff.effects.base import Effect, Move, Realisation, Scales, Shape, Where
 from symstiff.effects.common import BOTH, exact, load_of, parameter
 from symstiff.robot.schema import ANCHORS_MEET, Robot
+from symstiff.symbolic.builder import Builder
 from symstiff.symbolic.chain import ElasticChain
-from symstiff.symbolic.program import Builder
 from symstiff.symbolic.terms import Term, actuated_joint, q
 
 NAME = "gravity_compensator"

@@ -8,8 +8,8 @@ import sympy as sp
 
 from symstiff.reduction.physical import Parameter, Stage, terms_of
 from symstiff.reduction.structural import ExactEngine, Experiment
+from symstiff.symbolic.builder import Builder
 from symstiff.symbolic.chain import ElasticChain
-from symstiff.symbolic.program import Builder
 from symstiff.symbolic.programs import observation_program
 
 

@@ -18,8 +18,8 @@ from symstiff.reduction.physical import Parameter, Stage, physical_stages, terms
 from symstiff.reduction.structural import ExactEngine, Experiment, Partition, in_rationals, in_unit_axes
 from symstiff.robot.exact import parse_exact
 from symstiff.robot.schema import LONGEST, WIDEST, Robot, whole
+from symstiff.symbolic.builder import Builder
 from symstiff.symbolic.chain import ElasticChain
-from symstiff.symbolic.program import Builder
 from symstiff.symbolic.programs import observation_program
 from symstiff.symbolic.terms import Term
 

@@ -16,7 +16,7 @@ from symstiff.arguments import A_ROBOT, require
 from symstiff.robot.chain import Elementary, Row, elementary_chain
 from symstiff.robot.exact import Exact
 from symstiff.robot.schema import Robot
-from symstiff.symbolic.program import Builder
+from symstiff.symbolic.builder import Builder
 from symstiff.symbolic.terms import AXES, VirtualJoint, actuated_joint, link_joint, q
 
 Vec = tuple[sp.Expr, sp.Expr, sp.Expr]

@@ -8,6 +8,7 @@ from functools import partial
 
 import sympy as sp
 
+from symstiff.symbolic.builder import Builder
 from symstiff.symbolic.chain import ElasticChain, frames, jacobian_columns
 from symstiff.symbolic.passes import (
     Laws,
@@ -19,7 +20,7 @@ from symstiff.symbolic.passes import (
     q_vector,
     split_twist,
 )
-from symstiff.symbolic.program import Builder, Program
+from symstiff.symbolic.program import Program
 from symstiff.symbolic.terms import AXES, Term, VirtualJoint, actuated_joint, link_joint, tau
 
 

@@ -7,8 +7,8 @@ from dataclasses import dataclass
 
 import sympy as sp
 
+from symstiff.symbolic.builder import Builder
 from symstiff.symbolic.chain import ElasticChain, Vec, cross, dot, plus, turn_x, turn_z
-from symstiff.symbolic.program import Builder
 from symstiff.symbolic.terms import VirtualJoint, actuated_joint, link_joint, q
 
 

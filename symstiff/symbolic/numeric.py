@@ -9,9 +9,10 @@ import numpy as np
 
 from symstiff.robot.schema import Robot
 from symstiff.symbolic.algebras import evaluate_numpy
+from symstiff.symbolic.builder import Builder
 from symstiff.symbolic.chain import ElasticChain, frames
 from symstiff.symbolic.passes import q_vector
-from symstiff.symbolic.program import Builder, Program
+from symstiff.symbolic.program import Program
 from symstiff.symbolic.programs import forward_program, jacobian_program, virtual_jacobian_program
 from symstiff.symbolic.terms import VirtualJoint
 

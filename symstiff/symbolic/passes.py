@@ -11,9 +11,10 @@ from dataclasses import dataclass, field
 
 import sympy as sp
 
+from symstiff.symbolic.builder import Builder
 from symstiff.symbolic.chain import IDENTITY, ZERO, ElasticChain, Vec, cross, dot, plus, turn_x, turn_z
 from symstiff.symbolic.loads import Turns, in_base, joint_variables, lever, turns
-from symstiff.symbolic.program import Builder, Vector
+from symstiff.symbolic.program import Vector
 from symstiff.symbolic.terms import AXES, CONTEXT, Term, VirtualJoint, actuated_joint, link_joint, up, w
 
 Twist = tuple[Vec, Vec]

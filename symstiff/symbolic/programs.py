@@ -10,6 +10,7 @@ from collections.abc import Sequence
 
 import sympy as sp
 
+from symstiff.symbolic.builder import Builder
 from symstiff.symbolic.chain import (
     IDENTITY,
     ZERO,
@@ -37,7 +38,7 @@ from symstiff.symbolic.passes import (
     split_twist,
     w_vector,
 )
-from symstiff.symbolic.program import Builder, Program
+from symstiff.symbolic.program import Program
 from symstiff.symbolic.terms import (
     AXES,
     Term,

@@ -13,9 +13,10 @@ import sympy as sp
 from symstiff.arguments import A_CHAIN, require
 from symstiff.display import html_table
 from symstiff.errors import UserError
+from symstiff.symbolic.builder import Builder
 from symstiff.symbolic.chain import ElasticChain
 from symstiff.symbolic.latex import aligned, latex
-from symstiff.symbolic.program import Builder, Let, Program
+from symstiff.symbolic.program import Let, Program
 from symstiff.symbolic.programs import virtual_jacobian_program
 from symstiff.symbolic.terms import AXES, Term, VirtualJoint, joint_terms, link_terms, tau, w
 

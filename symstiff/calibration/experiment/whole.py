@@ -17,7 +17,7 @@ import numpy as np
 from symstiff.calibration.experiment.situation import Floats, Laws, View, Weigh, has_weights, linear_columns
 from symstiff.model import StiffnessModel
 from symstiff.reduction.physical import Parameter, original, physical_stages, terms_of
-from symstiff.symbolic.program import Builder
+from symstiff.symbolic.builder import Builder
 from symstiff.symbolic.terms import Term, actuated_joint
 
 _OTHER_TURNS = 0.2
