@@ -16,9 +16,9 @@ from symstiff.discrepancy.assemble import Assembly, assemble
 from symstiff.discrepancy.bank import build
 from symstiff.discrepancy.design import effective_rank
 from symstiff.discrepancy.laws import unnamed_laws
-from symstiff.discrepancy.marginal import EXPECTED, log_bayes, of_sizes
+from symstiff.discrepancy.marginal import EXPECTED, log_bayes, of_ranks, of_sizes
 from symstiff.discrepancy.noise import start
-from symstiff.discrepancy.null import null
+from symstiff.discrepancy.null import null, simulated_scores
 from symstiff.discrepancy.problem import Array, Candidate, Parameter
 from symstiff.discrepancy.scan import column_space, evidence, extend, open_scan
 from symstiff.discrepancy.sharing import Split
@@ -59,6 +59,36 @@ def test_with_equal_sizes_both_beliefs_agree(k: int, share: float) -> None:
     sized = of_sizes(shares, np.full(k, 1.0 / k), np.array([0]), 50)[0, 0]
     flat = log_bayes(np.array(share), np.array(1.0), np.array(float(k)), 50)
     assert sized == pytest.approx(float(flat), rel=1e-9, abs=1e-9)
+
+
+@pytest.mark.parametrize(("precision", "error"), [(np.float64, 1e-3), (np.float32, 2e-3)])
+def test_the_evidence_of_many_shares_is_read_from_tables(precision: type, error: float) -> None:
+    rng = np.random.default_rng(2)
+    share = np.concatenate(
+        [rng.beta(0.5, 60.0, (40, 150)), rng.uniform(0.0, 0.999, (40, 150)), np.ones((1, 150))]
+    )
+    rank = rng.integers(0, 7, len(share)).astype(float)
+    read = of_ranks(share.astype(precision), rank, 600)
+    exact = log_bayes(share, np.ones_like(share), rank[:, None], 600)
+    assert np.any(rank == 0)
+    np.testing.assert_array_equal(np.isfinite(read), np.isfinite(exact))
+    finite = np.isfinite(exact) & (share < 1.0)
+    np.testing.assert_allclose(read[finite], exact[finite], atol=error, rtol=1e-5)
+
+
+def test_simulated_residuals_have_the_scores_of_data_that_read_like_them() -> None:
+    """Draws are scored in single precision and from tables, data are not."""
+    problem = arm().problem
+    rng = np.random.default_rng(11)
+    given_data = replace(problem, sigma=np.full(problem.rows, 1e-4))
+    bank = build(given_data, arm().candidates, unnamed_laws(given_data))
+    noise = start(given_data, Split())
+    scan = open_scan(bank, noise, given_data.y, given_data.A)
+    errors = rng.normal(size=(problem.rows, 3)) + 0.4 * bank.columns[:, [3]] * np.sqrt(problem.rows)
+    found = simulated_scores(scan, np.tile(errors, 50))
+    for k in range(3):
+        data = open_scan(bank, noise, noise.spread * errors[:, k], given_data.A)
+        assert found[:, k] == pytest.approx(evidence(data).score, abs=5e-3)
 
 
 def test_a_block_whose_usual_sizes_lie_in_one_direction_is_seen_like_one_parameter() -> None:
@@ -177,7 +207,7 @@ def test_a_column_of_rounding_is_no_direction_of_a_block() -> None:
     parameters = tuple(Parameter(f"k{i}", typical=1.0) for i in range(3))
     bank = build(problem, [Candidate("block", {"link": 1}, parameters, lambda shape: block)], ())
     scan = open_scan(bank, start(problem, Split()), problem.y, problem.A)
-    assert scan.best.rank[0] == 2
+    assert scan.best.bases.rank[0] == 2
     assert not np.any(bank.columns[:, 2])
     assert np.all(np.isfinite(null(scan, 200, 0).named))
 
@@ -204,7 +234,7 @@ def test_the_evidence_beside_a_set_is_that_of_the_scan_that_holds_it() -> None:
         assert [la.rss for la in quick.layers] == pytest.approx([la.rss for la in whole.layers], rel=1e-9)
         away = ~np.isin(bank.owner, bank.owner[list(entries)])
         assert np.count_nonzero(away) > 0.8 * len(away)
-        np.testing.assert_array_equal(quick.best.rank[away], whole.best.rank[away])
+        np.testing.assert_array_equal(quick.best.bases.rank[away], whole.best.bases.rank[away])
         assert evidence(quick).entry[away] == pytest.approx(evidence(whole).entry[away], abs=1e-6)
 
 

@@ -35,7 +35,7 @@ def test_the_number_of_processors_changes_no_bit_of_a_scan(monkeypatch: pytest.M
         scan = prepare(problem, a.candidates).scan
         drawn = null(scan, 300, 5)
         scans = [scan, extend(scan, (2,)), extend(scan, (1, 4))]
-        layers = [(la.y, la.left2, la.bases.scale, la.variance) for s in scans for la in s.layers]
+        layers = [(la.y, la.left2, la.bases.scale, la.bases.variance) for s in scans for la in s.layers]
         seen.append([*chain.from_iterable(layers), *(s.squares for s in scans), drawn.named, drawn.generic])
     for one, other in zip(*seen, strict=True):
         np.testing.assert_array_equal(one, other)

@@ -58,13 +58,8 @@ class Bases:
 
     def of(self, directions: Index, entries: Index) -> Bases:
         """What is known of some entries' directions, as if they were the columns."""
-        return Bases(
-            np.ones(len(directions)),
-            (),
-            self.variance[directions],
-            self.rank[entries],
-            self.alive[directions],
-        )
+        scale = np.ones(len(directions))
+        return Bases(scale, (), self.variance[directions], self.rank[entries], self.alive[directions])
 
     def without(self, bank: Bank, inside: Array) -> Bases:
         """The bases once orthonormal directions are taken out, of which ``inside`` (K, p) are their products."""
@@ -93,7 +88,7 @@ class Turned:
     """(n, w)"""
 
 
-def outside(bank: Bank, products: Array, reference: Array) -> Bases:
+def bases_of(bank: Bank, products: Array, reference: Array) -> Bases:
     """The bases from products of columns projected off a model.
 
     ``products`` (K + Q,) as of ``inner``, ``reference`` (K,) the columns' squared lengths before the projection.

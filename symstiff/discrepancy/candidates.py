@@ -39,6 +39,7 @@ _UNLOADED = 1e-9
 """Load on a joint, against the largest, that is rounding."""
 _SAME = 1e-6
 _MOST_SHAPES = 6
+"""Shapes of a candidate up to which its columns are compared with those of others."""
 _SAME_ANGLE = 2e-3
 
 

@@ -204,13 +204,14 @@ def _hypotheses(
         A = np.hstack([A, _placement(situation)])
     weight = (1.0 / sigma[view.component])[:, None]
     scales, known = scales_of(view), _Laws(situation, model)
-    signals, blocks = [], []
-    for rival in rivals:
-        own = known.block(rival.effects)
-        value = np.array([rival.values.get(n, 0.0) for n in names_of(model, rival)])
-        signals.append(known.columns[:, own] @ value)
-        blocks.append((own, *(known.block(effects) for effects in _other_shapes(model, rival, scales))))
-    return Hypotheses(weight * A, weight * np.stack(signals, axis=1), weight * known.columns, tuple(blocks))
+    blocks = tuple(
+        tuple(known.block(effects) for effects in (rival.effects, *_other_shapes(model, rival, scales)))
+        for rival in rivals
+    )
+    laws = weight * known.columns
+    values = [np.array([rival.values.get(n, 0.0) for n in names_of(model, rival)]) for rival in rivals]
+    signals = [laws[:, own[0]] @ value for own, value in zip(blocks, values, strict=True)]
+    return Hypotheses(weight * A, np.stack(signals, axis=1), laws, blocks)
 
 
 def _other_shapes(

@@ -38,8 +38,8 @@ def detectable_noncentrality(
 def effective_rank(scan: Scan, entry: int) -> float:
     """Number of directions that a signal by parameters of usual size is spread over; all where none are known."""
     if not scan.bank.sized[entry]:
-        return float(scan.best.rank[entry])
-    return 1.0 / max(float(np.sum(scan.best.variance[scan.bank.slice(entry)] ** 2)), 1e-300)
+        return float(scan.best.bases.rank[entry])
+    return 1.0 / max(float(np.sum(scan.best.bases.variance[scan.bank.slice(entry)] ** 2)), 1e-300)
 
 
 _needed = lru_cache(maxsize=4096)(detectable_noncentrality)
@@ -54,7 +54,7 @@ def share_left(scan: Scan, entry: int) -> float:
 
 def needed(scan: Scan, entry: int, threshold: float) -> float:
     """Noncentrality from which a score exceeds ``threshold`` in 80 % of cases; inf where nothing can be seen."""
-    rank = float(scan.best.rank[entry])
+    rank = float(scan.best.bases.rank[entry])
     if rank == 0:
         return float("inf")
     prior = float(scan.bank.log_prior[scan.bank.owner[entry]])

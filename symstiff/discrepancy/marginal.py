@@ -17,7 +17,7 @@ from symstiff.discrepancy.problem import Array, Index
 EXPECTED = (12.0, 48.0, 200.0, 1000.0)
 """Noncentralities that an effect is expected to have; the evidence averages over them."""
 _FEW = 4000
-"""Values from which they are read from tables: draws have few ranks."""
+"""Values of the evidence from which it is read from tables: draws have few ranks."""
 _TABLE, _FARTHEST = 1 << 14, -float(np.log(1e-12))
 """Steps of a table, and -log(1 - R²) where it ends."""
 
@@ -43,7 +43,7 @@ def of_ranks(share: Array, rank: Array, freedom: int) -> Array:
         return log_bayes(share, np.ones_like(share), rank[:, None], freedom)
     ranks, which = np.unique(rank, return_inverse=True)
     value = np.stack([_table(float(r), freedom) for r in ranks]).astype(share.dtype)
-    rise = np.where(ranks[:, None] > 0, value[:, 1:] - np.where(ranks[:, None] > 0, value[:, :-1], 0.0), 0.0)
+    rise = np.diff(np.where(ranks[:, None] > 0, value, 0.0))  # the others stay at -inf
     with np.errstate(divide="ignore"):
         place = np.minimum(np.log1p(-np.clip(share, 0.0, 1.0)) * (-_TABLE / _FARTHEST), _TABLE)
     k = np.minimum(place.astype(np.int32), _TABLE - 1)

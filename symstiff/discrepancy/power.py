@@ -61,7 +61,7 @@ class _Question:
         for layer, length, along in zip(self.scan.layers, self.length, self.along, strict=True):
             noise = layer.rss / max(self.scan.freedom, 1)
             inside = along / length[self.place] ** 2
-            squares.append(along * size[self.place] + noise * np.clip(layer.alive - inside, 0.0, 1.0))
+            squares.append(along * size[self.place] + noise * np.clip(layer.bases.alive - inside, 0.0, 1.0))
             rss.append(layer.rss - noise + size * length**2)
         bank = self.scan.bank
         by_entry = np.stack(rss)[:, bank.owner, None]
@@ -135,7 +135,7 @@ def _question(scan: Scan, asked: Sequence[tuple[int, int]]) -> _Question:
     best = int(np.argmax(scan.log_likelihood))
     return _Question(
         replace(scan, bank=thin, layers=tuple(layers)), tuple(length), tuple(along),
-        np.repeat(place, bank.width[entry]), scan.layers[best].rank[[e for e, _ in asked]], best,
+        np.repeat(place, bank.width[entry]), scan.layers[best].bases.rank[[e for e, _ in asked]], best,
         scan.layers[best].rss / max(scan.freedom, 1),
     )  # fmt: skip
 
@@ -149,7 +149,10 @@ def _signals(scan: Scan, layer: Layer, entries: Sequence[int], columns: Index) -
 
 
 def _along(scan: Scan, layer: Layer, own: Sequence[Index], S: Array) -> Array:
-    """Squares of signals (M, P) in the directions of their own candidates' entries, one after the other."""
+    """Squares of signals (M, P) in the directions of their own candidates' entries, one after the other.
+
+    Each candidate's first signal goes with the others' first, so that few vectors are mixed.
+    """
     whitened = back(scan.noise, layer.sharing, S)
     first = [int(o[0]) for o in own]
     turn = [first[:k].count(f) for k, f in enumerate(first)]

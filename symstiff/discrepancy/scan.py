@@ -14,8 +14,7 @@ import numpy as np
 
 from symstiff.calibration.decomposition import svd
 from symstiff.discrepancy.bank import Bank
-from symstiff.discrepancy.bases import Bases, Single, inner
-from symstiff.discrepancy.bases import outside as entry_bases
+from symstiff.discrepancy.bases import Bases, Single, bases_of, inner
 from symstiff.discrepancy.marginal import of_groups, of_ranks, of_sizes
 from symstiff.discrepancy.noise import Noise
 from symstiff.discrepancy.problem import Array, Index
@@ -48,21 +47,6 @@ class Layer:
     rss: float
     determinant: float
     """log|V| + log|A' V^-1 A| (restricted likelihood)."""
-
-    @property
-    def variance(self) -> Array:
-        """(K,) as of ``bases``."""
-        return self.bases.variance
-
-    @property
-    def rank(self) -> Array:
-        """(S,) as of ``bases``."""
-        return self.bases.rank
-
-    @property
-    def alive(self) -> Mask:
-        """(K,) as of ``bases``."""
-        return self.bases.alive
 
 
 @dataclass(frozen=True, eq=False)
@@ -177,7 +161,7 @@ def _layer(bank: Bank, noise: Noise, sharing: Sharing, first: Array, columns: Ar
     determinant = noise.log_determinant(sharing) + 2.0 * float(np.log(np.abs(np.diag(triangle))).sum())
     return Layer(
         sharing, noise.root(sharing, -0.5), noise.root(sharing, 0.5), residual, length2,
-        np.maximum(left[: len(length2)], 0.0), basis, entry_bases(bank, left, length2),
+        np.maximum(left[: len(length2)], 0.0), basis, bases_of(bank, left, length2),
         float(residual @ residual), determinant,
     )  # fmt: skip
 
@@ -307,13 +291,13 @@ def entry_evidence(scan: Scan, squares: Sequence[Array | Single], rss: Array) ->
 def _of_layer(bank: Bank, layer: Layer, shares: Array, freedom: int) -> Array:
     """Evidence (S, B) of each entry at one sharing, by both beliefs about its directions."""
     share = sum_entries(bank, shares)
-    value = of_ranks(share, layer.rank, freedom)
-    several = bank.sized & (layer.rank > 1)
+    value = of_ranks(share, layer.bases.rank, freedom)
+    several = bank.sized & (layer.bases.rank > 1)
     sized = np.flatnonzero(several)
     if len(sized):
         own = np.flatnonzero(np.repeat(several, bank.width))
         start = np.concatenate([[0], np.cumsum(bank.width[sized])[:-1]]).astype(np.intp)
-        known = of_sizes(shares[own], layer.variance[own], start, freedom)
+        known = of_sizes(shares[own], layer.bases.variance[own], start, freedom)
         value[sized] = np.logaddexp(value[sized], known) - np.log(2.0)
     return value
 

@@ -323,7 +323,7 @@ def _missed_share(shop: Workshop, proposal: Proposal, scan: Scan) -> float:
     squares, rss = explained(scan), np.array([layer.rss for layer in scan.layers])
     r = int(np.argmax(log_likelihood(scan, rss - squares[:, best])))
     layer, scale2 = scan.layers[r], max(rss[r] / max(scan.freedom, 1), 1e-300)
-    noise = layer.rank + 3.0 * np.sqrt(2.0 * layer.rank) + 4.0
+    noise = layer.bases.rank + 3.0 * np.sqrt(2.0 * layer.bases.rank) + 4.0
     left = np.where(free[scan.bank.owner], squares[r] / scale2 - noise, 0.0)
     further = max(0.0, float(np.max(left)))
     return further / max(further + _gained(shop, scan, layer), 1e-300)
@@ -371,7 +371,7 @@ def _same(scan: Scan, law: int, entries: tuple[int, ...]) -> bool:
     share = float(inside @ inside) / max(float(signal @ signal), 1e-300)
     if share > SAME_PLACE and any(bank.another_shape(law, e) for e in entries):
         return True
-    return share > SAME_SIGNAL and U.shape[1] <= layer.rank[law] + 2
+    return share > SAME_SIGNAL and U.shape[1] <= layer.bases.rank[law] + 2
 
 
 def _needed(shop: Workshop, proposal: Proposal, place: int) -> float:

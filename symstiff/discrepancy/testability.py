@@ -21,7 +21,9 @@ def testable(problem: Problem, ready: Prepared) -> Array:
     last = np.append(bank.first_entry[1:], len(bank.start))
     for c, (a, b) in enumerate(zip(bank.first_entry, last, strict=True)):
         entries = range(int(a), int(b))
-        if max(share_left(scan, e) for e in entries) < 1e-8 or not any(scan.best.rank[e] for e in entries):
+        if max(share_left(scan, e) for e in entries) < 1e-8 or not any(
+            scan.best.bases.rank[e] for e in entries
+        ):
             mask[c] = False
             continue
         if bank.generic[c]:
@@ -35,7 +37,7 @@ def testable(problem: Problem, ready: Prepared) -> Array:
 
 def why_untestable(problem: Problem, ready: Prepared, entry: int) -> str:
     """Why these data do not test a candidate of which this is an entry."""
-    if share_left(ready.scan, entry) < 1e-8 or ready.scan.best.rank[entry] == 0:
+    if share_left(ready.scan, entry) < 1e-8 or ready.scan.best.bases.rank[entry] == 0:
         return "the model absorbs it wholly"
     if fills_its_stratum(problem, ready, entry):
         return "beside the model it would fit anything proportional to the load: more poses would tell"
@@ -69,7 +71,7 @@ def fills_its_stratum(problem: Problem, ready: Prepared, entry: int) -> bool:
     candidate fills it by the directions in which its parameters usually have a share, or by all, unless the usual ones
     leave several.
     """
-    full = float(ready.scan.best.rank[entry])
+    full = float(ready.scan.best.bases.rank[entry])
     usual = effective_rank(ready.scan, entry)
     cells, label = np.unique(np.column_stack([problem.pose, problem.channel]), axis=0, return_inverse=True)
     label = label.reshape(-1)

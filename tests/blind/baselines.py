@@ -21,7 +21,7 @@ def information_criterion(scan: Scan, penalty: float, most: int = 3) -> tuple[in
         n = len(scan.best.y)
         squares = explained(scan)[0]
         left = np.maximum(scan.best.rss - squares, 1e-300)
-        gain = n * np.log(scan.best.rss / left) - penalty * scan.best.rank
+        gain = n * np.log(scan.best.rss / left) - penalty * scan.best.bases.rank
         gain[_barred(scan, chosen)] = -np.inf
         best = int(np.argmax(gain))
         if gain[best] <= 0:
@@ -48,7 +48,7 @@ def cross_validation(scan: Scan, problem: Problem, folds: int = 5, most: int = 3
     chosen: list[int] = []
     entries: list[int] = []
     while len(chosen) < most:
-        squares = np.where(_barred(scan, chosen), -np.inf, explained(scan)[0] - scan.best.rank)
+        squares = np.where(_barred(scan, chosen), -np.inf, explained(scan)[0] - scan.best.bases.rank)
         before = _fold_errors(scan, [], fold)
         trial = {int(e): before - _fold_errors(scan, [int(e)], fold) for e in np.argsort(squares)[::-1][:12]}
         best = max(trial, key=lambda e: float(np.mean(trial[e])))
@@ -116,7 +116,7 @@ def _flat(scan: Scan) -> Scan:
 
 def _barred(scan: Scan, chosen: list[int]) -> np.ndarray[tuple[int, ...], np.dtype[np.bool_]]:
     owner = scan.bank.owner
-    return np.asarray(scan.bank.generic[owner] | np.isin(owner, chosen) | (scan.best.rank == 0))
+    return np.asarray(scan.bank.generic[owner] | np.isin(owner, chosen) | (scan.best.bases.rank == 0))
 
 
 def _fold_errors(
