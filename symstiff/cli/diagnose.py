@@ -102,6 +102,6 @@ def _print(out: Console, finding: Finding, sentence: str) -> None:
     print_table(out, table, ["step"])
     for effect in finding.named:
         if shape := shape_text(finding, effect):
-            out.print(f"{named(effect.effect, effect.where)}: {shape}")
+            out.print(f"law of {named(effect.effect, effect.where)}: {shape}")
     for remark in finding.remarks:
         note(out, remark)

@@ -291,6 +291,7 @@ def _draw_added(finding: Finding, effect: Found, added: Array, there: Array) -> 
                 ends = np.array([added[rows].min(), added[rows].max()]) * 1e3
                 axes.plot(ends, ends, color=LAW, linewidth=1.4)
             axes.set(xlabel=f"added by the effect, {COMPONENTS[axis]} [mm]")
+            axes.locator_params(axis="x", nbins=5)
         grid[0].set_ylabel("asked for by the data [mm]")
     return Picture(
         out[0],

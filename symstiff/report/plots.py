@@ -116,6 +116,7 @@ def draw_histograms(finding: Finding) -> Picture:
             rms = [np.sqrt(np.mean(x**2)) for x in (a, b)]
             change = f" → {milli(1e-3 * rms[1])}" if grown else ""
             axes.set(xlabel=f"{COMPONENTS[k]} [{unit}]", title=f"RMS {milli(1e-3 * rms[0])}{change} {unit}")
+            axes.locator_params(axis="x", nbins=5)
         for axes in grid[len(shown) :]:
             axes.set_visible(False)
         if grown:
