@@ -16,7 +16,6 @@ import sympy as sp
 from symstiff.calibration.table import read_poses
 from symstiff.cli.diagnose import _more
 from symstiff.discrepancy.finding import Finding, Found, Task
-from symstiff.discrepancy.numbers import milli, number, p_equals, quantity
 from symstiff.discrepancy.result import Estimate
 from symstiff.discrepancy.workflow import run
 from symstiff.effects import EffectInstance
@@ -27,7 +26,7 @@ from symstiff.report.html import render
 from symstiff.report.law_plots import left_with
 from symstiff.report.unnamed import law_text
 from symstiff.report.verdict import verdict_table
-from symstiff.report.words import places, sentence
+from symstiff.report.words import sentence
 from symstiff.robot import load
 from symstiff.symbolic.terms import actuated_joint, tau
 from tests.diagnosis_data import HARDENING, ROBOT, measured
@@ -295,24 +294,6 @@ def test_where_nothing_was_added_there_is_one_state() -> None:
     assert "→" not in page[page.index("<dl") : page.index("</dl>")]
 
 
-@pytest.mark.parametrize(
-    ("wheres", "text"),
-    [
-        ([{"joint": 3}], "at joint 3"),
-        ([{"joint": j} for j in (1, 2, 3, 5, 6)], "at joints 1–3, 5, 6"),
-        ([{"link": 0}, {"link": 4}], "at links 0, 4"),
-        ([{"joints": [4, 5]}, {"joint": 1}], "at joint 1, between joints 4, 5"),
-        ([{"joint": 2, "harmonics": [17]}], "at joint 2 (17 a turn)"),
-        (
-            [{"joint": j, "harmonics": [n]} for j in (1, 2) for n in (1, 2, 4)],
-            "at joints 1, 2 (1, 2, 4 a turn)",
-        ),
-    ],
-)
-def test_places_of_one_effect_are_told_in_one_breath(wheres: list[dict[str, Any]], text: str) -> None:
-    assert places(wheres) == text
-
-
 def test_what_is_less_likely_and_not_excluded_is_in_the_sentence(named: Finding) -> None:
     rival = Found("backlash", {"joint": 2}, {}, {}, 0.01, 0.1, (), 1)
     text = sentence(replace(named, alternatives=(rival,)))
@@ -381,35 +362,3 @@ def test_text_from_the_user_is_escaped(named: Finding) -> None:
     robot = named.task.robot.model_copy(update={"title": "<script>alert(1)</script>"})
     page = render(replace(named, task=replace(named.task, robot=robot)), {"code": CODE, "decide": None}, [])
     assert "<script" not in page
-
-
-@pytest.mark.parametrize(
-    ("value", "std", "unit", "text"),
-    [
-        (1.4432e-7, 1.03e-8, "rad/(N*m)", "(1.44 ± 0.10)·10⁻⁷ rad/(N·m)"),
-        (-2.5e-4, 1e-5, "rad", "−0.250 ± 0.010 mrad"),
-        (1.2e-3, 3e-5, "m", "1.200 ± 0.030 mm"),
-        (4.0, float("inf"), "m/N", "4 m/N (not determined apart from others)"),
-    ],
-)
-def test_quantities_read_as_a_person_writes_them(value: float, std: float, unit: str, text: str) -> None:
-    assert quantity(Estimate(value, std, unit)) == text
-
-
-def test_a_number_above_its_digits_is_rounded_and_written_out() -> None:
-    assert [number(x) for x in (2500.0, 12345.0, 99999.0, -1234.5, 999.4)] == [
-        "2500", "12300", "1.00·10⁵", "-1230", "999",
-    ]  # fmt: skip
-
-
-def test_a_residual_below_a_thousandth_is_not_shown_as_none() -> None:
-    assert [milli(x) for x in (0.0, 1.234e-2, 2.6e-5, 4.18e-7, -3e-9)] == [
-        "0.000", "12.340", "0.026", "0.00042", "-3e-06",
-    ]  # fmt: skip
-
-
-def test_numbers_far_from_one_have_powers_of_ten() -> None:
-    assert number(3.02e-7) == "3.02·10⁻⁷"
-    assert number(0.25) == "0.25"
-    assert p_equals(3e-9) == "p < 10⁻⁸"
-    assert p_equals(0.03) == "p = 0.03"

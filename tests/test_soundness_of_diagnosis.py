@@ -11,8 +11,7 @@ import pytest
 
 from symstiff.calibration.experiment.placement import closest
 from symstiff.calibration.experiment.situation import Situation, look
-from symstiff.calibration.identify import identify
-from symstiff.calibration.measurements import Measurements, concatenate
+from symstiff.calibration.measurements import concatenate
 from symstiff.calibration.simulation import Device, Truth, nominal_truth
 from symstiff.discrepancy import numbers
 from symstiff.discrepancy.assemble import assemble
@@ -21,10 +20,10 @@ from symstiff.discrepancy.finding import Found, Task
 from symstiff.discrepancy.growth import fit, grow
 from symstiff.discrepancy.laws import _soft_spots
 from symstiff.discrepancy.problem import Options
-from symstiff.discrepancy.remarks import _of_approach, out_of_range
+from symstiff.discrepancy.remarks import out_of_range
 from symstiff.discrepancy.result import Estimate
 from symstiff.discrepancy.search import _lacking
-from symstiff.discrepancy.sharing import AXES, EACH, JOINTS, Sharing
+from symstiff.discrepancy.sharing import AXES, EACH, Sharing
 from symstiff.discrepancy.strata import Stratum
 from symstiff.discrepancy.used import known_throughout
 from symstiff.discrepancy.workflow import run
@@ -32,7 +31,7 @@ from symstiff.effects.instance import EffectInstance
 from symstiff.errors import UserError
 from symstiff.model import StiffnessModel
 from symstiff.reduction.reduce import reduce
-from symstiff.report import html, words
+from symstiff.report import words
 from symstiff.report.tables import moved
 from symstiff.robot import from_table, load
 from symstiff.robot.table import to_table
@@ -69,69 +68,6 @@ def test_a_column_that_is_rounding_alone_moves_no_fit(monkeypatch: pytest.Monkey
     again = fit(model, table).model.values
     for name in model.parameters:
         assert again[name] == pytest.approx(plain[name], rel=1e-3, abs=1e-9), name
-
-
-def test_a_marker_that_scatters_more_is_told() -> None:
-    table = measured()
-    values = table.values.copy()
-    values[table.point == 1, :3] += 4e-5 * np.random.default_rng(8).normal(size=(np.sum(table.point == 1), 3))
-    found = run(Task(load(ROBOT), replace(table, values=values)))
-    assert found.verdict == "nothing_missing"
-    assert found.last.noise.by_marker["p2"] == pytest.approx(np.sqrt(5.0), rel=0.25)
-    assert any("marker p2 scatters" in r for r in found.remarks)
-    assert not any("scatters" in r for r in run(Task(load(ROBOT), measured())).remarks)
-
-
-@pytest.mark.slow
-def test_an_error_that_a_poses_rows_share_is_told_where_it_exceeds_the_noise() -> None:
-    table = measured(poses=16)
-    values = table.values.copy()
-    values[:, :3] += 6e-5 * np.random.default_rng(2).normal(size=(16, 3))[table.pose]
-    found = run(Task(load(ROBOT), replace(table, values=values)))
-    assert found.verdict == "nothing_missing"
-    assert found.last.noise.approach == pytest.approx(6e-5, rel=0.3)
-    assert any("share an error" in r for r in found.remarks)
-    assert words.headline(found).startswith("Nothing found missing")
-    assert words.headline(run(Task(load(ROBOT), measured()))) == "Nothing is missing"
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize(
-    ("kind", "probability", "shared", "told"),
-    [
-        ("absolute", 1e-6, AXES, "repeatability"),
-        ("absolute", 0.02, AXES, ""),
-        ("deflection", 1e-6, AXES, "as one reading without load in each pose"),
-        ("deflection", 1e-6, JOINTS, "joints make it that stand elsewhere: the robot's repeatability"),
-        ("deflection", 0.02, JOINTS, ""),
-    ],
-)
-def test_a_sure_shared_error_is_told(kind: str, probability: float, shared: str, told: str) -> None:
-    """In deflections one of the axes is the reading without load, which all load cases share."""
-    last = run(Task(load(ROBOT), measured())).last
-    assert last.verdict == "nothing_missing"
-    noise = replace(last.noise, approach=0.6 * last.noise.sigma, approach_p=probability, shared=shared)
-    remarks = _of_approach(replace(measured(), kind=kind), replace(last, noise=noise))  # type: ignore[arg-type]
-    assert [("0.6 times the noise" in r and told in r) for r in remarks] == [True] * bool(told)
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize(
-    ("stated", "wrong"), [(2e-5, False), (2.83e-5, False), (4.5e-5, True), (1.4e-5, True)]
-)
-def test_a_sigma_that_counts_the_reading_without_load_is_right(stated: float, wrong: bool) -> None:
-    """Each reading of 0.02 mm: a deflection varies by 0.028 mm, of which its pose shares a half."""
-    table = measured(poses=20)
-    values = table.values.copy()
-    unloaded = 2e-5 * np.random.default_rng(5).normal(size=(20, 3, 3))
-    values[:, :3] -= unloaded[table.pose, table.point]
-    sigma = np.where(table.measured, stated, np.nan)
-    found = run(Task(load(ROBOT), replace(table, values=values, sigma=sigma)))
-    assert found.verdict == "nothing_missing"
-    assert found.last.noise.misstated == wrong
-    assert any("times the stated sigma" in r for r in found.remarks) == wrong
-    told = " ".join(html._noise(found))
-    assert ("if the stated one counts the reading without load" in told) == (stated == 2.83e-5)
 
 
 def test_lateness_is_not_looked_for_where_it_is_a_constant() -> None:
@@ -264,40 +200,6 @@ def test_a_bad_pose_is_not_among_the_poses_that_prove_another_effect() -> None:
 
 
 @pytest.mark.slow
-def test_an_error_that_exceeds_the_noise_is_told_whatever_is_named() -> None:
-    table = measured(HARDENING, poses=16)
-    values = table.values.copy()
-    values[:, :3] += 6e-5 * np.random.default_rng(2).normal(size=(16, 3))[table.pose]
-    found = run(Task(load(ROBOT), replace(table, values=values)))
-    assert [e.effect for e in found.named] == ["nonlinear_stiffness"]
-    assert any("share an error" in r for r in found.remarks)
-
-
-def thrice(table: Measurements, noise: float) -> Measurements:
-    """Every row with two repeats, of noise of their own [m] or, without, copies."""
-    rows = np.tile(np.arange(len(table)), 3)
-    values = table.values[rows] + noise * np.random.default_rng(5).normal(size=(len(rows), 6))
-    return replace(table.select(rows), values=values, repeat=np.repeat([1.0, 2.0, 3.0], len(table)))
-
-
-@pytest.mark.slow
-def test_repeats_that_are_copies_say_nothing_of_the_noise() -> None:
-    once = measured(HARDENING)
-    once = replace(once, sigma=np.full_like(once.sigma, np.nan))
-    copied = thrice(once, 0.0)
-    alone, found = (run(Task(load(ROBOT), table)) for table in (once, copied))
-    assert (found.verdict, found.rms) == (alone.verdict, alone.rms)
-    (told,) = [r for r in found.remarks if "copies" in r]
-    assert told.startswith(f"{2 * len(once)} of {2 * len(once)} repeats")
-    fitted = identify(load(ROBOT), copied)
-    assert fitted.fit.dof == identify(load(ROBOT), once).fit.dof
-    assert told in fitted.remarks
-    honest = run(Task(load(ROBOT), thrice(once, 2e-5)))
-    assert honest.last.noise.source == "repeats"
-    assert not any("copies" in r for r in honest.remarks)
-
-
-@pytest.mark.slow
 def test_poses_copied_under_another_label_change_nothing() -> None:
     """Counted as measured anew they halve the noise of what has no noise, and effects come out of it."""
     once = measured(HARDENING)
@@ -377,11 +279,6 @@ def test_readings_that_changed_places_are_told_by_their_rows() -> None:
     assert all(table.place(row) in remark for row in (10, 101))
     for plain in (measured(poses=16), measured(HARDENING, poses=16)):
         assert not any("changed places" in r for r in run(Task(load(ROBOT), plain)).remarks)
-
-
-def test_noise_that_nothing_checks_is_said_to_be_so() -> None:
-    assert any("nothing checks it" in r for r in run(Task(load(ROBOT), measured(stated=0.0))).remarks)
-    assert not any("nothing checks it" in r for r in run(Task(load(ROBOT), measured())).remarks)
 
 
 def test_an_effect_of_known_size_is_told_at_the_size_that_the_data_say() -> None:

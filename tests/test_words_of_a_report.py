@@ -1,0 +1,61 @@
+"""Numbers, quantities and places as a person writes them."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import pytest
+
+from symstiff.discrepancy.numbers import milli, number, p_equals, quantity
+from symstiff.discrepancy.result import Estimate
+from symstiff.report.words import places
+
+
+@pytest.mark.parametrize(
+    ("wheres", "text"),
+    [
+        ([{"joint": 3}], "at joint 3"),
+        ([{"joint": j} for j in (1, 2, 3, 5, 6)], "at joints 1–3, 5, 6"),
+        ([{"link": 0}, {"link": 4}], "at links 0, 4"),
+        ([{"joints": [4, 5]}, {"joint": 1}], "at joint 1, between joints 4, 5"),
+        ([{"joint": 2, "harmonics": [17]}], "at joint 2 (17 a turn)"),
+        (
+            [{"joint": j, "harmonics": [n]} for j in (1, 2) for n in (1, 2, 4)],
+            "at joints 1, 2 (1, 2, 4 a turn)",
+        ),
+    ],
+)
+def test_places_of_one_effect_are_told_in_one_breath(wheres: list[dict[str, Any]], text: str) -> None:
+    assert places(wheres) == text
+
+
+@pytest.mark.parametrize(
+    ("value", "std", "unit", "text"),
+    [
+        (1.4432e-7, 1.03e-8, "rad/(N*m)", "(1.44 ± 0.10)·10⁻⁷ rad/(N·m)"),
+        (-2.5e-4, 1e-5, "rad", "−0.250 ± 0.010 mrad"),
+        (1.2e-3, 3e-5, "m", "1.200 ± 0.030 mm"),
+        (4.0, float("inf"), "m/N", "4 m/N (not determined apart from others)"),
+    ],
+)
+def test_quantities_read_as_a_person_writes_them(value: float, std: float, unit: str, text: str) -> None:
+    assert quantity(Estimate(value, std, unit)) == text
+
+
+def test_a_number_above_its_digits_is_rounded_and_written_out() -> None:
+    assert [number(x) for x in (2500.0, 12345.0, 99999.0, -1234.5, 999.4)] == [
+        "2500", "12300", "1.00·10⁵", "-1230", "999",
+    ]  # fmt: skip
+
+
+def test_a_residual_below_a_thousandth_is_not_shown_as_none() -> None:
+    assert [milli(x) for x in (0.0, 1.234e-2, 2.6e-5, 4.18e-7, -3e-9)] == [
+        "0.000", "12.340", "0.026", "0.00042", "-3e-06",
+    ]  # fmt: skip
+
+
+def test_numbers_far_from_one_have_powers_of_ten() -> None:
+    assert number(3.02e-7) == "3.02·10⁻⁷"
+    assert number(0.25) == "0.25"
+    assert p_equals(3e-9) == "p < 10⁻⁸"
+    assert p_equals(0.03) == "p = 0.03"
