@@ -12,13 +12,13 @@ import numpy as np
 from symstiff.calibration.experiment.situation import Situation, View, has_weights, under_weights
 from symstiff.calibration.loading import load_factor
 from symstiff.calibration.measurements import Measurements
+from symstiff.discrepancy.drawing import drawing_laws
 from symstiff.discrepancy.problem import Array, DeviceLaw, Parameter
-from symstiff.discrepancy.sensors import SENSOR, sensor_laws
+from symstiff.discrepancy.sensors import FLANGE, SENSOR, sensor_laws
 from symstiff.effects.common import XYZ, turned
 from symstiff.symbolic.terms import AXES, Term, VirtualJoint, deflection, link_joint, w
 
 DEVICE, ORDER, FOOT = "measuring device", "order of the loads", "foot of the base"
-FLANGE = "flange"
 _PERCENT, _MILLIONTH = 1e-2, 1e-6
 _VARIES = 0.3
 """Share of a law's square that must not be constant within a pose."""
@@ -70,8 +70,7 @@ def _found(situation: Situation) -> tuple[DeviceLaw, ...]:
         *_slips(view),
         *_moved_once(situation),
     ]
-    if view.table.kind == "absolute":
-        found += _readings(view)
+    found += _readings(view) if view.table.kind == "absolute" else drawing_laws(situation)
     return tuple(law for law in found if np.any(law.values))
 
 

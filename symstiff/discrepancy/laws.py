@@ -23,8 +23,8 @@ _LAGS = (0.01, 0.05, 0.25)
 """Time constants, as shares of the session, with which a joint without a name may follow its load."""
 _TOLD = 0.9
 """Correlation of the order of the load cases with the load from which it says nothing of its own."""
-_SPOTS = 6
-"""Widths of a soft spot that a joint's range holds."""
+_SPOTS = {"near one": 6, "close to one": 12}
+"""Widths of a spot that a joint's range holds, by what its family is called."""
 _HALF_WAVES = 32
 """Half waves over a slide's way up to which errors that repeat along it are looked for."""
 
@@ -222,9 +222,10 @@ def _laws_of_angle(problem: Problem, v: int) -> list[Law]:
     mine = problem.joint_of[v]
     if mine >= 0:
         out += _soft_spots(problem.q[:, mine], mine + 1, t)
-        out += (
-            _pitch(problem.q[:, mine], mine + 1) if mine in problem.slides and not problem.differences else []
-        )
+        out += [] if problem.differences else _spots(problem.q[:, mine], mine + 1)
+        out += _linked(problem, mine, t)
+    if mine in problem.slides and not problem.differences:
+        out += _pitch(problem.q[:, mine], mine + 1)
     return out
 
 
@@ -235,8 +236,13 @@ _Series = Iterator[tuple[int, tuple[str, str], Array]]
 def _waves(angle: Array, joint: int, own: bool) -> _Series:
     """Sine and cosine of an angle and of its multiples: more of a joint's own."""
     for n in (1, 2, 3, 5) if own else (1, 2):
-        name = f"{n}*q{joint}" if n > 1 else f"q{joint}"
-        yield n, (f"sin({name})", f"cos({name})"), np.column_stack([np.sin(n * angle), np.cos(n * angle)])
+        yield n, *_wave(angle, joint, n)
+
+
+def _wave(angle: Array, joint: int, n: int) -> tuple[tuple[str, str], Array]:
+    """Sine and cosine of a multiple of an angle: names and values (M, 2)."""
+    name = f"{n}*q{joint}" if n > 1 else f"q{joint}"
+    return (f"sin({name})", f"cos({name})"), np.column_stack([np.sin(n * angle), np.cos(n * angle)])
 
 
 def _powers(way: Array, joint: int, own: bool) -> _Series:
@@ -268,17 +274,43 @@ def _pitch(way: Array, joint: int) -> list[Law]:
 
 def _soft_spots(angle: Array, joint: int, t: Array) -> list[Law]:
     """A joint that gives way more near one of its own angles."""
+    return [
+        replace(
+            spot, text=(f"tau*{spot.text[0]}",), values=t[:, None] * spot.values, family=f"tau {spot.family}"
+        )
+        for spot in _spots(angle, joint)
+    ]
+
+
+def _spots(angle: Array, joint: int) -> list[Law]:
+    """A joint that is off near one of its own angles."""
     low, high = float(angle.min()), float(angle.max())
-    width = (high - low) / _SPOTS
-    if width <= 0:
-        return []
     out = []
-    for k in range(_SPOTS + 1):
-        center = low + k * width
-        bump = np.exp(-(((angle - center) / width) ** 2))
-        sign = "-" if center >= 0 else "+"
-        text = f"tau*exp(-((q{joint} {sign} {abs(center):.3g})/{width:.3g})^2)"
-        out.append(Law((text,), (t * bump)[:, None], family=f"tau near one q{joint}"))
+    for near, count in _SPOTS.items() if high > low else ():
+        width = (high - low) / count
+        for k in range(count + 1):
+            center = low + k * width
+            bump = np.exp(-(((angle - center) / width) ** 2))
+            text = f"exp(-((q{joint} {'-' if center >= 0 else '+'} {abs(center):.3g})/{width:.3g})^2)"
+            out.append(Law((text,), bump[:, None], family=f"{near} q{joint}"))
+    return out
+
+
+def _linked(problem: Problem, mine: int, t: Array) -> list[Law]:
+    """A joint that a linkage ties to its neighbour: products of waves of both angles, with the load and without."""
+    assert problem.q is not None
+    out = []
+    for other in (mine - 1, mine + 1):
+        if other not in range(problem.q.shape[1]) or {mine, other} & set(problem.slides):
+            continue
+        for n, m in ((1, 1), (2, 1), (1, 2)):
+            own, of_other = _wave(problem.q[:, mine], mine + 1, n), _wave(problem.q[:, other], other + 1, m)
+            text = tuple(f"{a}*{b}" for a in own[0] for b in of_other[0])
+            values = np.einsum("ma,mb->mab", own[1], of_other[1]).reshape(problem.rows, -1)
+            if not problem.differences:
+                out.append(Law(text, values, own=False))
+            if n == m:
+                out.append(Law(tuple(f"tau*{x}" for x in text), t[:, None] * values, own=False))
     return out
 
 

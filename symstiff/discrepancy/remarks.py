@@ -9,6 +9,7 @@ import numpy as np
 from symstiff.calibration.experiment.situation import View
 from symstiff.calibration.measurements import Measurements
 from symstiff.calibration.remarks import of_sag
+from symstiff.discrepancy.drawing import DRAWING
 from symstiff.discrepancy.finding import Found
 from symstiff.discrepancy.noise import CONTRADICTED, NoiseReport
 from symstiff.discrepancy.numbers import p_equals, quantity
@@ -51,8 +52,8 @@ def remarked(view: View, last: Diagnosis) -> list[str]:
     return [
         *_of_sigma(noise), *_of_readings(noise), *_of_approach(view.table, last), *_of_markers(noise),
         *_of_poses(view.table, last), *_of_single(last), *_of_proof(last), *_of_rows(view, last),
-        *_of_weights(view, last), *_of_sizes(view, last), *_of_known(view.robot, last), *_of_further(last),
-        *(of_sag(view.robot) if view.table.kind == "absolute" else ()),
+        *_of_drawing(last), *_of_weights(view, last), *_of_sizes(view, last), *_of_known(view.robot, last),
+        *_of_further(last), *(of_sag(view.robot) if view.table.kind == "absolute" else ()),
     ]  # fmt: skip
 
 
@@ -243,6 +244,18 @@ def _of_sign(effect: Effect) -> str:
     if "branch" in effect.needs:
         return "are up and down of the column branch exchanged?"
     return "look at the signs of loads and readings"
+
+
+def _of_drawing(last: Diagnosis) -> list[str]:
+    """Geometry has no name in deflections: the file is to be corrected, not the model."""
+    law = last.device_law
+    if law is None or not law.place.startswith(DRAWING):
+        return []
+    title = law.terms[0][0].partition(":")[0]
+    return [
+        f"a {title} would explain most: look at units, zeros and rows of the robot file, correct it and diagnose "
+        "again, or measure absolute positions, in which geometry has a name"
+    ]
 
 
 def _of_weights(view: View, last: Diagnosis) -> list[str]:

@@ -11,7 +11,7 @@ from symstiff.calibration.loading import load_factor
 from symstiff.discrepancy.problem import Array, DeviceLaw, Parameter
 from symstiff.symbolic.terms import AXES, Term, VirtualJoint, w
 
-SENSOR = "force sensor"
+SENSOR, FLANGE = "force sensor", "flange"
 _WRENCH = ("fx", "fy", "fz", "mx", "my", "mz")
 _PERCENT = 1e-2
 _PAIRS = tuple((a, b) for a in range(3) for b in range(a, 3))
@@ -84,9 +84,10 @@ def _crosstalk(situation: Situation) -> Iterator[DeviceLaw]:
 
 
 def _pulls(situation: Situation) -> Iterator[DeviceLaw]:
-    """A force beside the load while it acts: drawn to a fixed point like a hose."""
+    """A force drawn to a fixed point like a hose's: beside the load while it acts, in absolute data all the time."""
     view = situation.view
-    if not view.table.w.any():
+    absolute = view.table.kind == "absolute"
+    if not absolute and not view.table.w.any():
         return
     origin = view.found.T[:, :3, 3]
     fixed = [np.tile(np.arange(6) == k, (len(origin), 1)).astype(float) for k in range(3)]
@@ -95,7 +96,8 @@ def _pulls(situation: Situation) -> Iterator[DeviceLaw]:
     columns += tuple(
         Parameter(f"pull towards a fixed point: {n} at the base's origin", "N") for n in _WRENCH[:3]
     )
-    yield DeviceLaw(SENSOR, "pull towards a fixed point", columns, _pushed(situation, [pull, *fixed]))
+    place = FLANGE if absolute else SENSOR
+    yield DeviceLaw(place, "pull towards a fixed point", columns, _pushed(situation, [pull, *fixed]))
 
 
 def _beside(situation: Situation) -> Iterator[DeviceLaw]:

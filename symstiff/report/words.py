@@ -284,7 +284,8 @@ def _unexplained(finding: Finding) -> str:
         told = [named(name.effect, name.where) for name, _, _ in finding.last.leading]
         sets, verb = ", ".join(told), "account" if len(told) > 1 else "accounts"
         text = f"{sets[:1].upper()}{sets[1:]} {verb} for the data, but a law without a name does so as well"
-    the = "the " if accused.startswith(("reading", "force", "measuring", "order", "foot", "flange")) else ""
+    things = ("reading", "force", "measuring", "order", "foot", "flange", "robot")
+    the = "the " if accused.startswith(things) else ""
     text += f"; the evidence is strongest at {the}{accused}" if accused else ""
     if finding.last.device_law is not None:
         text += f", where {device_text(finding.last.device_law)}"
