@@ -89,7 +89,9 @@ def test_a_marker_elsewhere_is_what_it_does_in_the_simulator() -> None:
     laws = {x.title: x for x in drawing_laws(Situation(view, Laws(view, terms, values)))}
     law = laws[f"correction of {name}"]
     moved = to_table(load("ur10"))
-    moved["marker"][0]["xyz"] = [float(x) + d for x, d in zip(moved["marker"][0]["xyz"], by, strict=True)]
+    moved["marker"][0]["xyz"] = [
+        float(x) + d for x, d in zip(load("ur10").marker_position(name), by, strict=True)
+    ]
     context = {"points": table.points, "point": table.point}
     before, after = (
         clean_response(Truth(r, values), table.q, table.w, context) for r in (load("ur10"), from_table(moved))
