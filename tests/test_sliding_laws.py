@@ -167,6 +167,20 @@ def test_a_law_is_told_in_the_units_of_its_joint(found: Finding, joint: int, tol
     assert law_text(found, law) == told
 
 
+@pytest.mark.parametrize(
+    ("law", "told"),
+    [
+        ("tau*load_case", "load_case growing by 1 from the first load of a pose to the last"),
+        ("branch*tau", "branch 1 where the load rises and −1 where it falls"),
+        ("tau*order", "order running from 0 to 1 over the rows of the table"),
+        ("late(tau,0.05)", "late(t, s) following t with the time constant s of the session"),
+    ],
+)
+def test_the_words_of_a_law_are_told(found: Finding, law: str, told: str) -> None:
+    text = law_text(found, FittedLaw("joint 2", f"0.0012*{law}", 850.0, 0.9, 0.8, np.zeros(3)))
+    assert text.endswith(f" with t = τ/(850 N·m) and {told}")
+
+
 def test_the_formula_of_a_slides_law_has_its_way_on_the_left() -> None:
     (slide,) = formulas(load("scara"), EffectInstance("backlash", {"joint": 3}, {"weights": 0.0}))
     (turn,) = formulas(load("scara"), EffectInstance("backlash", {"joint": 2}, {"weights": 0.0}))

@@ -49,6 +49,18 @@ _DEVICE = {
 }
 
 
+_WORDS = {
+    r"beyond\(": "beyond(t, s) the part of t above s",
+    r"late\(": "late(t, s) following t with the time constant s of the session",
+    r"\btime\b": "time running from 0 to 1 over the session",
+    r"\border\b": "order running from 0 to 1 over the rows of the table",
+    r"\bload_case\b": "load_case growing by 1 from the first load of a pose to the last",
+    r"\bbranch\b": "branch 1 where the load rises and −1 where it falls",
+    r"\btemperature\b": "temperature running from 0 at the lowest to 1 at the highest",
+}
+"""What the words of a law mean, by how they are found in it."""
+
+
 def _device(name: str) -> str:
     """A law of a device in words; ``^1`` is left unsaid."""
     article = "an" if name[0] in "aeo" else "a"
@@ -71,12 +83,5 @@ def law_text(finding: Finding, law: FittedLaw) -> str:
         slides = own == "x" or joints[int(own) - 1].prismatic
         what = "the load along the link" if own == "x" else f"τ{own}"
         others += f" and t{own} = {what}/({number(largest, 4)} {'N' if slides else 'N·m'})"
-    if "beyond(" in text:
-        others += " and beyond(t, s) the part of t above s"
-    if "late(" in text:
-        others += " and late(t, s) following t with the time constant s of the session"
-    if re.search(r"\btime\b", text):
-        others += " and time running from 0 to 1 over the session"
-    if "temperature" in text:
-        others += " and temperature running from 0 at the lowest to 1 at the highest"
+    others += "".join(f" and {meaning}" for word, meaning in _WORDS.items() if re.search(word, text))
     return f"({text}) {unit}" + others.replace(" and", " with", 1)
