@@ -287,11 +287,10 @@ def _spots(angle: Array, joint: int) -> list[Law]:
     low, high = float(angle.min()), float(angle.max())
     out = []
     for near, count in _SPOTS.items() if high > low else ():
-        width = (high - low) / count
-        for k in range(count + 1):
-            center = low + k * width
+        width = float(f"{(high - low) / count:.3g}")
+        for center in np.linspace(low, high, count + 1).round(3):
             bump = np.exp(-(((angle - center) / width) ** 2))
-            text = f"exp(-((q{joint} {'-' if center >= 0 else '+'} {abs(center):.3g})/{width:.3g})^2)"
+            text = f"exp(-((q{joint} {'-' if center >= 0 else '+'} {abs(center):g})/{width:g})^2)"
             out.append(Law((text,), bump[:, None], family=f"{near} q{joint}"))
     return out
 
