@@ -13,6 +13,7 @@ from symstiff.calibration.experiment.situation import Situation, View, has_weigh
 from symstiff.calibration.loading import load_factor
 from symstiff.calibration.measurements import Measurements
 from symstiff.discrepancy.drawing import drawing_laws
+from symstiff.discrepancy.posture import posture_laws
 from symstiff.discrepancy.problem import Array, DeviceLaw, Parameter
 from symstiff.discrepancy.sensors import FLANGE, SENSOR, sensor_laws
 from symstiff.effects.common import XYZ, turned
@@ -69,6 +70,7 @@ def _found(situation: Situation) -> tuple[DeviceLaw, ...]:
         *_foot(view),
         *_slips(view),
         *_moved_once(situation),
+        *posture_laws(situation),
     ]
     found += _readings(view) if view.table.kind == "absolute" else drawing_laws(situation)
     return tuple(law for law in found if np.any(law.values))

@@ -19,6 +19,8 @@ READING = "measurement axis"
 _TINY = 1e-300
 _SLIPS = (0.2, 0.4, 0.65)
 """Shares of the largest load at which a link's law without a name begins: a foot that slips, a bolt that opens."""
+_SHARP = 0.03
+"""Load, as a share of the largest, over which a sign changes."""
 _LAGS = (0.01, 0.05, 0.25)
 """Time constants, as shares of the session, with which a joint without a name may follow its load."""
 _TOLD = 0.9
@@ -190,7 +192,7 @@ def _laws_of_load(problem: Problem, v: int) -> list[Law]:
     out = [
         Law(("tau*|tau|",), t.law(lambda x: x * np.abs(x))),
         Law(("tau^3",), t.law(lambda x: x**3)),
-        Law(("sign(tau)",), t.law(lambda x: np.tanh(x / 0.03))),
+        Law(("sign(tau)",), t.law(lambda x: np.tanh(x / _SHARP))),
         Law(("|tau|",), t.law(np.abs)),
         Law(("tau^2",), t.law(lambda x: x**2)),
     ]
@@ -200,6 +202,8 @@ def _laws_of_load(problem: Problem, v: int) -> list[Law]:
             product = t.total * other.total - t.before * other.before
             size = t.total * np.abs(other.total) - t.before * np.abs(other.before)
             out.append(Law((name,), other.law(lambda x: x), own=False))
+            out.append(Law((f"{name}*|{name}|",), other.law(lambda x: x * np.abs(x)), own=False))
+            out.append(Law((f"sign({name})",), other.law(lambda x: np.tanh(x / _SHARP)), own=False))
             out.append(Law((f"tau*{name}",), product[:, None], own=False))
             out.append(Law((f"tau*|{name}|",), size[:, None], own=False))
     return out

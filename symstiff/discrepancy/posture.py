@@ -1,0 +1,70 @@
+"""What no single virtual joint does by itself: joints that share a drive, links that other joints' angles soften."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from itertools import combinations
+
+import numpy as np
+
+from symstiff.calibration.experiment.situation import Situation
+from symstiff.discrepancy.problem import Array, DeviceLaw, Parameter
+from symstiff.effects.common import load_of
+from symstiff.robot.schema import Robot
+from symstiff.symbolic.terms import Term, actuated_joint
+
+_PERCENT = 1e-2
+_WRIST = 3
+"""Last joints of an arm: what two of them share is in the catalogue."""
+
+
+def posture_laws(situation: Situation) -> Iterator[DeviceLaw]:
+    """Laws of two joints' loads, and of a link's load and a joint's angle; those without an influence are not left
+    out here.
+    """
+    yield from _shared_drives(situation)
+    yield from _softened(situation)
+
+
+def _shared_drives(situation: Situation) -> Iterator[DeviceLaw]:
+    """Belts and rods: each of two joints turns under the other's load."""
+    robot = situation.view.robot
+    pairs = [(j, k) for j, k in combinations(range(1, robot.dof + 1), 2) if j <= robot.dof - _WRIST]
+    terms = [
+        Term(f"{j} {k}", actuated_joint(to), load_of(of)) for j, k in pairs for to, of in ((j, k), (k, j))
+    ]
+    block = situation.columns(terms, [f"{j} {k}" for j, k in pairs])
+    for (j, k), column in zip(pairs, block.T, strict=True):
+        title = "compliance of each under the other's load"
+        yield DeviceLaw(
+            f"joints {j} and {k}", title, (Parameter(title, _unit(robot, j, k)),), column[:, None]
+        )
+
+
+def _unit(robot: Robot, *joints: int) -> str:
+    slides = sum(robot.joint[j - 1].prismatic for j in joints)
+    return ("rad/(N*m)", "rad/N", "m/N")[slides]
+
+
+def _softened(situation: Situation) -> Iterator[DeviceLaw]:
+    """All springs of a link softer or stiffer by a wave of one joint's angle."""
+    view = situation.view
+    for i in range(view.table.dof + 1):
+        own = slice(7 * i, 7 * i + 6)
+        twist = np.einsum("nrv,nv->nr", view.at_point[:, :, own], situation.theta[:, own])
+        for j in range(view.table.dof) if np.any(twist) else ():
+            title = f"compliance that follows q{j + 1}"
+            for names, waves in _shapes(view.table.q[:, j], view.robot.joint[j].prismatic):
+                columns = [view.read(_PERCENT * wave[:, None] * twist) for wave in waves]
+                parameters = tuple(Parameter(f"{title}: {name.format(q=f'q{j + 1}')}", "%") for name in names)
+                yield DeviceLaw(f"link {i}", title, parameters, np.column_stack(columns))
+
+
+def _shapes(q: Array, slides: bool) -> Iterator[tuple[tuple[str, str], tuple[Array, Array]]]:
+    """Pairs of functions of a joint's variable (N,) with their names."""
+    if not slides:
+        yield ("sin({q})", "cos({q})"), (np.sin(q), np.cos(q))
+        yield ("sin(2*{q})", "cos(2*{q})"), (np.sin(2 * q), np.cos(2 * q))
+    elif np.ptp(q) > 0:
+        x = (2 * q - q.max() - q.min()) / np.ptp(q)
+        yield ("linear over the way", "square over the way"), (x, x**2)
