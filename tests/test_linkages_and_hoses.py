@@ -1,4 +1,4 @@
-"""Errors that two joints make together, and hoses, in absolute data: unexplained, at the right place."""
+"""Errors of two joints together, hoses, bent rays in absolute data: unexplained, at the right place."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from symstiff.discrepancy.finding import Finding, Task
 from symstiff.discrepancy.workflow import run
 from symstiff.report.words import sentence
 from symstiff.robot import load
-from tests.test_assemble import design, readings, truth_of
+from tests.test_assemble import assemble, complete, design, outside, readings, truth_of
 
 NOISE = 2e-5
 
@@ -24,12 +24,21 @@ def experiment() -> Measurements:
     return replace(table, w=np.zeros_like(table.w))
 
 
+def positions(table: Measurements, angles: np.ndarray | float = 0.0) -> np.ndarray:
+    """(N, 3) of a rigid UR10 whose joints stand elsewhere by some angles (N, 6)."""
+    view = look(load("ur10"), replace(table, q=table.q + angles))
+    return np.asarray(view.found.T[:, :3, 3] + view.offset)
+
+
+def filled(table: Measurements, seen: np.ndarray) -> Measurements:
+    """The table with positions (N, 3)."""
+    return replace(table, values=np.hstack([seen, np.full_like(seen, np.nan)]))
+
+
 def diagnosed(table: Measurements, values: np.ndarray, start: str = "joints") -> Finding:
     """What positions (N, 3) with noise lead to."""
-    seen = np.full((len(table), 6), np.nan)
-    seen[:, :3] = values + NOISE * np.random.default_rng(3).normal(size=(len(table), 3))
-    sigma = np.where(np.isfinite(seen), NOISE, np.nan)
-    return run(Task(load("ur10"), replace(table, values=seen, sigma=sigma), start=start))
+    seen = filled(table, values + NOISE * np.random.default_rng(3).normal(size=(len(table), 3)))
+    return run(Task(load("ur10"), replace(seen, sigma=np.where(seen.measured, NOISE, np.nan)), start=start))
 
 
 @pytest.mark.slow
@@ -37,8 +46,7 @@ def test_a_linkage_between_two_joints_is_told_with_both_angles() -> None:
     table = experiment()
     angles = np.zeros_like(table.q)
     angles[:, 2] = 1e-4 * np.sin(2 * table.q[:, 1]) * np.cos(table.q[:, 2])
-    view = look(load("ur10"), replace(table, q=table.q + angles))
-    found = diagnosed(table, view.found.T[:, :3, 3] + view.offset)
+    found = diagnosed(table, positions(table, angles))
     assert found.verdict == "unexplained"
     law = found.last.law
     assert law is not None
@@ -63,3 +71,33 @@ def test_a_hose_that_pulls_all_the_time_is_no_compliance() -> None:
     value, deviation = sizes["pull towards a fixed point: spring"]
     assert value == pytest.approx(10.0, abs=4 * deviation)
     assert "evidence is strongest at the flange" in sentence(found)
+
+
+def test_readings_that_bend_or_are_not_square_are_laws_wherever_the_device_stands() -> None:
+    table = experiment()
+    seen = positions(table) + np.array([2.0, -1.0, 0.5])
+    found = assemble(complete("ur10"), filled(table, seen), effects=())
+    state, component = found.situation.view.state, found.situation.view.component
+    laws = {law.title: law.values for law in found.problem.devices if law.place == "measuring device"}
+    stretched = 1e-5 * seen @ [[1.0, 0.2, 0.0], [0.2, -0.5, 0.1], [0.0, 0.1, 0.3]]
+    square = laws["scale error along a direction"] @ [10.0, 2.0, 0.0, -5.0, 1.0, 3.0]
+    assert square == pytest.approx(stretched[state, component], abs=1e-12)
+    away = seen - [3.0, 1.0, 0.0]
+    bent = np.zeros_like(seen)
+    bent[:, 2] = 1e-5 * np.sum(away**2, axis=1)
+    left = outside(
+        bent[state, component], np.column_stack([laws["vertical error by the place"], found.problem.A])
+    )
+    assert np.linalg.norm(left) < 1e-3 * np.linalg.norm(outside(bent[state, component], found.problem.A))
+
+
+@pytest.mark.slow
+def test_a_tracker_whose_rays_bend_is_no_soft_base() -> None:
+    table = experiment()
+    seen = positions(table)
+    seen[:, 2] += 2e-5 * np.sum((seen - [3.0, -2.0, 1.2]) ** 2, axis=1)
+    found = diagnosed(table, seen)
+    assert found.verdict == "unexplained"
+    law = found.last.device_law
+    assert law is not None
+    assert law.terms[0][0].startswith("vertical error by the place")

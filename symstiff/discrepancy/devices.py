@@ -263,10 +263,31 @@ def _readings(view: View) -> Iterator[DeviceLaw]:
         yield law(DEVICE, f"scale error growing with distance^{n}", "ppm", _MILLIONTH * seen * far**n)
     yield law(DEVICE, "offset of the distance", "m", seen / distance[:, None])
     yield law(DEVICE, "offset of the elevation", "rad", ways["elevation"][1])
+    yield from _bent(view)
     for name, (angle, way) in ways.items():
         for n in _TURNS:
             waves = (f(n * angle)[:, None] * way for f in (np.sin, np.cos))
             yield law(DEVICE, f"{name} error, {n} per turn", "rad", *waves)
+
+
+def _bent(view: View) -> Iterator[DeviceLaw]:
+    """Readings in axes that are not square or alike, or by rays that bend, wherever the device stands.
+
+    Rays bend by the square of their way; the base's z axis is up.
+    """
+    seen = np.nan_to_num(view.table.values[:, :3])
+    pairs = [(a, b) for a in range(3) for b in range(a, 3)]
+    names = tuple(Parameter(f"scale error along a direction: {'xyz'[a]}{'xyz'[b]}", "ppm") for a, b in pairs)
+    one = _MILLIONTH * np.eye(3)
+    strains = (seen[:, [a]] * one[b] + (seen[:, [b]] * one[a] if a != b else 0.0) for a, b in pairs)
+    yield DeviceLaw(
+        DEVICE, "scale error along a direction", names, np.column_stack([_read(view, s) for s in strains])
+    )
+    seen = seen / max(float(np.linalg.norm(seen, axis=1).max()), 1e-9)
+    ways = [*seen.T, np.sum(seen**2, axis=1)]
+    names = tuple(Parameter(f"vertical error by the place: {name}", "m") for name in (*"xyz", "distance^2"))
+    columns = [_read(view, way[:, None] * view.turn[:, 2]) for way in ways]
+    yield DeviceLaw(DEVICE, "vertical error by the place", names, np.column_stack(columns))
 
 
 def _clock(table: Measurements) -> Array:
