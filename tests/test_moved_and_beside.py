@@ -76,6 +76,22 @@ def test_a_load_beside_its_point_is_accused_with_its_lever(of_tool: bool, grows:
 
 
 @pytest.mark.slow
+def test_a_pose_under_another_load_is_accused_with_what_it_lacks() -> None:
+    """A weight that was not put on: a seventh of the load in one pose."""
+    told = design(poses=14)
+    w = told.w * np.where(told.pose == 5, 6 / 7, 1.0)[:, None]
+    truth = truth_from_table({"format": 1, "robot": ROBOT, "noise": {"sigma_mm": 0.02}})
+    found = diagnosed(replace(simulate(truth, replace(told, w=w), 3), w=told.w))
+    assert found.verdict == "unexplained"
+    law = found.last.device_law
+    assert law is not None
+    assert law.place == f"pose {told.labels[5]}"
+    ((_, value, deviation, _),) = law.terms
+    assert abs(value + 100 / 7) < 3 * deviation < 6
+    assert f"at pose {told.labels[5]}, where a load that differs (" in words.sentence(found)
+
+
+@pytest.mark.slow
 def test_a_device_that_reads_too_much_along_its_beam_is_accused_with_its_gain() -> None:
     table, beam = measured(poses=14), np.array([0.6, 0.64, 0.48])
     values = table.values.copy()

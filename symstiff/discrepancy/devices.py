@@ -77,7 +77,10 @@ def _found(situation: Situation) -> tuple[DeviceLaw, ...]:
 
 
 def _gains(situation: Situation) -> Iterator[DeviceLaw]:
-    """Force sensor and measuring device that read one axis too large, the more the larger the load is."""
+    """Force sensor and measuring device that read one axis too large, the more the larger the load is.
+
+    And loads of one pose that are not those of the table.
+    """
     view = situation.view
     places = {f"{SENSOR} axis {c}": (VirtualJoint("load", 0, c), w(c)) for c in AXES}
     places |= {
@@ -87,15 +90,22 @@ def _gains(situation: Situation) -> Iterator[DeviceLaw]:
     block = _PERCENT * situation.columns([Term(n, *place) for n, place in places.items()], list(places))
     gain, grown = (Parameter("gain", "%"),), (Parameter("gain*load", "%"),)
     share, branch = np.abs(load_factor(view.table))[view.state], view.table.branch[view.state]
+    every = block[:, : len(AXES)].sum(axis=1)
+    for number in np.unique(view.table.pose):
+        own = (view.table.pose == number)[view.state]
+        differs = (Parameter("load that differs", "%"),)
+        yield DeviceLaw(
+            f"pose {view.table.labels[number]}", "load that differs", differs, (own * every)[:, None]
+        )
     for name, column in zip(places, block.T, strict=True):
         yield DeviceLaw(name, "gain", gain, column[:, None])
     if np.ptp(branch) > 0:
-        rubbed = (branch * block[:, : len(AXES)].sum(axis=1))[:, None]
-        yield DeviceLaw(SENSOR, "gain*branch", (Parameter("gain*branch", "%"),), rubbed)
+        rubbed = (Parameter("gain*branch", "%"),)
+        yield DeviceLaw(SENSOR, "gain*branch", rubbed, (branch * every)[:, None])
     if np.ptp(share) > 0:
         for name, column in zip(places, block.T, strict=True):
             yield DeviceLaw(name, "gain*load", grown, (share * column)[:, None])
-        yield DeviceLaw(SENSOR, "gain*load", grown, (share * block[:, : len(AXES)].sum(axis=1))[:, None])
+        yield DeviceLaw(SENSOR, "gain*load", grown, (share * every)[:, None])
 
 
 def _strains(situation: Situation) -> Iterator[DeviceLaw]:

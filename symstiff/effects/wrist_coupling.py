@@ -1,15 +1,23 @@
-"""Two joints of the wrist that share gears: the load on one turns the other, Δθ_j = c·τ_k and Δθ_k = c·τ_j."""
+"""Two joints of the wrist that share gears: the load on one turns the other, Δθ_j = c·τ_k and Δθ_k = c·τ_j.
+
+Where the gears saturate, c·τ₀·tanh(τ/τ₀) takes the place of c·τ, τ with the weight of the links that the file tells.
+"""
 
 from __future__ import annotations
 
 from itertools import combinations
 
-from symstiff.effects.base import Effect, Realisation, Shape, Where
-from symstiff.effects.common import BOTH, load_of, parameter
+import sympy as sp
+
+from symstiff.effects.arm import of_total_load, weighed
+from symstiff.effects.base import Effect, Move, Realisation, Scales, Shape, Where
+from symstiff.effects.common import BOTH, above_zero, load_of, over, parameter, product
 from symstiff.robot.schema import Robot
 from symstiff.symbolic.terms import Term, actuated_joint
 
 NAME = "wrist_coupling"
+SATURATIONS = (0.2, 0.5)
+"""Loads from which the gears saturate, as shares of the largest on either joint."""
 
 
 def _places(robot: Robot) -> tuple[Where, ...]:
@@ -21,8 +29,28 @@ def _places(robot: Robot) -> tuple[Where, ...]:
 def _realise(robot: Robot, where: Where, shape: Shape) -> Realisation:
     j, k = (int(x) for x in where["joints"])
     c = parameter(NAME, where, "c", "rad/(N*m)", -1e-3, 1e-3, 1e-6)
-    there = Term(c.name, actuated_joint(j), load_of(k)), Term(c.name, actuated_joint(k), load_of(j))
-    return Realisation((c,), there)
+    there = (Term(c.name, actuated_joint(to), _load(robot, by, shape)) for to, by in ((j, k), (k, j)))
+    return Realisation((c,), tuple(there))
+
+
+def _load(robot: Robot, joint: int, shape: Shape) -> sp.Expr:
+    if "saturation" not in shape:
+        return load_of(joint)
+    scale = above_zero(shape, "saturation")
+    return of_total_load(
+        lambda x: product(scale, sp.tanh(over(x, scale), evaluate=False)), robot, joint, shape
+    )
+
+
+def _shapes(robot: Robot, where: Where, scales: Scales) -> tuple[Shape, ...]:
+    top = max(scales.of(actuated_joint(int(j))) for j in where["joints"])
+    found = ({"saturation": float(f"{f * top:.3g}"), **weighed(scales.kind)} for f in SATURATIONS)
+    return ({}, *(found if top > 0 else ()))
+
+
+def _odds(robot: Robot, shape: Shape) -> float:
+    """Gears that saturate are as likely, all together, as those that do not."""
+    return 1.0 / len(SATURATIONS) if shape else 1.0
 
 
 EFFECT = Effect(
@@ -32,6 +60,11 @@ EFFECT = Effect(
     seen_in=BOTH,
     places=_places,
     realise=_realise,
+    shapes=_shapes,
     confused_with=("joint_compliance", "link_compliance", "link_asymmetry"),
     separated_by="poses in which only one of the two joints is loaded",
+    told={"saturation": "saturating beyond {} N·m", "weights": ""},
+    odds=_odds,
+    weights=1.0,
+    moves=lambda robot, shape: {"saturation": Move(1.6)} if shape else {},
 )
