@@ -9,6 +9,7 @@ import pytest
 
 from symstiff.discrepancy.climb import leaves_less
 from symstiff.discrepancy.finding import Task
+from symstiff.discrepancy.localise import FittedDevice
 from symstiff.discrepancy.result import Diagnosis, Estimate, Name, Rms
 from symstiff.discrepancy.workflow import run
 from symstiff.robot import load
@@ -38,6 +39,26 @@ def test_a_model_that_left_out_poses_refute_does_not_take_over(
     narrow = replace(some, verdict="unexplained", rms=Rms(2.0, 2.0, 2.1, 2.1, 0.9))
     axes = np.zeros(ROWS, dtype=np.intp)
     assert leaves_less(replace(some, rms=wider), narrow, axes) is better
+
+
+@pytest.mark.parametrize(("explained", "better"), [(0.3, False), (0.05, True)])
+def test_a_law_of_the_device_is_a_simpler_account_than_all_links(
+    some: Diagnosis, explained: float, better: bool
+) -> None:
+    """Fourteen parameters that explain a quarter of 400 squares, and one that explains more of them, or little."""
+    noise = some.noise.by_component()[0]
+    step, left = some.growth[0], np.full(ROWS, noise)
+    law = FittedDevice("measuring device", (("scale error", 80.0, 5.0, "ppm"),), explained)
+    narrow = replace(
+        some,
+        verdict="unexplained",
+        device_law=law,
+        growth=(replace(step, residual=left, model_std=np.ones(2)),),
+        rms=Rms(2.0, 2.0, 2.1, 2.1, 0.9),
+    )
+    whole = replace(step, residual=left * np.sqrt(0.75), model_std=np.ones(16))
+    wide = replace(some, growth=(whole,), rms=Rms(1.0, 1.0, 1.2, 1.0, 0.9))
+    assert leaves_less(wide, narrow, np.zeros(ROWS, dtype=np.intp)) is better
 
 
 @pytest.mark.parametrize(

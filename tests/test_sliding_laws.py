@@ -62,8 +62,8 @@ def _waves(a: Problem, v: int, j: int) -> list[Law]:
 
 
 def _of(laws: list[Law], joint: int) -> list[Law]:
-    """Laws by a joint's variable alone, but for spots."""
-    alone = (law for law in laws if law.text[0].count("q") == 1 and "exp" not in law.text[0])
+    """Laws by a joint's variable alone, but for spots and an encoder's scale."""
+    alone = (law for law in laws if law.text[0].count("q") == 1 and "exp" not in law.text[0] and law.text[1:])
     return [law for law in alone if f"q{joint}" in law.text[0]]
 
 

@@ -9,7 +9,6 @@ from functools import cached_property
 
 import numpy as np
 
-from symstiff.calibration.experiment.rounding import without_rounding
 from symstiff.discrepancy.problem import Array, Candidate, Index, Parameter, Problem, Shape
 
 UNNAMED = 0.3
@@ -216,12 +215,9 @@ def _blocks(problem: Problem, candidate: Candidate) -> list[tuple[int, Array]]:
         return []
     out = []
     for number, shape in enumerate(candidate.shapes):
-        block = np.asarray(candidate.columns(shape), dtype=float)
-        block = block.reshape(problem.rows, -1)
+        block = candidate.block(shape)
         if block.shape[1] and np.all(np.isfinite(block)) and np.any(block):
-            sizes = np.array([p.typical if p.typical > 0 else 1.0 for p in candidate.parameters_at(shape)])
-            sized = len(sizes) == block.shape[1]
-            out.append((number, without_rounding(block, sizes) if sized else block))
+            out.append((number, block))
     return out
 
 

@@ -50,6 +50,7 @@ def candidates(
     table = situation.view.table
     scales, extent = scales_of(situation.view), extent_of(situation.view)
     taken = frozenset(model.parameters)
+    rigid = all(p.is_joint for p in model.compliances)
     there = [(e.effect, dict(e.where)) for e in model.effects]
     basis = column_space(problem.A / spread_of(situation.view)[:, None])
     for effect in effects:
@@ -58,7 +59,7 @@ def candidates(
         for where in places:
             reason = why or ("the model has it" if (effect.identifier, dict(where)) in there else "")
             grown = any(dict(e.where) == dict(where) for e in model.effects)
-            reason = reason or ("" if grown else effect.unlikely(model.robot, where))
+            reason = reason or ("" if grown else effect.unlikely(model.robot, where, rigid))
             shapes = () if reason else effect.shapes(model.robot, where, scales)
             if not shapes:
                 reason = reason or "the table does not hold what it depends on"
@@ -223,7 +224,7 @@ def grouped(problem: Problem, candidates: Sequence[Candidate]) -> tuple[Candidat
         if candidate.unavailable or len(candidate.shapes) > _MOST_SHAPES:
             out.append(candidate)
             continue
-        shadow = np.concatenate([_shadow(candidate.columns(s), basis, probe) for s in candidate.shapes])
+        shadow = np.concatenate([_shadow(candidate.block(s), basis, probe) for s in candidate.shapes])
         size = float(np.linalg.norm(shadow))
         alike = (n for n, other, s in known if abs(s - size) <= _SAME * size and _equal(other, shadow))
         name = next(alike, candidate.key)

@@ -56,9 +56,22 @@ def leaves_less(wide: Diagnosis, narrow: Diagnosis, component: Index) -> bool:
         others = other.held_out_after
         if not _chance(wide, narrow, component) < _SIGNIFICANT:
             return False
-    elif not one.before < other.before:
+    elif not one.before < other.before or _told_by_a_law(wide, narrow, component):
         return False
     return own is None or others is None or own < others
+
+
+def _told_by_a_law(wide: Diagnosis, narrow: Diagnosis, component: Index) -> bool:
+    """Whether a law at no virtual joint, such as a device's, is the simpler account by Schwarz' criterion."""
+    law = narrow.device_law
+    if law is None:
+        return False
+    spread = wide.noise.by_component()[component]
+    last, first = narrow.growth[0], wide.growth[0]
+    left, less = (float(np.sum((step.residual / spread) ** 2)) for step in (last, first))
+    more = int(np.isfinite(first.model_std).sum() - np.isfinite(last.model_std).sum()) - len(law.terms)
+    rows = len(component)
+    return bool(rows * np.log(less / (left * (1.0 - law.explained))) + more * np.log(rows) > 0)
 
 
 def _chance(wide: Diagnosis, narrow: Diagnosis, component: Index) -> float:

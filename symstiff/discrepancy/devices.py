@@ -146,13 +146,14 @@ def _markers(view: View) -> Iterator[DeviceLaw]:
         "shift by the force in the tool's axes": _each(turned, in_tool),
     }
     if view.table.kind == "absolute":
-        laws = {"shift in the tool's axes": turned, **laws}
+        down = -tool[view.state][:, 2]  # of the base's axes, in the tool's
+        sag = {"sag by the way of gravity in the tool's axes": _each(turned, down)}
+        laws = {"shift in the tool's axes": turned, **laws, **sag}
     for k in np.unique(points):
         own = (points == k)[:, None]
         for title, block in laws.items():
-            axes = (
-                "xyz" if block.shape[1] == 3 else [f"{a} by {f}" for a in "xyz" for f in ("fx", "fy", "fz")]
-            )
+            of = ("gx", "gy", "gz") if title.startswith("sag") else ("fx", "fy", "fz")
+            axes = "xyz" if block.shape[1] == 3 else [f"{a} by {f}" for a in "xyz" for f in of]
             columns = tuple(Parameter(f"{title}: {axis}", "m") for axis in axes)
             yield DeviceLaw(f"marker {view.table.points[k]}", title, columns, own * block)
 

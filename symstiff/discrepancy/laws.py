@@ -170,7 +170,9 @@ def _along(problem: Problem, v: int) -> Array | None:
 
 def laws_at(problem: Problem, v: int) -> list[Law]:
     """The laws that compete at one virtual joint, simplest first: a few at a link's, all at an actuated joint's."""
-    return _link_laws(problem, v) if problem.joint_of[v] < 0 else every_law(problem, v)
+    if problem.joint_of[v] >= 0:
+        return every_law(problem, v)
+    return [*_link_laws(problem, v), *_by(HISTORY, _rubbing(problem, _load(problem, v).total))]
 
 
 def every_law(problem: Problem, v: int) -> list[Law]:
@@ -230,6 +232,8 @@ def _laws_of_angle(problem: Problem, v: int) -> list[Law]:
         out += _linked(problem, mine, t)
     if mine in problem.slides and not problem.differences:
         out += _pitch(problem.q[:, mine], mine + 1)
+    elif mine >= 0 and not problem.differences:  # an encoder of another scale
+        out.append(Law((f"q{mine + 1}",), problem.q[:, mine][:, None]))
     return out
 
 
@@ -367,11 +371,15 @@ def _laws_of_history(problem: Problem, v: int) -> list[Law]:
     order = _order_of_loads(problem)
     if order is not None:
         out.append(Law(("tau*load_case",), (t * order)[:, None]))
-    if problem.branch is not None and np.ptp(problem.branch) > 0:
-        out.append(Law(("branch",), problem.branch[:, None]))
-        out.append(Law(("branch*tau",), (problem.branch * t)[:, None]))
-        out.append(Law(("branch*|tau|",), (problem.branch * np.abs(t))[:, None]))
-    return out
+    return [*out, *_rubbing(problem, t)]
+
+
+def _rubbing(problem: Problem, t: Array) -> list[Law]:
+    """What the branch tells, with the load (M,) and without."""
+    if problem.branch is None or not np.ptp(problem.branch) > 0:
+        return []
+    with_load = {"branch": np.ones_like(t), "branch*tau": t, "branch*|tau|": np.abs(t)}
+    return [Law((text,), (problem.branch * values)[:, None]) for text, values in with_load.items()]
 
 
 def _frame_laws(problem: Problem) -> list[Law]:

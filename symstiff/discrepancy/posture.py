@@ -14,6 +14,8 @@ from symstiff.robot.schema import Robot
 from symstiff.symbolic.terms import Term, actuated_joint
 
 _PERCENT = 1e-2
+_UNITS = ("m/N", "rad/N", "rad/(N*m)")
+"""Of a compliance by how many of its two axes turn."""
 _WRIST = 3
 """Last joints of an arm: what two of them share is in the catalogue."""
 
@@ -24,6 +26,24 @@ def posture_laws(situation: Situation) -> Iterator[DeviceLaw]:
     """
     yield from _shared_drives(situation)
     yield from _softened(situation)
+    yield from _mounts(situation)
+
+
+def _mounts(situation: Situation) -> Iterator[DeviceLaw]:
+    """A floor or a tool's mount that gives way any way, the more the larger its moment is."""
+    view = situation.view
+    acting = view.tau + view.more
+    for i in (0, view.table.dof):
+        own = acting[:, 7 * i : 7 * i + 6]
+        size = np.linalg.norm(own[:, 3:], axis=1)
+        share = (size / max(float(size.max(initial=0.0)), 1e-300))[view.state]
+        J, tau = view.J[:, 7 * i : 7 * i + 6], own[view.state]
+        pairs = [(a, b) for a in range(6) for b in range(a, 6)]
+        title = "compliance that grows with the load"
+        names = tuple(Parameter(f"{title}: {a + 1}{b + 1}", _UNITS[a // 3 + b // 3]) for a, b in pairs)
+        columns = [J[:, a] * tau[:, b] + (J[:, b] * tau[:, a] if a != b else 0.0) for a, b in pairs]
+        if np.ptp(share) > 0:
+            yield DeviceLaw(f"link {i}", title, names, share[:, None] * np.column_stack(columns))
 
 
 def _shared_drives(situation: Situation) -> Iterator[DeviceLaw]:
@@ -42,8 +62,7 @@ def _shared_drives(situation: Situation) -> Iterator[DeviceLaw]:
 
 
 def _unit(robot: Robot, *joints: int) -> str:
-    slides = sum(robot.joint[j - 1].prismatic for j in joints)
-    return ("rad/(N*m)", "rad/N", "m/N")[slides]
+    return _UNITS[sum(not robot.joint[j - 1].prismatic for j in joints)]
 
 
 def _softened(situation: Situation) -> Iterator[DeviceLaw]:

@@ -9,6 +9,7 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
+from symstiff.calibration.experiment.rounding import without_rounding
 from symstiff.calibration.residuals import places
 from symstiff.errors import UserError
 
@@ -185,6 +186,14 @@ class Candidate:
     def parameters_at(self, shape: Shape) -> tuple[Parameter, ...]:
         """The parameters that a shape's columns belong to."""
         return self.parameters if self.parameters_of is None else self.parameters_of(shape)
+
+    def block(self, shape: Shape) -> Array:
+        """(M, k) a shape's columns; what is nothing but the others' rounding is zero."""
+        found = np.asarray(self.columns(shape), dtype=float)
+        found = found.reshape(len(found), -1)
+        sizes = np.array([p.typical if p.typical > 0 else 1.0 for p in self.parameters_at(shape)])
+        sized = len(sizes) == found.shape[1] and bool(np.all(np.isfinite(found)))
+        return without_rounding(found, sizes) if sized else found
 
     @property
     def profiled(self) -> int:

@@ -158,6 +158,10 @@ def _nothing(robot: Robot, of: Mapping[str, Any]) -> str:
     return ""
 
 
+def _likely(robot: Robot, where: Where, rigid: bool) -> str:
+    return ""
+
+
 def _fixed(robot: Robot, shape: Shape) -> Mapping[str, Move]:
     return {}
 
@@ -203,8 +207,9 @@ class Effect:
     weights: float | None = None
     """The shape's entry ``weights`` where it is left out: 1, its law counts the links' weight by itself, or 0, it takes
     the load as it comes. None: its shapes have no such entry."""
-    unlikely: Callable[[Robot, Where], str] = _nothing
-    """Why it is not looked for at one of its places, by what the robot file tells; empty where it is."""
+    unlikely: Callable[[Robot, Where, bool], str] = _likely
+    """Why it is not looked for at one of its places, by what the robot file tells, and by whether the model takes all
+    links for rigid; empty where it is."""
     alike: Callable[[Robot, Shape], str] = _nothing
     """What outside of the catalogue looks like it, where the robot file does not speak for it; empty where nothing."""
 

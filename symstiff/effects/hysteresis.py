@@ -56,9 +56,10 @@ def _shapes(robot: Robot, where: Where, scales: Scales) -> tuple[Shape, ...]:
     joint = int(where["joint"])
     top = scales.of(actuated_joint(joint))
     widths = [float(f"{f * top:.3g}") for f in WIDTHS]
-    found: list[Shape] = [{"width": s, "load": top, "power": p} for s in widths for p in POWERS]
+    grown: list[Shape] = [{"load": top, "power": p} if p else {} for p in POWERS]
+    found: list[Shape] = [{"width": s, **power} for s in widths for power in grown]
     narrow = found[: len(POWERS)]
-    found.append({"width": float(f"{SHARP * top:.3g}"), "load": top, "power": 0.0})
+    found.append({"width": float(f"{SHARP * top:.3g}")})
     closed = {"width": widths[0]}
     if scales.kind == "deflection" and (most := most_weight_load(robot, joint)):
         loop = {**closed, "loop": float(f"{1.05 * (top + most):.3g}")}
@@ -82,7 +83,7 @@ EFFECT = Effect(
     separated_by="poses in which the neighbouring joints carry loads in other proportions",
     told={
         "width": "turning over within ± {} LOAD", "load": "reference load {} LOAD",
-        "power": "load over it to the power {}",
+        "power": "wide as the load over it to the power {}",
         "loop": "closed at {} LOAD", "weights": "links' weight counted", **TOLD,
     },
     assumed=ASSUMED,

@@ -8,11 +8,11 @@ from symstiff.effects.common import BOTH, links
 from symstiff.robot.schema import Robot
 
 
-def _unlikely(robot: Robot, where: Where) -> str:
+def _unlikely(robot: Robot, where: Where, rigid: bool) -> str:
     """Couplings between axes of which none gives way are no compliance."""
-    if robot.links[int(where["link"])].template != "rigid":
-        return ""
-    return "the robot file takes this link for rigid: it has a compliance before it has an asymmetry"
+    if robot.links[int(where["link"])].template == "rigid":
+        return "the robot file takes this link for rigid: it has a compliance before it has an asymmetry"
+    return "the model takes all links for rigid: compliances come before asymmetries" if rigid else ""
 
 
 EFFECT = Effect(

@@ -8,7 +8,7 @@ from symstiff.effects.common import BOTH, links
 from symstiff.robot.schema import Robot
 
 
-def _unlikely(robot: Robot, where: Where) -> str:
+def _unlikely(robot: Robot, where: Where, rigid: bool) -> str:
     """A pedestal is no beam where the robot file does not say so: what it stands on gives way any way."""
     if int(where["link"]) or robot.links[0].template != "rigid":
         return ""
