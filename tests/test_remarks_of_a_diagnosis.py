@@ -13,7 +13,7 @@ from symstiff.calibration.measurements import concatenate, measurements
 from symstiff.calibration.simulation.experiment import simulate
 from symstiff.calibration.simulation.truth import truth_from_table
 from symstiff.discrepancy.finding import Finding, Task
-from symstiff.discrepancy.remarks import _of_approach
+from symstiff.discrepancy.remarks import _of_approach, _of_succession
 from symstiff.discrepancy.workflow import run
 from symstiff.errors import UserError
 from symstiff.model import StiffnessModel, load_model
@@ -53,6 +53,21 @@ def test_what_would_have_been_seen_does_not_depend_on_what_was_named(
     assert len(both) >= 3
     for name in both:
         assert after[name] == pytest.approx(before[name], rel=0.3), name
+
+
+@pytest.mark.parametrize("correlation", [0.0, 0.5])
+def test_readings_that_resemble_the_one_before_are_spoken_of(quiet: Finding, correlation: float) -> None:
+    """Five loads in ten poses, three markers, three axes; each error holds a part of the one before."""
+    view, rng = quiet.assembly.situation.view, np.random.default_rng(1)
+    errors = rng.normal(size=(10, 5, 3, 3))  # pose, load, marker, axis
+    for k in range(1, 5):
+        errors[:, k] = correlation * errors[:, k - 1] + np.sqrt(1.0 - correlation**2) * errors[:, k]
+    step = replace(quiet.last.growth[-1], residual=2e-5 * errors.reshape(-1))
+    last = replace(quiet.last, verdict="unexplained", growth=(step,))
+    remarks = _of_succession(view, last)
+    assert len(remarks) == (correlation > 0)
+    assert all("readings that follow each other in a pose are alike" in text for text in remarks)
+    assert not _of_succession(view, replace(last, verdict="nothing_missing"))
 
 
 def test_a_start_that_no_row_loads_is_diagnosed_all_the_same() -> None:

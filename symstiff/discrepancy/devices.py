@@ -172,7 +172,7 @@ def _late(situation: Situation) -> Iterator[DeviceLaw]:
     table = view.table
     made = np.einsum("nrv,nv->nr", view.at_point, situation.laws(view.tau + view.more))
     before = np.zeros_like(made) if table.kind == "deflection" else made.copy()
-    clock = _clock(table)
+    clock = clock_of(table)
     for pose in np.unique(table.pose):
         for point in np.unique(table.point[table.pose == pose]):
             rows = np.flatnonzero((table.pose == pose) & (table.point == point))
@@ -218,7 +218,7 @@ def _slips(view: View) -> Iterator[DeviceLaw]:
 def _moved_once(situation: Situation) -> Iterator[DeviceLaw]:
     """Targets, or the device, that moved once and stayed there; a device also that turned."""
     view = situation.view
-    clock = _clock(view.table)
+    clock = clock_of(view.table)
     begin = np.sort([clock[view.table.pose == p].min() for p in np.unique(view.table.pose)])[1:]
     tool = view.turn @ view.found.R[:, -1]
     fixed = np.tile(np.eye(3), (len(clock), 1, 1))
@@ -301,7 +301,7 @@ def _bent(view: View) -> Iterator[DeviceLaw]:
     yield DeviceLaw(DEVICE, "vertical error by the place", names, np.column_stack(columns))
 
 
-def _clock(table: Measurements) -> Array:
+def clock_of(table: Measurements) -> Array:
     """(N,) when each row was measured: by time where it is told, else in the order of the rows."""
     return table.time if np.isfinite(table.time).all() else np.arange(len(table), dtype=float)
 

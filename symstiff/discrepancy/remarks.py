@@ -9,6 +9,7 @@ import numpy as np
 from symstiff.calibration.experiment.situation import View
 from symstiff.calibration.measurements import Measurements
 from symstiff.calibration.remarks import of_sag
+from symstiff.discrepancy.devices import clock_of
 from symstiff.discrepancy.drawing import DRAWING
 from symstiff.discrepancy.finding import Found
 from symstiff.discrepancy.noise import CONTRADICTED, NoiseReport
@@ -40,6 +41,8 @@ _ALONE = 2.5
 """How far the largest residual of a row stands above the next from which that row alone is spoken of."""
 _DOUBTS = 4.0
 """Standard deviations by which a size is beyond its physical range for sure."""
+_SUCCESSIVE, _PAIRS = 4.5, 60
+"""Standard deviations by which successive readings are alike that is spoken of, and pairs of them that it takes."""
 _MOSTLY = 0.5
 """Share of a variance from which few poses, or repeats, are said to bring most of it."""
 
@@ -52,8 +55,9 @@ def remarked(view: View, last: Diagnosis) -> list[str]:
     return [
         *_of_sigma(noise), *_of_readings(noise), *_of_approach(view.table, last), *_of_markers(noise),
         *_of_poses(view.table, last), *_of_single(last), *_of_proof(last), *_of_rows(view, last),
-        *_of_drawing(last), *_of_weights(view, last), *_of_sizes(view, last), *_of_known(view.robot, last),
-        *_of_further(last), *(of_sag(view.robot) if view.table.kind == "absolute" else ()),
+        *_of_succession(view, last), *_of_drawing(last), *_of_weights(view, last), *_of_sizes(view, last),
+        *_of_known(view.robot, last), *_of_further(last),
+        *(of_sag(view.robot) if view.table.kind == "absolute" else ()),
     ]  # fmt: skip
 
 
@@ -244,6 +248,41 @@ def _of_sign(effect: Effect) -> str:
     if "branch" in effect.needs:
         return "are up and down of the column branch exchanged?"
     return "look at the signs of loads and readings"
+
+
+def _of_succession(view: View, last: Diagnosis) -> list[str]:
+    """Errors that change slowly: readings that follow each other in a pose are more alike than others of it."""
+    if last.verdict not in (UNEXPLAINED, INSUFFICIENT) or not last.growth:
+        return []
+    z = last.growth[-1].residual / last.noise.by_component()[view.component]
+    near, far = _products(view, z)
+    square = float(np.mean(z**2))
+    if min(len(near), len(far)) < _PAIRS or square == 0.0:
+        return []
+    alike = float(np.mean(near) - np.mean(far)) / square
+    if alike < _SUCCESSIVE * np.sqrt(1.0 / len(near) + 1.0 / len(far)):
+        return []
+    return [
+        f"readings that follow each other in a pose are alike (correlation {alike:.2f}), as a device that drifts, a "
+        "robot that creeps or a load that swings makes them: let it settle before reading, or take loads in another "
+        "order each time; laws of time and order, and other small ones, may stand for it"
+    ]
+
+
+def _products(view: View, z: Array) -> tuple[Array, Array]:
+    """Products of normed residuals (M,) of one component of one point in one pose: next to each other in time, and
+    all others.
+    """
+    table, clock = view.table, clock_of(view.table)[view.state]
+    label = np.column_stack([table.pose[view.state], table.point[view.state], view.component])
+    series = np.unique(label, axis=0, return_inverse=True)[1].reshape(-1)
+    near, far = [np.zeros(0)], [np.zeros(0)]
+    for k in np.unique(series):
+        rows = np.flatnonzero(series == k)
+        x = z[rows[np.argsort(clock[rows], kind="stable")]]
+        near.append(x[1:] * x[:-1])
+        far += [x[lag:] * x[:-lag] for lag in range(2, len(x))]
+    return np.concatenate(near), np.concatenate(far)
 
 
 def _of_drawing(last: Diagnosis) -> list[str]:
