@@ -41,7 +41,7 @@ _ALONE = 2.5
 """How far the largest residual of a row stands above the next from which that row alone is spoken of."""
 _DOUBTS = 4.0
 """Standard deviations by which a size is beyond its physical range for sure."""
-_SUCCESSIVE, _PAIRS = 4.5, 60
+_SUCCESSIVE, _PAIRS = 4.0, 60
 """Standard deviations by which successive readings are alike that is spoken of, and pairs of them that it takes."""
 _MOSTLY = 0.5
 """Share of a variance from which few poses, or repeats, are said to bring most of it."""
