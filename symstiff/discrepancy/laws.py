@@ -25,8 +25,8 @@ _LAGS = (0.01, 0.05, 0.25)
 """Time constants, as shares of the session, with which a joint without a name may follow its load."""
 _TOLD = 0.9
 """Correlation of the order of the load cases with the load from which it says nothing of its own."""
-_SPOTS = {"near one": 6, "close to one": 12}
-"""Widths of a spot that a joint's range holds, by what its family is called."""
+_SPOTS = 6
+"""Widths of a spot that a joint's range holds."""
 _HALF_WAVES = 32
 """Half waves over a slide's way up to which errors that repeat along it are looked for."""
 
@@ -172,7 +172,8 @@ def laws_at(problem: Problem, v: int) -> list[Law]:
     """The laws that compete at one virtual joint, simplest first: a few at a link's, all at an actuated joint's."""
     if problem.joint_of[v] >= 0:
         return every_law(problem, v)
-    return [*_link_laws(problem, v), *_by(HISTORY, _rubbing(problem, _load(problem, v).total))]
+    rubbing = [law for law in _rubbing(problem, _load(problem, v).total) if law.text == ("branch*tau",)]
+    return [*_link_laws(problem, v), *_by(HISTORY, rubbing)]
 
 
 def every_law(problem: Problem, v: int) -> list[Law]:
@@ -293,13 +294,12 @@ def _soft_spots(angle: Array, joint: int, t: Array) -> list[Law]:
 def _spots(angle: Array, joint: int) -> list[Law]:
     """A joint that is off near one of its own angles."""
     low, high = float(angle.min()), float(angle.max())
+    width = float(f"{(high - low) / _SPOTS:.3g}")
     out = []
-    for near, count in _SPOTS.items() if high > low else ():
-        width = float(f"{(high - low) / count:.3g}")
-        for center in np.linspace(low, high, count + 1).round(3):
-            bump = np.exp(-(((angle - center) / width) ** 2))
-            text = f"exp(-((q{joint} {'-' if center >= 0 else '+'} {abs(center):g})/{width:g})^2)"
-            out.append(Law((text,), bump[:, None], family=f"{near} q{joint}"))
+    for center in np.linspace(low, high, _SPOTS + 1).round(3) if width > 0 else ():
+        bump = np.exp(-(((angle - center) / width) ** 2))
+        text = f"exp(-((q{joint} {'-' if center >= 0 else '+'} {abs(center):g})/{width:g})^2)"
+        out.append(Law((text,), bump[:, None], family=f"near one q{joint}"))
     return out
 
 
