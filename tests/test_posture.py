@@ -70,7 +70,7 @@ def test_a_link_that_follows_an_angle_is_no_asymmetry() -> None:
     assert law is not None
     assert law.place.startswith("link")
     assert law.terms[0][0] == "compliance that follows q3: sin(2*q3)"
-    assert "a compliance that follows q3 (sin(2*q3) " in sentence(found)
+    assert "a compliance that follows q3 (sin(2·q3) " in sentence(found)
 
 
 @pytest.mark.slow

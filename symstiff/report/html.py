@@ -251,7 +251,7 @@ def _unnamed(finding: Finding) -> dict[str, Any] | None:
         (b.virtual_joint, f"{100 * b.explained:.0f} %") for b in where.back_projections[:6]
     ]  # fmt: skip
     return {
-        "accused": where.accused if where else "",
+        "accused": unnamed.place_text(where.accused) if where else "",
         "picture": _marked(law_plots.draw_unnamed(finding)),
         "device": device and unnamed.device_text(device),
         "law": None

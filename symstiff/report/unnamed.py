@@ -25,13 +25,20 @@ def explained(law: FittedLaw | FittedDevice) -> str:
     return f"{text}: a size of {law.deviations:.2g} standard deviations"
 
 
+def place_text(accused: str) -> str:
+    """The place of a law without a name, with the article of things that have no number."""
+    things = ("reading", "force", "measuring", "order", "foot", "flange", "robot")
+    return f"the {accused}" if accused.startswith(things) else accused
+
+
 def device_text(law: FittedDevice) -> str:
     """What a sensor, the device or a marker adds, with sizes; of many those that are clearly not zero."""
     parts: dict[str, list[str]] = {}
     clear = [term for term in law.terms if abs(term[1]) > _CLEAR * term[2]]
     for text, value, deviation, unit in clear if clear and len(law.terms) > _MANY else law.terms:
         name, _, part = text.partition(": ")
-        parts.setdefault(name, []).append(f"{part} {quantity(Estimate(value, deviation, unit))}".strip())
+        size = quantity(Estimate(value, deviation, unit))
+        parts.setdefault(name, []).append(f"{part.replace('*', '·')} {size}".strip())
     own = law.place.startswith(READING)
     told = ", ".join(
         f"{f'a term in {name}' if own else _device(name)} ({', '.join(sizes)})"

@@ -15,7 +15,7 @@ from symstiff.discrepancy.verdict import AS_WELL, INSUFFICIENT, NOT_ALONE, REFUT
 from symstiff.effects.instance import EffectInstance
 from symstiff.report.deciding import deciding
 from symstiff.report.tables import shift
-from symstiff.report.unnamed import device_text, explained, law_text
+from symstiff.report.unnamed import device_text, explained, law_text, place_text
 
 LOUDER = 1.08
 """Least residual over the stated sigma that is spoken of where nothing is missing."""
@@ -284,9 +284,7 @@ def _unexplained(finding: Finding) -> str:
         told = [named(name.effect, name.where) for name, _, _ in finding.last.leading]
         sets, verb = ", ".join(told), "account" if len(told) > 1 else "accounts"
         text = f"{sets[:1].upper()}{sets[1:]} {verb} for the data, but a law without a name does so as well"
-    things = ("reading", "force", "measuring", "order", "foot", "flange", "robot")
-    the = "the " if accused.startswith(things) else ""
-    text += f"; the evidence is strongest at {the}{accused}" if accused else ""
+    text += f"; the evidence is strongest at {place_text(accused)}" if accused else ""
     if finding.last.device_law is not None:
         text += f", where {device_text(finding.last.device_law)}"
     law = finding.last.law
