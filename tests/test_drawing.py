@@ -87,7 +87,7 @@ def test_a_marker_elsewhere_is_what_it_does_in_the_simulator() -> None:
     view = look(load("ur10"), table)
     name, at, by = view.table.points[1], view.table.point[view.state] == 1, [3e-3, -1e-3, 2e-3]
     laws = {x.title: x for x in drawing_laws(Situation(view, Laws(view, terms, values)))}
-    law = laws[f"correction of {name}"]
+    law = laws[f"correction of marker {name}"]
     moved = to_table(load("ur10"))
     moved["marker"][0]["xyz"] = [
         float(x) + d for x, d in zip(load("ur10").marker_position(name), by, strict=True)

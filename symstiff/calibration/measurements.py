@@ -87,6 +87,11 @@ class Measurements:
         return np.asarray(np.unique(keys, axis=0, return_inverse=True)[1]).ravel()
 
     @property
+    def clock(self) -> Floats:
+        """(M,) when each row was measured: by time where all tell it [s], else in the order of the rows."""
+        return self.time if np.isfinite(self.time).all() else np.arange(len(self), dtype=float)
+
+    @property
     def dof(self) -> int:
         """Number of joint columns n."""
         return int(self.q.shape[1])

@@ -11,7 +11,6 @@ import numpy as np
 
 from symstiff.calibration.experiment.situation import Situation, View, has_weights, under_weights
 from symstiff.calibration.loading import load_factor
-from symstiff.calibration.measurements import Measurements
 from symstiff.discrepancy.drawing import drawing_laws
 from symstiff.discrepancy.posture import posture_laws
 from symstiff.discrepancy.problem import Array, DeviceLaw, Parameter
@@ -63,6 +62,7 @@ def _found(situation: Situation) -> tuple[DeviceLaw, ...]:
     view = situation.view
     found = [
         *_gains(situation),
+        *_loads_of_poses(situation),
         *_strains(situation),
         *sensor_laws(situation),
         *_markers(view),
@@ -77,10 +77,7 @@ def _found(situation: Situation) -> tuple[DeviceLaw, ...]:
 
 
 def _gains(situation: Situation) -> Iterator[DeviceLaw]:
-    """Force sensor and measuring device that read one axis too large, the more the larger the load is.
-
-    And loads of one pose that are not those of the table.
-    """
+    """Force sensor and measuring device that read one axis too large, the more the larger the load is."""
     view = situation.view
     places = {f"{SENSOR} axis {c}": (VirtualJoint("load", 0, c), w(c)) for c in AXES}
     places |= {
@@ -91,12 +88,6 @@ def _gains(situation: Situation) -> Iterator[DeviceLaw]:
     gain, grown = (Parameter("gain", "%"),), (Parameter("gain*load", "%"),)
     share, branch = np.abs(load_factor(view.table))[view.state], view.table.branch[view.state]
     every = block[:, : len(AXES)].sum(axis=1)
-    for number in np.unique(view.table.pose):
-        own = (view.table.pose == number)[view.state]
-        differs = (Parameter("load that differs", "%"),)
-        yield DeviceLaw(
-            f"pose {view.table.labels[number]}", "load that differs", differs, (own * every)[:, None]
-        )
     for name, column in zip(places, block.T, strict=True):
         yield DeviceLaw(name, "gain", gain, column[:, None])
     if np.ptp(branch) > 0:
@@ -106,6 +97,16 @@ def _gains(situation: Situation) -> Iterator[DeviceLaw]:
         for name, column in zip(places, block.T, strict=True):
             yield DeviceLaw(name, "gain*load", grown, (share * column)[:, None])
         yield DeviceLaw(SENSOR, "gain*load", grown, (share * every)[:, None])
+
+
+def _loads_of_poses(situation: Situation) -> Iterator[DeviceLaw]:
+    """A pose whose loads are not those of the table: a weight that was not put on."""
+    view = situation.view
+    more = _PERCENT * situation.columns([Term("w", VirtualJoint("load", 0, c), w(c)) for c in AXES], ["w"])
+    title = "load that differs"
+    for number in np.unique(view.table.pose):
+        own = (view.table.pose == number)[view.state][:, None]
+        yield DeviceLaw(f"pose {view.table.labels[number]}", title, (Parameter(title, "%"),), own * more)
 
 
 def _strains(situation: Situation) -> Iterator[DeviceLaw]:
@@ -138,23 +139,25 @@ def _markers(view: View) -> Iterator[DeviceLaw]:
     turned[moved] = tool[view.state[moved], view.component[moved]]
     force = (_force(view) / max(float(np.max(np.abs(view.table.w[:, :3]), initial=0.0)), 1e-300))[view.state]
     in_tool = np.einsum("mrk,mr->mk", tool[view.state], force)
+    axes, by_force, by_gravity = (
+        list("xyz"),
+        *([f"{a} by {v}{b}" for a in "xyz" for b in "xyz"] for v in "fg"),
+    )
     laws = {
-        "shift with the load": share * fixed,
-        "shift with the load in the tool's axes": share * turned,
-        "shift the way of the force": force * fixed,
-        "shift by the force": _each(fixed, force),
-        "shift by the force in the tool's axes": _each(turned, in_tool),
+        "shift with the load": (axes, share * fixed),
+        "shift with the load in the tool's axes": (axes, share * turned),
+        "shift the way of the force": (axes, force * fixed),
+        "shift by the force": (by_force, _each(fixed, force)),
+        "shift by the force in the tool's axes": (by_force, _each(turned, in_tool)),
     }
     if view.table.kind == "absolute":
         down = -tool[view.state][:, 2]  # of the base's axes, in the tool's
-        sag = {"sag by the way of gravity in the tool's axes": _each(turned, down)}
-        laws = {"shift in the tool's axes": turned, **laws, **sag}
+        laws["shift in the tool's axes"] = (axes, turned)
+        laws["sag by the way of gravity in the tool's axes"] = (by_gravity, _each(turned, down))
     for k in np.unique(points):
         own = (points == k)[:, None]
-        for title, block in laws.items():
-            of = ("gx", "gy", "gz") if title.startswith("sag") else ("fx", "fy", "fz")
-            axes = "xyz" if block.shape[1] == 3 else [f"{a} by {f}" for a in "xyz" for f in of]
-            columns = tuple(Parameter(f"{title}: {axis}", "m") for axis in axes)
+        for title, (names, block) in laws.items():
+            columns = tuple(Parameter(f"{title}: {name}", "m") for name in names)
             yield DeviceLaw(f"marker {view.table.points[k]}", title, columns, own * block)
 
 
@@ -172,7 +175,7 @@ def _late(situation: Situation) -> Iterator[DeviceLaw]:
     table = view.table
     made = np.einsum("nrv,nv->nr", view.at_point, situation.laws(view.tau + view.more))
     before = np.zeros_like(made) if table.kind == "deflection" else made.copy()
-    clock = clock_of(table)
+    clock = table.clock
     for pose in np.unique(table.pose):
         for point in np.unique(table.point[table.pose == pose]):
             rows = np.flatnonzero((table.pose == pose) & (table.point == point))
@@ -218,7 +221,7 @@ def _slips(view: View) -> Iterator[DeviceLaw]:
 def _moved_once(situation: Situation) -> Iterator[DeviceLaw]:
     """Targets, or the device, that moved once and stayed there; a device also that turned."""
     view = situation.view
-    clock = clock_of(view.table)
+    clock = view.table.clock
     begin = np.sort([clock[view.table.pose == p].min() for p in np.unique(view.table.pose)])[1:]
     tool = view.turn @ view.found.R[:, -1]
     fixed = np.tile(np.eye(3), (len(clock), 1, 1))
@@ -299,11 +302,6 @@ def _bent(view: View) -> Iterator[DeviceLaw]:
     names = tuple(Parameter(f"vertical error by the place: {name}", "m") for name in (*"xyz", "distance^2"))
     columns = [_read(view, way[:, None] * view.turn[:, 2]) for way in ways]
     yield DeviceLaw(DEVICE, "vertical error by the place", names, np.column_stack(columns))
-
-
-def clock_of(table: Measurements) -> Array:
-    """(N,) when each row was measured: by time where it is told, else in the order of the rows."""
-    return table.time if np.isfinite(table.time).all() else np.arange(len(table), dtype=float)
 
 
 def _force(view: View) -> Array:

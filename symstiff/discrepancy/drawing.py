@@ -28,7 +28,7 @@ def drawing_laws(situation: Situation) -> Iterator[DeviceLaw]:
             title = f"correction of {name} of joint {joint}"
             yield DeviceLaw(f"{DRAWING} joint {joint}", title, (Parameter(title, unit),), column[:, None])
     for name, block in _markers(view, seen[:, 3:]):
-        title = f"correction of {name}"
+        title = f"correction of marker {name}"
         parameters = tuple(Parameter(f"{title}: {axis}", "m") for axis in "xyz")
         columns = np.column_stack([situation.rows(twist) for twist in block])
         if np.linalg.norm(columns) > _ROUNDING * largest:

@@ -172,8 +172,8 @@ def laws_at(problem: Problem, v: int) -> list[Law]:
     """The laws that compete at one virtual joint, simplest first: a few at a link's, all at an actuated joint's."""
     if problem.joint_of[v] >= 0:
         return every_law(problem, v)
-    rubbing = [law for law in _rubbing(problem, _load(problem, v).total) if law.text == ("branch*tau",)]
-    return [*_link_laws(problem, v), *_by(HISTORY, rubbing)]
+    in_proportion = _rubbing(problem, _load(problem, v).total)[:1]
+    return [*_link_laws(problem, v), *_by(HISTORY, in_proportion)]
 
 
 def every_law(problem: Problem, v: int) -> list[Law]:
@@ -227,15 +227,20 @@ def _laws_of_angle(problem: Problem, v: int) -> list[Law]:
             if n <= 2:
                 out.append(Law(text, values, own))
     mine = problem.joint_of[v]
-    if mine >= 0:
-        out += _soft_spots(problem.q[:, mine], mine + 1, t)
-        out += [] if problem.differences else _spots(problem.q[:, mine], mine + 1)
-        out += _linked(problem, mine, t)
-    if mine in problem.slides and not problem.differences:
-        out += _pitch(problem.q[:, mine], mine + 1)
-    elif mine >= 0 and not problem.differences:  # an encoder of another scale
-        out.append(Law((f"q{mine + 1}",), problem.q[:, mine][:, None]))
-    return out
+    if mine < 0:
+        return out
+    out += [*_soft_spots(problem.q[:, mine], mine + 1, t), *_linked(problem, mine, t)]
+    return (
+        out
+        if problem.differences
+        else [*out, *_misread(problem.q[:, mine], mine + 1, mine in problem.slides)]
+    )
+
+
+def _misread(own: Array, joint: int, slides: bool) -> list[Law]:
+    """A joint that is off near one of its angles, or by its encoder's scale; a slide by what repeats along it."""
+    further = _pitch(own, joint) if slides else [Law((f"q{joint}",), own[:, None])]
+    return [*_spots(own, joint), *further]
 
 
 _Series = Iterator[tuple[int, tuple[str, str], Array]]
@@ -375,10 +380,10 @@ def _laws_of_history(problem: Problem, v: int) -> list[Law]:
 
 
 def _rubbing(problem: Problem, t: Array) -> list[Law]:
-    """What the branch tells, with the load (M,) and without."""
+    """What the branch tells: in proportion to the load (M,), without it, and by its size."""
     if problem.branch is None or not np.ptp(problem.branch) > 0:
         return []
-    with_load = {"branch": np.ones_like(t), "branch*tau": t, "branch*|tau|": np.abs(t)}
+    with_load = {"branch*tau": t, "branch": np.ones_like(t), "branch*|tau|": np.abs(t)}
     return [Law((text,), (problem.branch * values)[:, None]) for text, values in with_load.items()]
 
 

@@ -1,4 +1,4 @@
-"""What no single virtual joint does by itself: joints that share a drive, links that other joints' angles soften."""
+"""What no virtual joint does by itself: drives that joints share, links that angles soften, mounts that harden."""
 
 from __future__ import annotations
 
@@ -21,29 +21,13 @@ _WRIST = 3
 
 
 def posture_laws(situation: Situation) -> Iterator[DeviceLaw]:
-    """Laws of two joints' loads, and of a link's load and a joint's angle; those without an influence are not left
-    out here.
+    """Laws of two joints' loads, of a link's load and a joint's angle, of a mount's whole load.
+
+    Those without an influence are not left out here.
     """
     yield from _shared_drives(situation)
     yield from _softened(situation)
     yield from _mounts(situation)
-
-
-def _mounts(situation: Situation) -> Iterator[DeviceLaw]:
-    """A floor or a tool's mount that gives way any way, the more the larger its moment is."""
-    view = situation.view
-    acting = view.tau + view.more
-    for i in (0, view.table.dof):
-        own = acting[:, 7 * i : 7 * i + 6]
-        size = np.linalg.norm(own[:, 3:], axis=1)
-        share = (size / max(float(size.max(initial=0.0)), 1e-300))[view.state]
-        J, tau = view.J[:, 7 * i : 7 * i + 6], own[view.state]
-        pairs = [(a, b) for a in range(6) for b in range(a, 6)]
-        title = "compliance that grows with the load"
-        names = tuple(Parameter(f"{title}: {a + 1}{b + 1}", _UNITS[a // 3 + b // 3]) for a, b in pairs)
-        columns = [J[:, a] * tau[:, b] + (J[:, b] * tau[:, a] if a != b else 0.0) for a, b in pairs]
-        if np.ptp(share) > 0:
-            yield DeviceLaw(f"link {i}", title, names, share[:, None] * np.column_stack(columns))
 
 
 def _shared_drives(situation: Situation) -> Iterator[DeviceLaw]:
@@ -87,3 +71,20 @@ def _shapes(q: Array, slides: bool) -> Iterator[tuple[tuple[str, str], tuple[Arr
     elif np.ptp(q) > 0:
         x = (2 * q - q.max() - q.min()) / np.ptp(q)
         yield ("linear over the way", "square over the way"), (x, x**2)
+
+
+def _mounts(situation: Situation) -> Iterator[DeviceLaw]:
+    """A floor or a tool's mount that gives way any way, the more the larger its moment is."""
+    view = situation.view
+    acting = view.tau + view.more
+    for i in (0, view.table.dof):
+        own = acting[:, 7 * i : 7 * i + 6]
+        size = np.linalg.norm(own[:, 3:], axis=1)
+        share = (size / max(float(size.max(initial=0.0)), 1e-300))[view.state]
+        J, tau = view.J[:, 7 * i : 7 * i + 6], own[view.state]
+        pairs = [(a, b) for a in range(6) for b in range(a, 6)]
+        title = "compliance that grows with the load"
+        names = tuple(Parameter(f"{title}: {a + 1}{b + 1}", _UNITS[a // 3 + b // 3]) for a, b in pairs)
+        columns = [J[:, a] * tau[:, b] + (J[:, b] * tau[:, a] if a != b else 0.0) for a, b in pairs]
+        if np.ptp(share) > 0:
+            yield DeviceLaw(f"link {i}", title, names, share[:, None] * np.column_stack(columns))

@@ -9,7 +9,6 @@ import numpy as np
 from symstiff.calibration.experiment.situation import View
 from symstiff.calibration.measurements import Measurements
 from symstiff.calibration.remarks import of_sag
-from symstiff.discrepancy.devices import clock_of
 from symstiff.discrepancy.drawing import DRAWING
 from symstiff.discrepancy.finding import Found
 from symstiff.discrepancy.noise import CONTRADICTED, NoiseReport
@@ -255,25 +254,25 @@ def _of_succession(view: View, last: Diagnosis) -> list[str]:
     if last.verdict not in (UNEXPLAINED, INSUFFICIENT) or not last.growth:
         return []
     z = last.growth[-1].residual / last.noise.by_component()[view.component]
-    near, far = _products(view, z)
+    near, far = _alike(view, z)
     square = float(np.mean(z**2))
     if min(len(near), len(far)) < _PAIRS or square == 0.0:
         return []
-    alike = float(np.mean(near) - np.mean(far)) / square
-    if alike < _SUCCESSIVE * np.sqrt(1.0 / len(near) + 1.0 / len(far)):
+    correlation = float(np.mean(near) - np.mean(far)) / square
+    if correlation < _SUCCESSIVE * np.sqrt(1.0 / len(near) + 1.0 / len(far)):
         return []
     return [
-        f"readings that follow each other in a pose are alike (correlation {alike:.2f}), as a device that drifts, a "
-        "robot that creeps or a load that swings makes them: let it settle before reading, or take loads in another "
-        "order each time; laws of time and order, and other small ones, may stand for it"
+        f"readings that follow each other in a pose are alike (correlation {correlation:.2f}), as a device that "
+        "drifts, a robot that creeps or a load that swings makes them: let it settle before reading, or take loads in "
+        "another order each time; laws of time and order, and other small ones, may stand for it"
     ]
 
 
-def _products(view: View, z: Array) -> tuple[Array, Array]:
+def _alike(view: View, z: Array) -> tuple[Array, Array]:
     """Products of normed residuals (M,) of one component of one point in one pose: next to each other in time, and
     all others.
     """
-    table, clock = view.table, clock_of(view.table)[view.state]
+    table, clock = view.table, view.table.clock[view.state]
     label = np.column_stack([table.pose[view.state], table.point[view.state], view.component])
     series = np.unique(label, axis=0, return_inverse=True)[1].reshape(-1)
     near, far = [np.zeros(0)], [np.zeros(0)]
