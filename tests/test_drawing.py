@@ -116,5 +116,6 @@ def test_a_wrong_row_is_no_effect_of_the_catalogue(name: str, joint: int, parame
     assert law.terms[0][0] == f"correction of {parameter} of joint {joint}"
     assert law.terms[0][1] == pytest.approx(by, abs=0.2 * by + 3 * law.terms[0][2])
     assert any(
-        f"a correction of {parameter} of joint {joint} would explain most" in text for text in found.remarks
+        f"a correction of {parameter} of joint {joint} explains more than anything else" in text
+        for text in found.remarks
     )

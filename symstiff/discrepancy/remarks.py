@@ -291,8 +291,8 @@ def _of_drawing(last: Diagnosis) -> list[str]:
         return []
     title = law.terms[0][0].partition(":")[0]
     return [
-        f"a {title} would explain most: look at units, zeros and rows of the robot file, correct it and diagnose "
-        "again, or measure absolute positions, in which geometry has a name"
+        f"a {title} explains more than anything else: look at units, zeros and rows of the robot file, correct it and "
+        "diagnose again, or measure absolute positions, in which geometry has a name"
     ]
 
 
