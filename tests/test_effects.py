@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -21,12 +22,12 @@ from symstiff.effects.base import Effect, Scales
 from symstiff.errors import UserError
 from symstiff.model import StiffnessModel, joints_only, load_model
 from symstiff.reduction.reduce import reduce
-from symstiff.robot import load
+from symstiff.robot import Robot, load
 from symstiff.symbolic.algebras import NumpyAlgebra, evaluate_numpy
 from symstiff.symbolic.latex import letter
 from symstiff.symbolic.program import walk
 from symstiff.symbolic.reading import laws_latex
-from symstiff.symbolic.terms import q
+from symstiff.symbolic.terms import actuated_joint, q
 
 ALL = {
     "joint_compliance", "link_compliance", "link_asymmetry", "base_compliance", "tool_compliance",
@@ -178,21 +179,31 @@ def test_a_models_compliance_is_the_slope_of_its_deflection_without_load(name: s
     robot = load("ur10")
     plain = StiffnessModel.of(reduce(robot))
     angles = np.array([[0.3, -1.1, 0.9, 0.4, 0.7, 0.2]])
-    for where in catalogue()[name].places(robot)[1:3]:
-        shapes = catalogue()[name].shapes(robot, where, Scales())
-        model = plain.with_effect(EffectInstance(name, where, shapes[0] if shapes else {}))
+    context = dict.fromkeys(("time", "temperature", "branch"), 1.0)
+    for instance in of_all_shapes(name, robot):
+        model = plain.with_effect(instance)
         values = {n: 1e-8 * (1 + k % 3) for k, n in enumerate(model.parameters)}
         model = model.with_values(values | {p.name: p.typical for p in model.effect_parameters})
-        context = dict.fromkeys(("time", "temperature", "branch"), 1.0)
         known = {v.name: len(v.symbols) for v in model.compliance_program.inputs}
         inputs = {"context": np.ones((1, known["context"]))} if "context" in known else {}
         C = evaluate_numpy(model.compliance_program, p=model.vector(), q=angles, **inputs)["C"][0]
-        step = 1e-3 * np.eye(6)
+        step = 1e-5 * np.eye(6)
         ends = [
             [model.deflection(angles, s * w[None], context=context)[0] for w in step] for s in (1.0, -1.0)
         ]
-        slope = (np.array(ends[0]) - np.array(ends[1])).T / 2e-3
-        np.testing.assert_allclose(C, slope, atol=2e-6 * np.abs(slope).max())
+        slope = (np.array(ends[0]) - np.array(ends[1])).T / 2e-5
+        np.testing.assert_allclose(C, slope, atol=2e-6 * np.abs(slope).max(), err_msg=str(instance))
+
+
+def of_all_shapes(name: str, robot: Robot) -> Iterator[EffectInstance]:
+    """An effect at two of its places in the first of its shapes, and in all that it has under loads at one."""
+    effect = catalogue()[name]
+    places = effect.places(robot)
+    for where in places[1:3]:
+        yield EffectInstance(name, where, next(iter(effect.shapes(robot, where, Scales())), {}))
+    under_load = replace(SCALES, load={actuated_joint(j): 100.0 for j in range(1, robot.dof + 1)})
+    for shape in effect.shapes(robot, places[-1], under_load):
+        yield EffectInstance(name, places[-1], shape)
 
 
 def test_a_place_the_robot_does_not_have_is_refused() -> None:

@@ -18,7 +18,7 @@ from symstiff.errors import UserError
 from symstiff.model import StiffnessModel, joints_only
 from symstiff.robot import load
 from symstiff.symbolic.algebras import evaluate_numpy
-from symstiff.symbolic.terms import Term, VirtualJoint, actuated_joint, q, tau, up
+from symstiff.symbolic.terms import AXES, Term, VirtualJoint, actuated_joint, link_joint, q, tau, up
 
 ROBOT = "ur10"
 GEAR = actuated_joint(2)
@@ -65,6 +65,41 @@ def test_a_law_that_knows_the_vertical_is_code_that_passes_its_test(
         pytest.skip("no C compiler")
     made = generate(grown(monkeypatch, tau(GEAR) * up(3, 1)), tmp_path / "code")
     assert made.verification.selftest is not None
+
+
+ONE_WAY = {
+    "joints": (actuated_joint(2), actuated_joint(4)),
+    "link": (link_joint(3, AXES[1]), link_joint(3, AXES[5])),
+    "link, backwards": (link_joint(3, AXES[5]), link_joint(3, AXES[1])),
+}
+"""Where a law acts, and whose load it follows."""
+
+
+@pytest.mark.parametrize("place", ONE_WAY)
+def test_what_follows_anothers_load_one_way_has_a_stiffness_that_is_not_symmetric(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path, place: str
+) -> None:
+    """No spring does so, a plugin may."""
+    at, by = ONE_WAY[place]
+    model = grown(monkeypatch, 300 * tau(by), at)
+    angles = np.array([[0.3, -1.1, 0.9, 0.4, 0.7, 0.2]])
+    by_columns = model.deflection(angles, np.eye(6)).T
+    assert np.abs(by_columns - by_columns.T).max() > 0.1 * np.abs(by_columns).max()
+    C = evaluate_numpy(model.compliance_program, p=model.vector(), q=angles)["C"][0]
+    np.testing.assert_allclose(C, by_columns, atol=1e-12 * np.abs(by_columns).max())
+
+
+def test_code_of_a_stiffness_that_is_not_symmetric_passes_its_test_and_says_so(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    if find_compiler() is None:
+        pytest.skip("no C compiler")
+    model = grown(monkeypatch, tau(actuated_joint(4)))
+    soft = {f"c{j}": 1e-6 * j for j in range(1, 7)}
+    made = generate(model.with_values(dict(model.values) | soft), tmp_path / "code")
+    assert made.verification.selftest is not None
+    assert made.verification.bounds["stiffness"] < 1e-12
+    assert "K is not symmetric" in (tmp_path / "code" / "ur10.h").read_text()
 
 
 @pytest.mark.parametrize(

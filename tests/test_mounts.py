@@ -4,10 +4,13 @@ sag, gears of the wrist that saturate, weights that turn one joint alone."""
 from __future__ import annotations
 
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
 
+from symstiff.codegen.compiler import find_compiler
+from symstiff.codegen.generate import generate
 from symstiff.discrepancy.finding import Task
 from symstiff.discrepancy.laws import laws_at
 from symstiff.discrepancy.workflow import run
@@ -84,6 +87,18 @@ def test_a_coupling_that_saturates_counts_the_weight_that_the_file_tells(
     shape = {"saturation": 20.0, "weights": weights}
     terms = EffectInstance("wrist_coupling", {"joints": [5, 6]}, shape).realise(load(name)).terms
     assert ("q_3" in {str(s) for term in terms for s in term.factor.free_symbols}) == seen
+
+
+def test_code_of_a_coupling_that_saturates_under_unequal_weights_passes_its_test(tmp_path: Path) -> None:
+    """The steepnesses of the two laws differ without a load, so the stiffness matrix is not symmetric."""
+    if find_compiler() is None:
+        pytest.skip("no C compiler")
+    effect = EffectInstance("wrist_coupling", {"joints": [5, 6]}, {"saturation": 2.0})
+    model = complete("ur10").with_effect(effect)
+    values = {n: 1e-7 * (1 + k % 3) for k, n in enumerate(model.stiffness_parameters)}
+    made = generate(model.with_values(values | {"wrist_coupling_5_6_c": 6e-5}), tmp_path / "code")
+    assert made.verification.selftest is not None
+    assert "K is not symmetric" in (tmp_path / "code" / "ur10.h").read_text()
 
 
 def test_the_weight_of_a_link_and_a_wave_of_its_joint_are_twins_where_joints_alone_give_way() -> None:

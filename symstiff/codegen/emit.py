@@ -168,6 +168,7 @@ def _numbers(functions: Functions, options: Options) -> dict[str, Any]:
         "singular": literal(1e-5 if single else 1e-10),
         "largest_correction": literal(LARGEST_CORRECTION),
         "compliances_propagate": _compliances_propagate(functions),
+        "reciprocal": functions.reciprocal,
     }
 
 

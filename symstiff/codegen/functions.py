@@ -10,7 +10,7 @@ from symstiff.model import StiffnessModel
 from symstiff.reduction import reduce
 from symstiff.reduction.complete import known_values
 from symstiff.symbolic.algebras import count
-from symstiff.symbolic.program import Program
+from symstiff.symbolic.program import Emit, Program
 from symstiff.symbolic.programs import forward_program, jacobian_program
 
 
@@ -34,6 +34,12 @@ class Functions:
     def compliance(self) -> Program:
         """K_C⁻¹(p, q)."""
         return self.model.compliance_program
+
+    @cached_property
+    def reciprocal(self) -> bool:
+        """Whether K_C⁻¹ is symmetric: no virtual joint follows another's load more than that one follows its own."""
+        C = {s.index: s.expression for s in self.compliance.statements if isinstance(s, Emit)}
+        return all(C[6 * i + j] == C[6 * j + i] for i in range(6) for j in range(i))
 
     @cached_property
     def jacobian(self) -> Program:

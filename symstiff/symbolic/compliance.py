@@ -25,7 +25,10 @@ from symstiff.symbolic.terms import AXES, Term, VirtualJoint, actuated_joint, li
 
 
 def compliance_program(chain: ElasticChain, terms: Sequence[Term], parameters: Sequence[str]) -> Program:
-    """Cartesian compliance K_C⁻¹ = J_θ·k·J_θᵀ at small load (seed eq. 2), 6 × 6 row-major ``C``, by recursion."""
+    """Cartesian compliance K_C⁻¹ = J_θ·k·J_θᵀ at small load (seed eq. 2), 6 × 6 row-major ``C``, by recursion.
+
+    It is symmetric where any two virtual joints give way to each other's loads alike, as springs do.
+    """
     b = Builder("compliance", (p_vector(parameters), q_vector(chain), *context_vector(terms)))
     laws = Laws(tuple(terms))
     passes = Passes.start(chain, b)
@@ -44,12 +47,13 @@ def compliance_program(chain: ElasticChain, terms: Sequence[Term], parameters: S
 
 
 def _crossed(chain: ElasticChain, b: Builder, laws: Laws, slope: _Slopes) -> sp.Matrix:
-    """Σ J_at·∂Δθ_at/∂τ_by·J_byᵀ over laws that follow the load of another body's virtual joint."""
+    """Σ J_at·∂Δθ_at/∂τ_by·J_byᵀ over laws that follow another virtual joint's load and that ``_local`` leaves out."""
     slopes = {
         (at, by): slope(at, by)
         for at in chain.virtual_joints
         for by in chain.virtual_joints
-        if (at.kind, at.body) != (by.kind, by.body) and laws.at(at).has(tau(by))
+        if laws.at(at).has(tau(by))
+        and ((at.kind, at.body) != (by.kind, by.body) or slope(at, by) != slope(by, at))
     }
     total = sp.zeros(6, 6)
     if any(value != 0 for value in slopes.values()):
@@ -91,9 +95,14 @@ class _Slopes:
             return sp.S.Zero
         return bound(self.b, slope, self.ups)
 
+    def mutual(self, at: VirtualJoint, by: VirtualJoint) -> sp.Expr:
+        """∂Δθ_at/∂τ_by where it is ∂Δθ_by/∂τ_at, else none."""
+        slope = self(at, by)
+        return slope if at == by or slope == self(by, at) else sp.S.Zero
+
 
 def _local(passes: Passes, slope: _Slopes, i: int) -> list[list[sp.Expr]]:
-    """Link i's compliance in the axes of DH frame i."""
+    """Link i's compliance in the axes of DH frame i: what its springs have from each other alike."""
     joints = [link_joint(i, a) for a in AXES]
-    springs = [[slope(at, by) for by in joints] for at in joints]
+    springs = [[slope.mutual(at, by) for by in joints] for at in joints]
     return _congruent(springs, lambda twist: passes.spring(i, _joined(twist)))
