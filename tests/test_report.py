@@ -240,6 +240,12 @@ def test_what_has_no_name_is_shown_where_it_sits_with_a_fitted_expression(unexpl
     assert "Δθ/τ" in part  # stiffness against the angle: what a person recognises
 
 
+def test_what_is_left_is_what_the_last_model_leaves(unexplained: Finding) -> None:
+    """A joints-only start that the complete model took the place of left more."""
+    climbed = replace(unexplained, rms=replace(unexplained.rms, before=100 * unexplained.rms.before))
+    assert sentence(climbed) == sentence(unexplained)
+
+
 def test_a_law_elsewhere_is_said_to_be_elsewhere(unexplained: Finding) -> None:
     law, where = unexplained.last.law, unexplained.last.localisation
     assert law is not None

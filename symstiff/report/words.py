@@ -232,7 +232,7 @@ def _nothing(finding: Finding) -> str:
     r = finding.rms
     tested = sum(c.testable for c in finding.candidates)
     return (
-        f"The model accounts for the data: {size(r.before, finding)} rms per coordinate is left, the noise is "
+        f"The model accounts for the data: {size(r.after, finding)} rms per coordinate is left, the noise is "
         f"{size(r.noise, finding)} ({p_equals(finding.first.p_missing)} that anything of the catalogue is missing; "
         f"{tested} of {len(finding.candidates)} effects at their places could be tested)."
     )
@@ -275,7 +275,7 @@ def _insufficient(finding: Finding) -> str:
 def _unexplained(finding: Finding) -> str:
     if finding.last.against_sigma:
         return (
-            f"No test finds anything missing, and {finding.reason} (residual {size(finding.rms.before, finding)} rms "
+            f"No test finds anything missing, and {finding.reason} (residual {size(finding.rms.after, finding)} rms "
             f"per coordinate, noise as stated {size(finding.last.noise.stated, finding)}): check the stated sigma."
         )
     accused = finding.last.localisation.accused if finding.last.localisation else ""
@@ -298,4 +298,4 @@ def _unexplained(finding: Finding) -> str:
             f"{where} the smooth law {shift(finding, law.virtual_joint)} = {law_text(finding, law)} explains "
             + explained(law)
         )
-    return f"{text} (residual {size(finding.rms.before, finding)} rms per coordinate, {_noise(finding)})."
+    return f"{text} (residual {size(finding.rms.after, finding)} rms per coordinate, {_noise(finding)})."
