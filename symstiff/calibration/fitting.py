@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -37,31 +37,48 @@ class Fitted:
     settled: bool = True
 
 
-def fit_model(model: StiffnessModel, table: Measurements, *, robust: bool = False) -> Fitted:
-    """Fit all parameters jointly; Gauss–Newton with damped steps where the model is not linear in them."""
+def fit_model(
+    model: StiffnessModel, table: Measurements, *, robust: bool = False, held: Collection[str] = ()
+) -> Fitted:
+    """Fit all parameters jointly; Gauss–Newton with damped steps where the model is not linear in them.
+
+    ``held``: parameters that keep the model's values, zero where it has none.
+    """
     if model.is_linear:
-        return _linearised(model, table, model.values, robust)
+        return _linearised(model, table, model.values, robust, held)
     values = dict(model.values)
     if robust:
-        values |= _without_load_errors(model, table)
+        values |= _without_load_errors(model, table, held)
     for _ in range(_ROUNDS):
-        found = _linearised(model, table, values, robust)
+        found = _linearised(model, table, values, robust, held)
         fit, e = found.estimate, found.equations
-        step = fit.values - model.vector(values)
+        step = fit.values - _of(fit, values)
         moved = np.abs(step / np.where(fit.std > 0, fit.std, 1.0)).max(initial=0.0)
         if moved < _SETTLED or np.abs(e.A @ step).max() < _EXACT * np.abs(e.y).max():
             return found
         values = _downhill(model, table, values, found)
-    return replace(found, estimate=_at(fit, model.vector(values)), settled=False)
+    return replace(found, estimate=_at(fit, _of(fit, values)), settled=False)
+
+
+def _of(fit: Estimate, values: Mapping[str, float]) -> np.ndarray:
+    """Values of a fit's parameters, in order."""
+    return np.array([values.get(n, 0.0) for n in fit.names])
 
 
 def _linearised(
-    model: StiffnessModel, table: Measurements, values: Mapping[str, float], robust: bool
+    model: StiffnessModel,
+    table: Measurements,
+    values: Mapping[str, float],
+    robust: bool,
+    held: Collection[str],
 ) -> Fitted:
-    """The fit of the equations at these values."""
+    """The fit of the equations at these values, of the parameters that are not held there."""
     e = equations(model, table, values)
-    e = replace(e, A=without_rounding(e.A, _sizes(model, table, values)))
-    return _fit(e, table, model.parameters, [model.units[n] for n in model.parameters], robust)
+    free = np.array([n not in held for n in model.parameters])
+    names = tuple(n for n in model.parameters if n not in held)
+    A = without_rounding(e.A[:, free], _sizes(model, table, values)[free])
+    y = e.y - e.A[:, ~free] @ model.vector(values)[~free]
+    return _fit(replace(e, A=A, y=y), table, names, [model.units[n] for n in names], robust)
 
 
 def _fit(e: Equations, table: Measurements, names: tuple[str, ...], units: list[str], robust: bool) -> Fitted:
@@ -91,19 +108,16 @@ def _sizes(model: StiffnessModel, table: Measurements, values: Mapping[str, floa
     return steps_at(model, moved, model.vector(values))
 
 
-def _without_load_errors(model: StiffnessModel, table: Measurements) -> dict[str, float]:
+def _without_load_errors(
+    model: StiffnessModel, table: Measurements, held: Collection[str]
+) -> dict[str, float]:
     """Huber's fit of what the model is linear in, errors of the load and the device as they are: where to begin.
 
     Beside a bad pose the first round of a joint fit may lead far away.
     """
-    held = {t.parameter for t in model.terms if bilinear(t)}
-    free = np.array([n not in held for n in model.parameters])
-    names = tuple(n for n in model.parameters if n not in held)
-    e = equations(model, table)
-    A = without_rounding(e.A[:, free], np.array([model.steps[n] for n in names]))
-    y = e.y - e.A[:, ~free] @ model.vector()[~free]
-    fit = _fit(replace(e, A=A, y=y), table, names, [model.units[n] for n in names], True).estimate
-    known = zip(names, fit.values, fit.std, strict=True)
+    errors = {t.parameter for t in model.terms if bilinear(t)}
+    fit = _linearised(model, table, model.values, True, errors.union(held)).estimate
+    known = zip(fit.names, fit.values, fit.std, strict=True)
     return {n: float(v) for n, v, std in known if np.isfinite(std)}
 
 
@@ -111,11 +125,12 @@ def _downhill(
     model: StiffnessModel, table: Measurements, values: Mapping[str, float], found: Fitted
 ) -> dict[str, float]:
     """The values after the whole step, or a half of it, a quarter, …: the first that fits better than those before."""
-    e, start = found.equations, model.vector(values)
+    e, fit = found.equations, found.estimate
+    start = _of(fit, values)
     now = _loss(e.y - e.A @ start, found)
     for share in 0.5 ** np.arange(_HALVINGS):
-        p = start + share * (found.estimate.values - start)
-        after = dict(zip(model.parameters, p.tolist(), strict=True))
+        p = start + share * (fit.values - start)
+        after = {**values, **dict(zip(fit.names, p.tolist(), strict=True))}
         left = table.values - predict(model, table, after)
         if _loss(left[e.row, e.component], found) <= now:
             break

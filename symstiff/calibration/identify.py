@@ -15,19 +15,21 @@ from symstiff.calibration.checks import check_measured, without_copies, without_
 from symstiff.calibration.constrained import ConstrainedEstimate, constrain
 from symstiff.calibration.estimate import Estimate
 from symstiff.calibration.experiment.readings import ExperimentClass, experiment_of
-from symstiff.calibration.fitting import fit_model
+from symstiff.calibration.fitting import Fitted, fit_model
 from symstiff.calibration.kept import completed, seen_in
 from symstiff.calibration.levels import by_level
 from symstiff.calibration.loading import as_loading
 from symstiff.calibration.markers import left_of_deflections, marker_hint
 from symstiff.calibration.measurements import Measurements
 from symstiff.calibration.point import find_point
+from symstiff.calibration.redundant import redundant
 from symstiff.calibration.remarks import (
     axis_remarks,
     beside_geometry,
     explained,
     fits,
     of_loads,
+    of_redundant,
     of_sag,
     repeated,
     settled,
@@ -45,6 +47,7 @@ from symstiff.calibration.soundness import (
     usable_model,
 )
 from symstiff.calibration.table import check_robot
+from symstiff.display import few
 from symstiff.effects.registry import find
 from symstiff.errors import UserError, printable
 from symstiff.model import StiffnessModel, joints_only
@@ -185,15 +188,17 @@ def identify(
     if table.kind == "absolute":
         return _from_absolute(model, told, reduction, table, remarks)
     train, validation = _split(table, held_out, seed)
-    found = fit_model(model, train, robust=robust)
+    found, held = _fit(model, train, robust=robust, physical=physical, reduced=reduction is not None)
+    remarks += [of_redundant(held, model)] if held else []
     fitted, e = found.estimate, found.equations
     exchanged = marker_hint(train.points, left_of_deflections(model, train))
-    remarks += [exchanged] if exchanged else axis_remarks(model, train, e)
+    remarks += [exchanged] if exchanged else axis_remarks(fitted.names, train, e)
     slides = [i for i, joint in enumerate(robot.joint, start=1) if joint.prismatic]
     unread = [name for k, name in enumerate(("dx", "dy", "dz")) if not train.measured[:, k].any()]
     check_determined(fitted.rank, fitted.names, len(e.y), doubts, slides, unread)
     behind = _reduced_to(model, experiment) if physical and reduction is None else reduction
     values, constrained = _values(fitted, behind, physical)
+    values |= {n: model.values.get(n, 0.0) for n in held}
     model = model.with_values(values, _finite(dict(zip(fitted.names, fitted.std.tolist(), strict=True))))
     training = residual_table(_measured(train), predict(model, train))
     remarks += [*settled(found), *explained(training), *fits(fitted, e), *unlike_file(model, robot)]
@@ -210,6 +215,22 @@ def identify(
         train,
         validation,
     )
+
+
+def _fit(
+    model: StiffnessModel, table: Measurements, *, robust: bool, physical: bool, reduced: bool
+) -> tuple[Fitted, tuple[str, ...]]:
+    """The fit, and the parameters that keep their values: in a grown model, what nothing tells from the others."""
+    found = fit_model(model, table, robust=robust)
+    held = () if reduced or found.estimate.rank.full else tuple(redundant(model, table))
+    if not held:
+        return found, ()
+    if physical:
+        raise UserError(
+            f"--physical: no poses and loads tell {few(held)} from the start model's other parameters: start from "
+            "complete, which is reduced, or leave --physical out"
+        )
+    return fit_model(model, table, robust=robust, held=held), held
 
 
 def _refuse_rows(model: StiffnessModel) -> None:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Collection, Sequence
+
 import numpy as np
 import scipy.stats
 
@@ -15,6 +17,7 @@ from symstiff.calibration.residuals import ResidualTable
 from symstiff.calibration.rows import Equations, weights
 from symstiff.calibration.shared import SharedError
 from symstiff.calibration.soundness import check_loads, check_poses
+from symstiff.display import few
 from symstiff.model import StiffnessModel
 from symstiff.robot.schema import Robot
 
@@ -127,7 +130,14 @@ def repeated(table: Measurements) -> list[str]:
     )
 
 
-def axis_remarks(model: StiffnessModel, table: Measurements, e: Equations) -> list[str]:
+def of_redundant(held: Collection[str], model: StiffnessModel) -> str:
+    """What parameters keep, which no poses and loads tell from the others."""
+    shown = few([f"{n} = {model.values.get(n, 0.0):.3g}" for n in held])
+    be, them = ("is", "it") if len(held) == 1 else ("are", "them")
+    return f"{shown} {be} kept: no poses and loads of this kind tell {them} from the model's other parameters"
+
+
+def axis_remarks(names: Sequence[str], table: Measurements, e: Equations) -> list[str]:
     """A hint where another assignment of the measured axes would fit far better."""
     whole: np.ndarray = np.all(table.measured[:, :3], axis=1)
     if not whole.any():
@@ -136,7 +146,7 @@ def axis_remarks(model: StiffnessModel, table: Measurements, e: Equations) -> li
     whole &= np.cumsum(whole) % thin == 0
     keep = np.flatnonzero(whole[e.row] & (e.component < 3))
     order = keep[np.lexsort((e.component[keep], e.row[keep]))]
-    positive = [_cannot_be_negative(name) for name in model.parameters]
+    positive = [_cannot_be_negative(name) for name in names]
     hint = axis_hint_refit(e.A[order], table.values[whole][:, :3], None, positive, table.w[whole][:, :3])
     return [str(hint)] if hint is not None else []
 

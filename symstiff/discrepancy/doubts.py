@@ -32,7 +32,7 @@ def doubted(model: StiffnessModel, table: Measurements) -> str:
         return _misplaced(model, table)
     if not any(not p.is_joint for p in model.compliances):
         return ""
-    hints = axis_remarks(model, table, equations(model, table))
+    hints = axis_remarks(model.parameters, table, equations(model, table))
     return f"{hints[0]}: correct the table, or the signs of its loads" if hints else ""
 
 

@@ -21,6 +21,7 @@ from symstiff.calibration.kept import seen_in
 from symstiff.calibration.loading import as_loading
 from symstiff.calibration.measurements import Measurements
 from symstiff.calibration.point import find_point
+from symstiff.calibration.redundant import redundant
 from symstiff.calibration.soundness import outside_class, outside_fixed
 from symstiff.discrepancy.assemble import Assembly, added_loads, assemble
 from symstiff.discrepancy.climb import leaves_less, links_of, wider_model
@@ -42,6 +43,7 @@ from symstiff.display import few
 from symstiff.effects.instance import EffectInstance
 from symstiff.model import StiffnessModel
 from symstiff.reduction.remarks import reduction_remarks
+from symstiff.reduction.structural import Couplings
 from symstiff.threads import one_thread
 
 Tell = Callable[[str], None]
@@ -174,8 +176,12 @@ def _finding(
         verdict, reason = NAMED, "the links give way; beyond the complete model no test rejects"
     testable = verdict != UNTESTABLE
     remarks = [*remarks, *remarked(assembly.situation.view, last)]
+    held = _redundant(task, start, table)
+    own = len(start.parameters) - len(held)
     remarks += _hidden(after, base) or (
-        _undetermined(base, assembly, last) if last.growth else _left_at_zero(after)
+        _undetermined(base, assembly, last, after, held if base is start else {})
+        if last.growth
+        else _left_at_zero(after)
     )
     if last.rms.unconfirmed:
         named = tuple(replace(e, confidence=min(e.confidence, _UNCONFIRMED)) for e in named)
@@ -205,7 +211,8 @@ def _finding(
     return Finding(
         task, table, before, after, told, first, last, assembly, verdict if testable else UNEXPLAINED, testable, reason,
         counted, tuple(e for e in named if e not in counted),
-        _steps(first, last, start, base, before, bool(climbed)), _rms(first, last), tuple(remarks),
+        _steps(first, last, own, own if base is start else len(base.parameters), before, bool(climbed)),
+        _rms(first, last), tuple(remarks),
     )  # fmt: skip
 
 
@@ -248,8 +255,10 @@ def _hidden(fitted: Fitted, base: StiffnessModel) -> list[str]:
     ]
 
 
-def _undetermined(model: StiffnessModel, assembly: Assembly, last: Diagnosis) -> list[str]:
-    """A remark on parameters of the start model that the data do not determine."""
+def _undetermined(
+    model: StiffnessModel, assembly: Assembly, last: Diagnosis, fitted: Fitted, held: Couplings
+) -> list[str]:
+    """Remarks on parameters of the start model that the data do not determine; ``held``: nor do any others."""
     known = {
         name for name, std in zip(assembly.names, last.growth[0].model_std, strict=False) if np.isfinite(std)
     }
@@ -257,10 +266,29 @@ def _undetermined(model: StiffnessModel, assembly: Assembly, last: Diagnosis) ->
     open_ones = [n for n in model.parameters if n not in known | nominal]
     if not open_ones:
         return []
-    return [
-        f"{len(open_ones)} of the start model's {len(model.parameters)} parameters are not determined by these data "
-        f"({few(open_ones, 4)}): more poses, or loads in more directions, would show more"
-    ]
+    sums = {*held, *(n for row in held.values() for n in row)}
+    zero = [n for n in fitted.absorbed if n in sums]
+    more = [n for n in open_ones if n not in sums]
+    remarks = []
+    if zero:
+        be, them = ("is", "it") if len(zero) == 1 else ("are", "them")
+        remarks.append(
+            f"{few(zero, 4)} {be} zero: no poses and loads of this kind tell {them} from the start model's other "
+            "parameters, which bear what they would"
+        )
+    if more:
+        remarks.append(
+            f"{len(more)} of the start model's {len(model.parameters)} parameters are not determined by these data "
+            f"({few(more, 4)}): more poses, or loads in more directions, would show more"
+        )
+    return remarks
+
+
+def _redundant(task: Task, model: StiffnessModel, table: Measurements) -> Couplings:
+    """What no poses and loads tell apart in a start model that was not reduced here; positions have geometry beside."""
+    if task.start in ("complete", "joints") or table.kind != "deflection":
+        return {}
+    return redundant(model, table)
 
 
 def _as_identified(effect: Found, fitted: Fitted) -> Found:
@@ -275,20 +303,20 @@ def _as_identified(effect: Found, fitted: Fitted) -> Found:
 
 
 def _steps(
-    first: Diagnosis, last: Diagnosis, start: StiffnessModel, base: StiffnessModel, before: Fitted,
-    climbed: bool,
-) -> tuple[Rung, ...]:  # fmt: skip
+    first: Diagnosis, last: Diagnosis, own: int, most: int, before: Fitted, climbed: bool
+) -> tuple[Rung, ...]:
+    """``own``, ``most``: parameters of the start model, and of what took its place, that anything may tell apart."""
     if not last.growth:
-        return (Rung("start model", len(start.parameters), before.residual, first.strata, first.p_missing),)
+        return (Rung("start model", own, before.residual, first.strata, first.p_missing),)
     out = []
     if climbed:
         g = first.growth[0]
-        out.append(Rung("start model", len(start.parameters), g.residual, g.strata, first.p_missing))
+        out.append(Rung("start model", own, g.residual, g.strata, first.p_missing))
     for k, g in enumerate(last.growth):
         title = "start model" if g.added is None else f"+ {named_at(g.added.effect, g.added.where)}"
         if g.added is None and climbed:
             title = "complete model (all links elastic)"
-        count, p_left = len(base.parameters) + g.gained, last.p_missing if k == 0 else g.p_left
+        count, p_left = most + g.gained, last.p_missing if k == 0 else g.p_left
         out.append(Rung(title, count, g.residual, g.strata, p_left))
     return tuple(out)
 
