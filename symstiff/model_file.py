@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
-from pydantic import AfterValidator, BaseModel, ConfigDict, StrictInt, StrictStr, ValidationError
+from pydantic import AfterValidator, BaseModel, ConfigDict, StrictStr, ValidationError
 
 from symstiff.arguments import require_path
 from symstiff.effects.instance import EffectInstance
@@ -23,8 +23,16 @@ def _deviation(value: float) -> float:
     return value
 
 
+def _place(value: Any) -> Any:
+    several = value if isinstance(value, list) else [value]
+    numbers = (int, float) if isinstance(value, list) else (int,)
+    if not any(all(type(x) in kinds for x in several) for kinds in (numbers, (str,))):
+        raise UserError(f"expected a whole number, a name, or a list of numbers or names, found {value!r}")
+    return value
+
+
 Deviation = Annotated[Number, AfterValidator(_deviation)]
-Place = StrictInt | StrictStr | list[StrictInt] | list[StrictStr]
+Place = Annotated[Any, AfterValidator(_place)]
 
 
 class _Strict(BaseModel):

@@ -14,7 +14,7 @@ from symstiff.codegen.options import Options
 from symstiff.codegen.reference import cases, configurations, plausible_values
 from symstiff.compensation import compensate, compensate_online
 from symstiff.effects import EffectInstance
-from symstiff.model import StiffnessModel
+from symstiff.model import StiffnessModel, joints_only
 from symstiff.reduction import reduce
 from symstiff.robot import Robot, load
 from symstiff.robot.loading import parse
@@ -101,3 +101,61 @@ def test_a_robot_without_reach_is_tested_where_its_tool_turns() -> None:
     assert robot.reach == 0
     functions = Functions(StiffnessModel.of(reduce(robot, "wrench", "pose")))
     assert len({q for q, _ in configurations(functions, 3)}) == 3
+
+
+RAIL = """
+format = 1
+name = "rail5"
+[[joint]]
+type = "prismatic"
+a = 0.15
+alpha = "-pi/2"
+d = 0.2
+limits = [0, 0.8]
+[[joint]]
+a = 0.5
+alpha = 0
+d = 0.05
+[[joint]]
+a = 0.06
+alpha = "pi/2"
+d = 0
+[[joint]]
+a = 0
+alpha = "-pi/2"
+d = 0.4
+[[joint]]
+a = 0
+alpha = 0
+d = 0.1
+[tool]
+xyz = [0.03, 0.05, 0.12]
+rpy = [0.1, 0, 0.2]
+"""
+
+
+def of_joints(robot: Robot, effect: str, joint: int, shape: dict[str, float]) -> StiffnessModel:
+    """Compliant joints, and a law of one of them."""
+    model = joints_only(robot)
+    model = model.with_values({n: 1e-6 * k for k, n in enumerate(model.parameters, start=1)})
+    return model.with_effect(EffectInstance(effect, {"joint": joint}, shape))
+
+
+@pytest.mark.skipif(find_compiler() is None, reason="no C compiler")
+@pytest.mark.parametrize("joint", [3, 4, 5])
+def test_five_joints_give_no_stiffness_in_single_precision_either(joint: int, tmp_path: Path) -> None:
+    model = of_joints(parse(RAIL.encode()), "backlash", joint, {"width": 10.0})
+    found = cases(Functions(model), plausible_values(model), single=True)
+    assert [(c.K, c.condition) for c in found] == [(None, 0.0)] * len(found)
+    made = generate(model, tmp_path / "code", Options(precision="float", targets=("c",)))
+    assert made.verification.selftest is not None
+
+
+@pytest.mark.skipif(find_compiler() is None, reason="no C compiler")
+def test_turns_that_cancel_each_other_are_held_to_what_rounding_leaves_of_them(tmp_path: Path) -> None:
+    """A SCARA's axes are parallel: its one rotation is the difference of what joints turn."""
+    model = of_joints(load("scara"), "hysteresis", 4, {"width": 10.0})
+    found = cases(Functions(model), plausible_values(model), single=True)
+    assert max(c.sizes[1] / max(abs(float(x)) for x in c.dt[3:]) for c in found) > 10
+    made = generate(model, tmp_path / "code", Options(precision="float", targets=("c",)))
+    assert made.verification.selftest is not None

@@ -1156,22 +1156,37 @@ int kuka_kr270_forward(const double q[6], double T[4 * 4])
     return status;
 }
 
-/* One step of an elimination with row exchanges on (a | b); E_SINGULAR where the pivot nearly vanishes. */
-static int eliminated(double ab[6][12], int k, double smallest)
+/* One step of an elimination on (a | b), the greatest number that is left as pivot; order: of the columns of a.
+ * E_SINGULAR where the pivot nearly vanishes. */
+static int eliminated(double ab[6][12], int order[6], int k, double smallest)
 {
     int status = KUKA_KR270_E_SINGULAR;
-    int pivot = k;
+    int row = k;
+    int column = k;
     int i;
     int j;
-    for (i = k + 1; i < 6; ++i) {
-        pivot = (fabs(ab[i][k]) > fabs(ab[pivot][k])) ? i : pivot;
+    for (i = k; i < 6; ++i) {
+        for (j = k; j < 6; ++j) {
+            if (fabs(ab[i][j]) > fabs(ab[row][column])) {
+                row = i;
+                column = j;
+            }
+        }
     }
-    if (fabs(ab[pivot][k]) > smallest) {
+    if (fabs(ab[row][column]) > smallest) {
+        const int moved = order[k];
         status = KUKA_KR270_OK;
+        order[k] = order[column];
+        order[column] = moved;
+        for (i = 0; i < 6; ++i) {
+            const double x = ab[i][k];
+            ab[i][k] = ab[i][column];
+            ab[i][column] = x;
+        }
         for (j = 0; j < 12; ++j) {
             const double x = ab[k][j];
-            ab[k][j] = ab[pivot][j];
-            ab[pivot][j] = x;
+            ab[k][j] = ab[row][j];
+            ab[row][j] = x;
         }
         for (i = 0; i < 6; ++i) {
             const double factor = (i == k) ? 0.0 : (ab[i][k] / ab[k][k]);
@@ -1189,6 +1204,7 @@ static int inverted(double K[6 * 6])
     static const double turning[6] = { 1.0, 1.0, 1.0, 0.8263, 0.8263, 0.8263 };
     double ab[6][12];
     double largest = 0.0;
+    int order[6] = { 0, 1, 2, 3, 4, 5 };
     int status = KUKA_KR270_OK;
     int i;
     int j;
@@ -1200,12 +1216,18 @@ static int inverted(double K[6 * 6])
         }
     }
     for (i = 0; (i < 6) && (status == KUKA_KR270_OK); ++i) {
-        status = eliminated(ab, i, SINGULAR * largest);
+        status = eliminated(ab, order, i, SINGULAR * largest);
     }
     for (i = 0; (i < 6) && (status == KUKA_KR270_OK); ++i) {
         for (j = 0; j < 6; ++j) {
-            const double sum = (ab[i][6 + j] / ab[i][i]) + (ab[j][6 + i] / ab[j][j]);
-            K[(6 * i) + j] = 0.5 * sum * turning[i] * turning[j];
+            K[(6 * order[i]) + j] = (ab[i][6 + j] / ab[i][i]) * turning[order[i]] * turning[j];
+        }
+    }
+    for (i = 1; (i < 6) && (status == KUKA_KR270_OK); ++i) {
+        for (j = 0; j < i; ++j) {
+            const double mean = 0.5 * (K[(6 * i) + j] + K[(6 * j) + i]);
+            K[(6 * i) + j] = mean;
+            K[(6 * j) + i] = mean;
         }
     }
     return status;

@@ -338,7 +338,17 @@ def _selftest(functions: Functions, options: Options) -> dict[str, Any]:
     def members(c: Case) -> list[str]:
         condition = algebra.literal(round(c.condition) + 1.0 if c.K is not None else c.condition)
         default = () if overflows else (c.dt_default, c.default_sizes)
-        given = (c.q, c.w, c.dt, *default, *([c.A] if stiffness else []), c.J, c.T, c.K or [0.0] * 36)
+        given = (
+            c.q,
+            c.w,
+            c.dt,
+            c.sizes,
+            *default,
+            *([c.A] if stiffness else []),
+            c.J,
+            c.T,
+            c.K or [0.0] * 36,
+        )
         arrays = [literals(x) for x in given]
         expected = 1 if c.compensation is None else c.compensation
         return [*arrays, condition, literals(c.q_cmd), str(expected)]

@@ -37,8 +37,8 @@ class Case:
 
     K is None where the compliance has no inverse; condition is 0 there, and −1 where rounding decides whether it has.
     compensation: what ``compensate`` returns, None where rounding decides that; q_cmd is q where it is an error.
-    dt_default: the deflection by the model's own values; default_sizes: what it is added up from, translation and
-    rotation, so that values which cancel each other are held to what rounding leaves of them.
+    dt_default: the deflection dt by the model's own values. sizes, default_sizes: what these two are added up from,
+    translation and rotation, so that values which cancel each other are held to what rounding leaves of them.
     """
 
     q: tuple[float, ...]
@@ -52,6 +52,7 @@ class Case:
     condition: float
     q_cmd: list[Any]
     compensation: int | None
+    sizes: tuple[float, float]
     dt_default: list[Any]
     default_sizes: tuple[float, float]
 
@@ -143,7 +144,7 @@ def cases(
         C = _evaluated(functions.compliance, inputs, len(found))
         dt = _deflections(model, A, inputs)
         default = _deflections(model, A, inputs | {"p": [mpmath.mpf(x) for x in known.values()]})
-        sizes = _sizes(model, known, found)
+        sizes = np.stack([_sizes(model, v, found) for v in (values, known)], axis=1)
         return [
             _case(model, found[i], [list(x[i]) for x in (dt, A, J, T, C, default)], sizes[i], single)
             for i in range(len(found))
@@ -156,8 +157,8 @@ def _case(
     (q, w), (dt, A, J, T, C, default) = given, evaluated
     K, condition = _inverse(C, turning_length(model), 1e-4 if single else 1e-8)
     q_cmd, compensation = _compensated(q, J, dt, unit_length(model))
-    both = (float(f"{sizes[0]:.3g}"), float(f"{sizes[1]:.3g}"))  # the same on every machine
-    return Case(q, w, dt, A, J, T, C, K, condition, q_cmd, compensation, default, both)
+    own, by_default = ((float(f"{t:.3g}"), float(f"{r:.3g}")) for t, r in sizes)  # the same on every machine
+    return Case(q, w, dt, A, J, T, C, K, condition, q_cmd, compensation, own, default, by_default)
 
 
 def _deflections(model: StiffnessModel, A: np.ndarray, inputs: Mapping[str, Any]) -> np.ndarray:
@@ -173,7 +174,7 @@ def _sizes(model: StiffnessModel, values: Mapping[str, float], found: Sequence[I
     """Greatest sums, (N, 2), of what each parameter alone gives to translations and to rotations."""
     program, n, m = model.deflection_program, len(found), len(values)
     given = {
-        "p": np.tile(np.diag(list(values.values())), (n, 1)),
+        "p": np.tile(np.diag([values[name] for name in model.parameters]), (n, 1)),
         "q": np.repeat([q for q, _ in found], m, axis=0),
         "w": np.repeat([w for _, w in found], m, axis=0),
         "context": np.tile([x.tested for x in moments(model, program)], (n * m, 1)),

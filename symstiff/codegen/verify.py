@@ -172,12 +172,20 @@ def build_library(folder: Path, scratch: Path, name: str, compiler: Compiler) ->
     return _linked(scratch / f"lib{name}.so", _objects(folder, scratch, sources, compiler), compiler)
 
 
-def relative(x: Sequence[float] | np.ndarray, reference: Sequence[Any], blocks: Sequence[slice]) -> float:
-    """Greatest difference over the greatest reference value, block by block (translations, rotations)."""
+def relative(
+    x: Sequence[float] | np.ndarray,
+    reference: Sequence[Any],
+    blocks: Sequence[slice],
+    least: Sequence[float] = (),
+) -> float:
+    """Greatest difference over the greatest reference value, block by block (translations, rotations).
+
+    ``least``: sizes of the blocks that differences are relative to where these are more.
+    """
     a, b = np.asarray(x, float), np.array([float(v) for v in reference])
     worst = 0.0
-    for block in blocks:
-        size = np.abs(b[block]).max(initial=0.0)
+    for block, smallest in zip(blocks, least or [0.0] * len(blocks), strict=True):
+        size = np.abs(b[block]).max(initial=smallest)
         error = np.abs(a[block] - b[block]).max(initial=0.0)
         error = error if np.isfinite(error) else np.inf
         worst = max(worst, float(error / size) if size else float(error))
@@ -216,7 +224,7 @@ def c_errors(
     for case in found:
         q, w = (real * n)(*case.q), (real * 6)(*case.w)
         seen = {
-            "deflection": relative(called("deflection", 6, p, q, w), case.dt, TWIST),
+            "deflection": relative(called("deflection", 6, p, q, w), case.dt, TWIST, case.sizes),
             "jacobian": relative(called("jacobian", 6 * n, q), case.J, whole),
             "forward": relative(called("forward", 16, q), case.T, whole),
             "compensate": compensated(case, p, q, w),
@@ -265,12 +273,17 @@ def batch_errors(
         if status := getattr(loaded, f"{prefix}_{function}")(*arguments):
             raise RuntimeError(f"{prefix}_{function} returned error {status} at a regular pose")
 
-    def worst(results: Sequence[np.ndarray], expected: Sequence[list[Any]], blocks: Sequence[slice]) -> float:
-        return max(relative(x, y, blocks) for r in results for x, y in zip(r, expected, strict=True))
-
-    errors = {"deflection_batch": worst(layouts("deflection", 6, p), [c.dt for c in found], TWIST)}
+    moved = layouts("deflection", 6, p)
+    errors = {
+        "deflection_batch": max(
+            relative(x, c.dt, TWIST, c.sizes) for r in moved for x, c in zip(r, found, strict=True)
+        )
+    }
     if m:
-        errors["observation_batch"] = worst(layouts("observation", 6 * m), [c.A for c in found], _rows(m))
+        columns = layouts("observation", 6 * m)
+        errors["observation_batch"] = max(
+            relative(x, c.A, _rows(m)) for r in columns for x, c in zip(r, found, strict=True)
+        )
     return errors
 
 
@@ -315,5 +328,6 @@ def _casadi_error(
             given = {"p": model.vector(values), "q": c.q, "w": c.w, "context": moment}
             expected = {"dt": c.dt, "A": c.A, "J": c.J, "C": c.C, "T": c.T}[program.outputs[0][0]]
             result = np.array(function(*(given[v.name] for v in program.inputs))).ravel()
-            worst = max(worst, relative(result, expected, blocks.get(program.name, [slice(None)])))
+            least = c.sizes if program.name == "deflection" else ()
+            worst = max(worst, relative(result, expected, blocks.get(program.name, [slice(None)]), least))
     return worst
