@@ -74,6 +74,22 @@ def test_a_stopped_command_leaves_nothing_behind(tmp_path: Path, number: signal.
     assert list(tmp_path.iterdir()) == []
 
 
+def test_an_interrupt_that_an_import_makes_another_error_of_is_an_interrupt(tmp_path: Path) -> None:
+    """Libraries in C end their import with an ImportError."""
+    program = (
+        "import os, signal, sys\nsignal.signal(signal.SIGINT, signal.default_int_handler)\n"
+        "from symstiff.cli import main\nimport symstiff.codegen.generate as g\n"
+        "def importing(*_):\n    try:\n        os.kill(os.getpid(), signal.SIGINT)\n        sum(range(10**6))\n"
+        "    except KeyboardInterrupt:\n        pass\n    raise ImportError('failed to import')\n"
+        "g.write_tree = importing\nsys.argv = ['symstiff', 'generate', 'planar2r', '-o', 'out']\nmain()\n"
+    )
+    done = subprocess.run(
+        [sys.executable, "-c", program], cwd=tmp_path, capture_output=True, text=True, check=False
+    )
+    assert (done.returncode, done.stderr.strip()) == (130, "symstiff: interrupted")
+    assert list(tmp_path.iterdir()) == []
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize(
     ("arguments", "written"),

@@ -10,17 +10,19 @@ from pathlib import Path
 import mpmath
 import pytest
 
+from symstiff.codegen.compiler import find_compiler
 from symstiff.codegen.emit import emit_c
 from symstiff.codegen.footprint_machines import CORTEX_M4F
 from symstiff.codegen.functions import Functions
 from symstiff.codegen.generate import generate
 from symstiff.codegen.options import Options
 from symstiff.codegen.reference import cases, plausible_values
+from symstiff.codegen.text import CAlgebra
 from symstiff.codegen.verify import CONFIGURATIONS
 from symstiff.effects.instance import EffectInstance
 from symstiff.errors import UserError
 from symstiff.files import write_tree
-from symstiff.model import StiffnessModel
+from symstiff.model import StiffnessModel, joints_only
 from symstiff.reduction import reduce
 from symstiff.robot import load
 from symstiff.symbolic.algebras import evaluate_decimal
@@ -152,3 +154,21 @@ def test_single_precision_refuses_a_value_that_it_does_not_hold(functions):
     heavy = grown.with_values(dict(grown.values) | {"payload_error_payload_m": 1e60})
     with pytest.raises(UserError, match=r"payload_error_payload_m = 1e\+60 does not fit single precision"):
         emit_c(Functions(heavy), Options(targets=("c",), precision="float"))
+
+
+@pytest.mark.parametrize("power", [0.5, 1.0])
+def test_powers_of_the_weight_on_a_slide_are_within_single_precision(power: float, tmp_path) -> None:
+    """As products of powers of whole numbers their parts are not: SymPy takes fractions apart."""
+    if find_compiler() is None:
+        pytest.skip("no C compiler")
+    shape = {"width": 1.0, "load": 50.0, "power": power, "tapered_mass": 26.572050000000004}
+    model = joints_only(load("scara")).with_effect(EffectInstance("hysteresis", {"joint": 3}, shape))
+    made = generate(model, tmp_path / "code", Options(precision="float", targets=("c",)))
+    assert made.verification.selftest is not None
+    assert not re.search(r"\binff?\b", (tmp_path / "code" / "scara.c").read_text())
+
+
+def test_a_number_that_single_precision_lacks_is_refused() -> None:
+    assert CAlgebra(single=True).literal(3.4e38).endswith("f")
+    with pytest.raises(UserError, match=r"number 1e\+39, which does not fit single precision: use double"):
+        CAlgebra(single=True).literal(1e39)

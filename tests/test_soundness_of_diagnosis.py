@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
 
@@ -32,6 +33,7 @@ from symstiff.errors import UserError
 from symstiff.model import StiffnessModel
 from symstiff.reduction.reduce import reduce
 from symstiff.report import words
+from symstiff.report.folder import write_folder
 from symstiff.report.tables import moved
 from symstiff.robot import from_table, load
 from symstiff.robot.table import to_table
@@ -155,12 +157,15 @@ def test_shapes_are_told_with_units() -> None:
     assert numbers.percent(0.034) == "3.4 %"
 
 
-def test_deflections_of_the_wrong_sign_are_a_matter_of_the_table() -> None:
+def test_deflections_of_the_wrong_sign_are_a_matter_of_the_table(tmp_path: Path) -> None:
     table = measured(HARDENING)
     found = run(Task(load(ROBOT), replace(table, values=-table.values)))
     assert (found.verdict, found.testable) == ("unexplained", False)
     assert "the deflection axes look swapped: x = -x, y = -y" in found.reason
     assert not found.effects
+    code = write_folder(found, tmp_path / "out").verdict["code"]
+    assert code["text"] == "no code was written: model.toml is of a table that has to be corrected"
+    assert not (tmp_path / "out" / "code").exists()
 
 
 def test_joints_far_outside_their_limits_are_remarked() -> None:

@@ -13,6 +13,8 @@ from typing import Any
 from symstiff.cli.plain import PlainStream
 
 _INTERRUPTED, _CLOSED = 130, 141
+_interrupts: list[int] = []
+"""Interrupts of this run."""
 _FULL = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)
 
 
@@ -49,6 +51,9 @@ def _run() -> None:
     except Exception as error:
         if hasattr(error, "format_message"):
             raise SystemExit(_usage(error)) from None
+        if _interrupts:  # where a library in C is being imported it becomes an ImportError
+            print("symstiff: interrupted", file=sys.stderr)
+            raise SystemExit(_INTERRUPTED) from None
         import traceback
 
         if isinstance(error, OSError) and error.errno in _FULL:
@@ -87,6 +92,13 @@ def _prepare() -> None:
             setattr(sys, name, PlainStream(stream))
     if threading.current_thread() is threading.main_thread():
         signal.signal(signal.SIGTERM, _terminated)
+        if signal.getsignal(signal.SIGINT) is signal.default_int_handler:
+            signal.signal(signal.SIGINT, _interrupted)
+
+
+def _interrupted(number: int, frame: Any) -> None:
+    _interrupts.append(number)
+    signal.default_int_handler(number, frame)
 
 
 def _terminated(number: int, _: Any) -> None:

@@ -3,15 +3,18 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 import sympy as sp
 
+from symstiff.errors import UserError
 from symstiff.symbolic.program import Constant, Let, Program, Statement, evaluate
 
 _SUM, _PRODUCT, _ATOM = 1, 2, 3
+_DIGITS = 30
+_MOST_SINGLE = float(np.finfo(np.float32).max)
 _FUNCTIONS = {
     "sin": "sin", "cos": "cos", "tan": "tan", "tanh": "tanh", "exp": "exp", "log": "log", "sqrt": "sqrt",
     "Abs": "fabs", "atan": "atan", "asin": "asin", "acos": "acos", "atan2": "atan2",
@@ -37,7 +40,11 @@ class CAlgebra:
     single: bool = False
 
     def literal(self, value: float) -> str:
-        """A literal that reads back as the nearest number of the type."""
+        """A literal that reads back as the nearest number of the type. Raises UserError where that is infinite."""
+        if self.single and abs(value) > _MOST_SINGLE:
+            raise UserError(
+                f"the model holds the number {value:.3g}, which does not fit single precision: use double"
+            )
         text = str(np.float32(value)) if self.single else repr(float(value))
         if not any(c in text for c in ".en"):
             text += ".0"
@@ -131,8 +138,28 @@ def c_body(
         lines.append(f"{place} = {value.code};")
         return value
 
-    evaluate(program, names, algebra, visit)
+    evaluate(_folded(program), names, algebra, visit)
     return "\n".join(indent + line for line in lines)
+
+
+def _folded(program: Program) -> Program:
+    """The program with numbers for powers of numbers, which may be beyond the type where their product is not."""
+    return replace(
+        program, statements=tuple(replace(s, expression=_number(s.expression)) for s in program.statements)
+    )
+
+
+def _number(expression: sp.Expr) -> sp.Expr:
+    """An expression in which what is free of symbols beside a power of a number is one number."""
+    if not any(power.base.is_number for power in expression.atoms(sp.Pow)):
+        return expression
+    if expression.is_number:
+        return sp.N(expression, _DIGITS)
+    if expression.is_Mul:
+        known, rest = expression.as_independent(*expression.free_symbols)
+        if not known.is_Rational:
+            return sp.Mul(sp.N(known, _DIGITS), *map(_number, sp.Mul.make_args(rest)), evaluate=False)
+    return expression.func(*map(_number, expression.args), evaluate=False)
 
 
 def context_names(program: Program) -> list[str]:

@@ -13,6 +13,7 @@ from symstiff.calibration.markers import left_of_deflections, marker_hint
 from symstiff.calibration.measurements import Measurements
 from symstiff.calibration.remarks import axis_remarks
 from symstiff.calibration.rows import equations
+from symstiff.discrepancy.verdict import CORRECT
 from symstiff.model import StiffnessModel
 
 _PLACEMENT = 6
@@ -27,13 +28,13 @@ def doubted(model: StiffnessModel, table: Measurements) -> str:
     left = partial(_excess, model, table) if absolute else left_of_deflections(model, table)
     hint = marker_hint(table.points, left)
     if hint:
-        return f"{hint}: correct the column point"
+        return f"{hint}{CORRECT}column point"
     if absolute:
         return _misplaced(model, table)
     if not any(not p.is_joint for p in model.compliances):
         return ""
     hints = axis_remarks(model.parameters, table, equations(model, table))
-    return f"{hints[0]}: correct the table, or the signs of its loads" if hints else ""
+    return f"{hints[0]}{CORRECT}table, or the signs of its loads" if hints else ""
 
 
 def _excess(model: StiffnessModel, table: Measurements, names: tuple[str, ...]) -> tuple[float, int]:
@@ -52,5 +53,5 @@ def _misplaced(model: StiffnessModel, table: Measurements) -> str:
         return ""
     return (
         f"the robot of this file, placed as well as it can be, misses the measured positions by {1e3 * away:.0f} mm "
-        "rms: look at the units, order, signs and zeros of its joints, at axes and markers of the table, at the file"
+        f"rms{CORRECT}units, order, signs or zeros of its joints, axes or markers of the table, or the file"
     )

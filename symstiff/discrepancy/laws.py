@@ -23,8 +23,6 @@ _SHARP = 0.03
 """Load, as a share of the largest, over which a sign changes."""
 _LAGS = (0.01, 0.05, 0.25)
 """Time constants, as shares of the session, with which a joint without a name may follow its load."""
-_TOLD = 0.9
-"""Correlation of the order of the load cases with the load from which it says nothing of its own."""
 _SPOTS = 6
 """Widths of a spot that a joint's range holds."""
 _HALF_WAVES = 32
@@ -355,13 +353,21 @@ def _laws_of_clock(problem: Problem, v: int) -> list[Law]:
     return out
 
 
-def _order_of_loads(problem: Problem) -> Array | None:
-    """(M,) the place of a load case among those of its pose; None where it is told by the load."""
-    if np.ptp(problem.case) < 2 or problem.load is None:
-        return None
-    step = (problem.case - problem.case.mean()) / np.ptp(problem.case)
-    told = np.ptp(problem.load) > 0 and abs(np.corrcoef(step, np.abs(problem.load))[0, 1]) > _TOLD
-    return None if told else np.asarray(step)
+def _by_load_case(problem: Problem, v: int) -> list[Law]:
+    """A load by its place among those of its pose, from 0 to 1: what creeps gives way more under the later ones.
+
+    Where the links' weight is known, also under the whole of it, as after a move of the arm.
+    """
+    if np.ptp(problem.case) < 2:
+        return []
+    t, case = _load(problem, v), (problem.case - problem.case.min()) / np.ptp(problem.case)
+    loads = {"tau": t.total - t.before} | ({"(tau + weight)": t.total} if np.any(t.before) else {})
+    growing = {"load_case": case, "sqrt(load_case)": np.sqrt(case)}
+    return [
+        Law((f"{name}*{text}",), (load * g)[:, None], family="tau by load_case")
+        for name, load in loads.items()
+        for text, g in growing.items()
+    ]
 
 
 def _laws_of_history(problem: Problem, v: int) -> list[Law]:
@@ -373,10 +379,7 @@ def _laws_of_history(problem: Problem, v: int) -> list[Law]:
         Law((f"late(tau,{constant:g})",), _lagging(s, t, constant)[:, None], family="tau, late")
         for constant in _LAGS
     ]
-    order = _order_of_loads(problem)
-    if order is not None:
-        out.append(Law(("tau*load_case",), (t * order)[:, None]))
-    return [*out, *_rubbing(problem, t)]
+    return [*out, *_by_load_case(problem, v), *_rubbing(problem, t)]
 
 
 def _rubbing(problem: Problem, t: Array) -> list[Law]:

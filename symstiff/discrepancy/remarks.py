@@ -98,9 +98,7 @@ def _of_approach(table: Measurements, last: Diagnosis) -> list[str]:
         return []
     size = f"a pose's rows share an error {noise.approach / noise.sigma:.1f} times the noise"
     of_joints = " as joints make it that stand elsewhere" if noise.shared == JOINTS else ""
-    if noise.mostly_shared or (
-        noise.approach > NOTABLE * noise.sigma and (of_joints or table.kind == "absolute")
-    ):
+    if noise.mostly_shared or hiding(table, noise):
         return [f"{size}{of_joints}: {_why_shared(noise.anew)}"]
     if of_joints or table.kind == "absolute":
         return []
@@ -108,6 +106,12 @@ def _of_approach(table: Measurements, last: Diagnosis) -> list[str]:
         f"{size}, as one reading without load in each pose would make it: if every reading had its own, something may "
         "be missing that hides in it; loads both ways and more load levels would tell"
     ]
+
+
+def hiding(table: Measurements, noise: NoiseReport) -> bool:
+    """Whether a pose's rows share an error, beyond doubt, that is no reading without load: a law may hide in it."""
+    other = noise.shared == JOINTS or table.kind == "absolute"
+    return noise.approach_p < SURE and noise.approach > NOTABLE * noise.sigma and other
 
 
 def _why_shared(anew: float | None) -> str:

@@ -10,7 +10,7 @@ from symstiff.discrepancy.noise import NoiseReport
 from symstiff.discrepancy.problem import Array, Shape
 from symstiff.discrepancy.proof import HeldOut, closed
 from symstiff.discrepancy.strata import Stratum
-from symstiff.discrepancy.verdict import NO_TEST_NAMES
+from symstiff.discrepancy.verdict import CORRECT, NO_TEST_NAMES
 
 
 @dataclass(frozen=True)
@@ -150,6 +150,11 @@ class Diagnosis:
     confusability_names: tuple[Name, ...]
     leading: tuple[tuple[Name, Shape, Mapping[str, Estimate]], ...] = ()
     """The effects of the set that explains most, whether the verdict names it or not."""
+
+    @property
+    def doubtful(self) -> bool:
+        """Whether the table is to be corrected before anything can be said."""
+        return CORRECT in self.reason
 
     @property
     def against_sigma(self) -> bool:

@@ -27,6 +27,8 @@ AS_WELL = "it accounts for the data, and what has no name does so as well"
 REFUTED = "without some of the poses another effect is in front, and it does not predict them"
 """Reason for a verdict that names the leader as insufficient although it accounts for the data."""
 
+CORRECT = ": correct the "
+"""Between what is wrong with a table and what has to be corrected, in a reason."""
 NO_TEST_NAMES = "either that is too small, or something is missing that no test names"
 """End of the reason for a verdict that rests on the stated sigma alone."""
 

@@ -35,8 +35,11 @@ def deciding(decide: Mapping[str, Any]) -> str:
     """What decide.csv holds, in a sentence."""
     told = reached(decide)
     if not told:
-        return "No pose tells them apart under the loads of the data: other loads have to."
-    rest = "" if decides(decide) else ": other loads have to"
+        return (
+            "No pose tells them apart under the loads of the data: other loads may, if they are not one and the same "
+            "to the tool."
+        )
+    rest = "" if decides(decide) else ": more readings, other loads or another way to measure have to"
     return f"decide.csv holds the poses and loads that tell them apart best; they reach {told}{rest}."
 
 

@@ -66,6 +66,8 @@ def _code(finding: Finding, folder: Path) -> dict[str, Any]:
     """Regenerate the code; a model that no controller can evaluate gets none, with the reason."""
     from symstiff.codegen.generate import generate
 
+    if finding.last.doubtful:
+        return _no_code("no code was written: model.toml is of a table that has to be corrected", fault=False)
     absorbed = finding.grown.absorbed
     if absorbed and not (finding.testable and set(finding.grown.model.stiffness_parameters) - set(absorbed)):
         what = "the model" if not finding.testable else "any compliance"

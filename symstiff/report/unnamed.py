@@ -62,6 +62,7 @@ _WORDS = {
     r"\btime\b": "time running from 0 to 1 over the session",
     r"\border\b": "order running from 0 to 1 over the rows of the table",
     r"\bload_case\b": "load_case growing by 1 from the first load of a pose to the last",
+    r"\bweight\b": "weight the load of the links' own weight in the unit of t",
     r"\bbranch\b": "branch 1 where the load rises and −1 where it falls",
     r"\btemperature\b": "temperature running from 0 at the lowest to 1 at the highest",
 }

@@ -8,7 +8,7 @@ from typing import Any
 
 from symstiff.discrepancy.finding import Finding, Found
 from symstiff.discrepancy.numbers import milli, number, p_equals, quantity
-from symstiff.discrepancy.remarks import FEW
+from symstiff.discrepancy.remarks import FEW, hiding
 from symstiff.discrepancy.result import Name
 from symstiff.discrepancy.speech import named, place, spoken
 from symstiff.discrepancy.verdict import AS_WELL, INSUFFICIENT, NOT_ALONE, REFUTED
@@ -34,6 +34,8 @@ def _nothing_missing(finding: Finding) -> str:
         return "Nothing found missing; the noise is larger than stated"
     if noise.mostly_shared:
         return "Nothing found missing; what a pose's rows share is more than noise"
+    if hiding(finding.table, noise):
+        return "Nothing found missing; something may hide in an error that a pose's rows share"
     if noise.degrees_of_freedom < FEW:
         return "Nothing found missing, in few data"
     return "Nothing is missing"
@@ -264,7 +266,9 @@ def _ambiguous(finding: Finding) -> str:
 
 
 def _insufficient(finding: Finding) -> str:
-    why = "it leaves more than noise: another shape, or a further effect below detection"
+    why = (
+        "a law still stands out in what it leaves: another shape of it, or a further effect too faint to name"
+    )
     if finding.reason == AS_WELL:
         why = "a law without a name accounts for the data as well"
     if finding.reason == REFUTED:
