@@ -332,6 +332,19 @@ def test_an_ambiguous_verdict_leaves_poses_that_decide(named: Finding, tmp_path:
     assert verdict["sentence"].endswith(f"that tell them apart best; they reach {reached}.")
 
 
+def test_where_no_pose_decides_no_file_is_named(named: Finding, tmp_path: Path) -> None:
+    """Coaxial joints turn the tool alike: here the two explanations are the same one."""
+    finding = replace(
+        named, verdict="ambiguous", effects=(*named.effects, replace(named.effects[0], set_number=1))
+    )
+    verdict: dict[str, Any] = {}
+    decide = write_deciding_poses(finding, tmp_path, verdict, lambda stage: None)
+    assert decide is not None
+    assert (decide["file"], decide["taken"], decide["poses"]) == (None, None, [])
+    assert not list(tmp_path.iterdir())
+    assert "if they are not one and the same to the tool" in verdict["sentence"]
+
+
 @pytest.mark.parametrize(
     ("separations", "sentence_end", "file"),
     [
@@ -339,12 +352,13 @@ def test_an_ambiguous_verdict_leaves_poses_that_decide(named: Finding, tmp_path:
             (2.0, 5.22),
             "they reach a separation of 5.22, which will not decide: more readings, other loads or another way to "
             "measure have to.",
-            ", decide.csv (poses that reach a separation of 5.22, which will not decide)",
+            ", decide.csv (poses that reach a separation of 5.22, which will not decide), "
+            "taken.csv (those of the data)",
         ),
         (
             (8.0, 143.2),
             "they reach a separation of 143 (20 is ample).",
-            ", decide.csv (poses that reach a separation of 143 (20 is ample))",
+            ", decide.csv (poses that reach a separation of 143 (20 is ample)), taken.csv (those of the data)",
         ),
         (
             (),
@@ -366,7 +380,7 @@ def test_what_the_deciding_poses_reach_is_said_alike_everywhere(
     assert _more({"decide": record}) == file
     page = unescape(render(finding, {"code": CODE, "decide": record}, []))
     assert sentence_end in page
-    told = file.removeprefix(", decide.csv (poses that ").removesuffix(")")
+    told = file.removeprefix(", decide.csv (poses that ").removesuffix("), taken.csv (those of the data)")
     assert f"These poses {told}" in page or not poses
 
 

@@ -1158,7 +1158,7 @@ int kuka_kr270_forward(const double q[6], double T[4 * 4])
 
 /* One step of an elimination on (a | b), the greatest number that is left as pivot; order: of the columns of a.
  * E_SINGULAR where the pivot nearly vanishes. */
-static int eliminated(double ab[6][12], int order[6], int k, double smallest)
+static int eliminated(double ab[6][12], int k, int order[6], double smallest)
 {
     int status = KUKA_KR270_E_SINGULAR;
     int row = k;
@@ -1216,7 +1216,7 @@ static int inverted(double K[6 * 6])
         }
     }
     for (i = 0; (i < 6) && (status == KUKA_KR270_OK); ++i) {
-        status = eliminated(ab, order, i, SINGULAR * largest);
+        status = eliminated(ab, i, order, SINGULAR * largest);
     }
     for (i = 0; (i < 6) && (status == KUKA_KR270_OK); ++i) {
         for (j = 0; j < 6; ++j) {

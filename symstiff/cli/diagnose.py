@@ -61,18 +61,18 @@ def run_diagnose(request: DiagnoseRequest) -> None:
     write_json(request.json, written.verdict)
     _print(out, finding, written.verdict["sentence"])
     out.print(f"code: {written.code}")
-    out.print(f"wrote {request.output}: report.html, verdict.json, model.toml", end="")
-    out.print((", code" if written.verdict["code"]["folder"] else "") + _more(written.verdict))
+    code = ", code" if written.verdict["code"]["folder"] else ""
+    out.print(f"wrote {request.output}: report.html, verdict.json, model.toml{code}{_more(written.verdict)}")
     if written.verdict["code"]["fault"]:
         raise SystemExit(1)
 
 
 def _more(verdict: dict[str, Any]) -> str:
-    """The file of deciding poses, where it was written, with what they reach."""
+    """The files of deciding poses, where they were written, with what these reach."""
     from symstiff.report.deciding import reached
 
     told = reached(verdict["decide"]) if "decide" in verdict else ""
-    return f", decide.csv (poses that reach {told})" if told else ""
+    return f", decide.csv (poses that reach {told}), taken.csv (those of the data)" if told else ""
 
 
 def _print(out: Console, finding: Finding, sentence: str) -> None:

@@ -214,8 +214,8 @@ def _separate(request: PlanRequest) -> None:
         table, found, names, means = separate(robot, request.separate, wish, progress)
     if not found.poses:
         raise UserError(
-            "no pose tells these explanations apart under such loads: other loads (--loads), or a reading of "
-            "the whole pose (--measure pose)"
+            "no pose tells these explanations apart under such loads: try other loads (--loads), or a reading of the "
+            "whole pose (--measure pose); what is one and the same to the tool, nothing tells apart"
         )
     write_table(table, request.output, "deg")
     write_json(

@@ -136,8 +136,8 @@ def write_deciding_poses(
         tell,
     )
     record = {
-        "file": "decide.csv",
-        "taken": TAKEN,
+        "file": "decide.csv" if found.poses else None,
+        "taken": TAKEN if found.poses else None,
         "kind": experiment.kind,
         "components": list(experiment.components),
         "points": list(experiment.points),
