@@ -71,6 +71,29 @@ def test_parameters_without_a_value_are_the_first_to_go() -> None:
     assert "c1" in redundant(model.with_values(told), table)
 
 
+def test_what_has_no_law_or_other_moments_would_tell_is_not_redundant() -> None:
+    """A table without a change of temperature shows no drift; another one would. Outliers are of their table."""
+    model, _ = grown("kuka_kr270")
+    table = experiment(model)
+    alone = redundant(model, table)
+    for effect, where, shape in (
+        ("thermal_drift", {"link": 3}, {"time": 100.0}),
+        ("hysteresis", {"joint": 2}, {"width": 10.0}),
+        ("bad_poses", {"rows": [table.labels[0]]}, {}),
+        ("large_deflection", {"robot": "all"}, {}),
+    ):
+        more = model.with_effect(EffectInstance(effect, where, shape))
+        still = replace(table, time=np.zeros(len(table)), branch=np.ones(len(table)))
+        assert redundant(more, still).keys() == alone.keys()
+
+
+def test_components_that_were_not_read_make_nothing_redundant() -> None:
+    truth, table = filled(grown("kuka_kr270")[0])
+    heights = np.where([False, False, True, False, False, False], table.values, np.nan)
+    held = redundant(truth, table)
+    assert redundant(truth, replace(table, values=heights)).keys() == held.keys()
+
+
 @pytest.mark.parametrize("robust", [False, True])
 def test_identify_keeps_what_nothing_tells_apart(robust: bool) -> None:
     truth, table = filled(grown("kuka_kr270")[0], 1e-7)
