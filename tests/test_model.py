@@ -231,25 +231,6 @@ def test_what_belongs_to_nothing_is_refused(good: dict[str, Any], tmp_path: Path
         assert "joint_compliance cannot be at" in complaint({**good, "effect": bad}, tmp_path)
 
 
-@pytest.mark.parametrize("where", [True, 2.5, [True], [1, "a"], [[1]], {"a": 1}])
-def test_a_place_of_a_wrong_type_is_named_with_what_is_expected(
-    where: Any, good: dict[str, Any], tmp_path: Path
-) -> None:
-    bad = [{"effect": "transmission_error", "where": {"joint": 1, "harmonics": where}}]
-    text = complaint({**good, "effect": bad}, tmp_path)
-    assert "effect[1].where.harmonics: expected a whole number, a name, or a list of numbers or names" in text
-
-
-@pytest.mark.parametrize("harmonics", [[0.5], [7, 0.5], [1, 2], [2.0]])
-def test_harmonics_that_are_no_whole_numbers_are_read_back(harmonics: list[float], tmp_path: Path) -> None:
-    effect = EffectInstance("transmission_error", {"joint": 2, "harmonics": harmonics})
-    model = small().with_effect(effect)
-    model.save(tmp_path / "model.toml")
-    again = load_model(tmp_path / "model.toml")
-    assert again.parameters == model.parameters
-    assert again.structure_hash == model.structure_hash
-
-
 @pytest.mark.parametrize(
     "data", [b"", b"\xff\xfe", b"\x00", b"format = 1\n" * 2, b"[" * 5000, b"x = 1e" + b"9" * 300]
 )

@@ -9,7 +9,8 @@ import pytest
 
 from symstiff.calibration.measurements import Measurements
 from symstiff.discrepancy.finding import Finding, Task
-from symstiff.discrepancy.laws import Law, _laws_of_angle, largest_load
+from symstiff.discrepancy.law import Law, largest_load
+from symstiff.discrepancy.laws_of_angle import laws_of_angle
 from symstiff.discrepancy.localise import FittedLaw
 from symstiff.discrepancy.problem import Array, Problem
 from symstiff.discrepancy.remarks import _of_rows
@@ -42,7 +43,7 @@ def test_the_text_of_a_law_is_what_its_values_are(slides: tuple[int, ...], shift
     assert a.q is not None
     problem = replace(a, slides=slides, q=a.q + shift)
     for v in range(3):
-        for law in _laws_of_angle(problem, v):
+        for law in laws_of_angle(problem, v):
             for text, values in zip(law.text, law.values.T, strict=True):
                 assert _values(problem, v, text) == pytest.approx(values, abs=1e-12)
 
@@ -78,7 +79,7 @@ def test_laws_by_a_revolute_joint_are_waves_beside_a_slide_too() -> None:
     problem = arm(8).problem
     for slides in ((), (1,)):
         for v in range(3):
-            laws = _laws_of_angle(replace(problem, slides=slides), v)
+            laws = laws_of_angle(replace(problem, slides=slides), v)
             for j in {0, 1, 2} - set(slides):
                 assert _same(_of(laws, j + 1), _waves(problem, v, j))
 
@@ -88,7 +89,7 @@ def test_laws_by_a_slide_are_powers_over_its_range() -> None:
     assert a.q is not None
     way = np.linspace(0.1, 0.9, a.rows)
     problem = replace(a, slides=(1,), q=np.column_stack([a.q[:, 0], way, a.q[:, 2]]))
-    other, own = (_of(_laws_of_angle(replace(problem, differences=True), v), 2) for v in (0, 1))
+    other, own = (_of(laws_of_angle(replace(problem, differences=True), v), 2) for v in (0, 1))
     x = "(q2 - 0.5)/0.4"
     assert [law.text for law in other] == [
         (f"tau*{x}", f"tau*({x})^2"), (x, f"({x})^2"), (f"tau*({x})^3", f"tau*({x})^4"), (f"({x})^3", f"({x})^4"),
@@ -96,7 +97,7 @@ def test_laws_by_a_slide_are_powers_over_its_range() -> None:
     assert [law.text[0] for law in own][-1] == f"tau*({x})^5"
     assert len(own) == 5
     assert np.abs(other[1].values).max() == pytest.approx(1.0)
-    assert not _of(_laws_of_angle(replace(problem, q=np.ones_like(problem.q)), 0), 2)
+    assert not _of(laws_of_angle(replace(problem, q=np.ones_like(problem.q)), 0), 2)
 
 
 def test_what_repeats_along_a_slide_is_looked_for_in_positions_up_to_sixteen_times() -> None:
@@ -104,13 +105,13 @@ def test_what_repeats_along_a_slide_is_looked_for_in_positions_up_to_sixteen_tim
     assert a.q is not None
     way = np.linspace(0.1, 0.9, a.rows)
     problem = replace(a, slides=(1,), q=np.column_stack([a.q[:, 0], way, a.q[:, 2]]))
-    laws = [law for law in _laws_of_angle(problem, 1) if law.family == "waves along q2"]
+    laws = [law for law in laws_of_angle(problem, 1) if law.family == "waves along q2"]
     orders = [float(law.text[0].split("*")[0].removeprefix("sin(")) for law in laws]
     assert orders == pytest.approx([np.pi * k / 0.8 for k in range(2, 33)], rel=5e-3)
     for law in laws[::5]:
         for text, values in zip(law.text, law.values.T, strict=True):
             assert _values(problem, 1, text) == pytest.approx(values, abs=1e-12)
-    assert not any(law.family.startswith("waves") for law in _laws_of_angle(problem, 0))
+    assert not any(law.family.startswith("waves") for law in laws_of_angle(problem, 0))
 
 
 @pytest.mark.slow

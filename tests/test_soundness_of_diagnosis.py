@@ -19,7 +19,7 @@ from symstiff.discrepancy.assemble import assemble
 from symstiff.discrepancy.doubts import doubted
 from symstiff.discrepancy.finding import Found, Task
 from symstiff.discrepancy.growth import fit, grow
-from symstiff.discrepancy.laws import _soft_spots
+from symstiff.discrepancy.laws_of_angle import _soft_spots
 from symstiff.discrepancy.problem import Options
 from symstiff.discrepancy.remarks import out_of_range
 from symstiff.discrepancy.result import Estimate

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from pathlib import Path
 from typing import Any
 
@@ -66,6 +67,33 @@ def test_a_model_file_with_such_a_shape_is_bad_input(run: Run, tmp_path: Path) -
         path.write_text(path.read_text().replace("power = 3.0", f"power = {wrong}"))
         assert_users_mistake(run("generate", "ur10", "--model", path, "-o", tmp_path / "code"), why)
         path.write_text(path.read_text().replace(f"power = {wrong}", "power = 3.0"))
+
+
+@pytest.mark.parametrize("where", ["true", "2.5", "[true]", '[1, "a"]', "[[1]]", "{a = 1}"])
+def test_a_place_of_a_wrong_type_is_named_with_what_is_expected(where: str, tmp_path: Path) -> None:
+    path = waves([1], tmp_path)
+    path.write_text(path.read_text().replace("harmonics = [1]", f"harmonics = {where}"))
+    with pytest.raises(UserError) as refused:
+        load_model(path)
+    expected = "expected a whole number, a name, or a list of numbers or names"
+    assert f"effect[1].where.harmonics: {expected}, found" in str(refused.value)
+
+
+@pytest.mark.parametrize("harmonics", [[0.5], [7, 0.5], [1, 2], [2.0]])
+def test_harmonics_that_are_no_whole_numbers_are_read_back(harmonics: list[float], tmp_path: Path) -> None:
+    (effect,) = load_model(waves(harmonics, tmp_path)).effects
+    assert effect == EffectInstance("transmission_error", {"joint": 2, "harmonics": harmonics})
+
+
+def waves(harmonics: list[float], folder: Path) -> Path:
+    """A model file with a gear's waves, its list in one line."""
+    path = folder / "model.toml"
+    effect = EffectInstance("transmission_error", {"joint": 2, "harmonics": harmonics})
+    joints_only(load("ur10")).with_effect(effect).save(path)
+    path.write_text(
+        re.sub(r"harmonics = \[\s*(.*?),?\s*\]", r"harmonics = [\1]", path.read_text(), flags=re.DOTALL)
+    )
+    return path
 
 
 def test_a_spring_whose_ends_meet_is_no_spring() -> None:
