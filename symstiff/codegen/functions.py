@@ -37,7 +37,7 @@ class Functions:
 
     @cached_property
     def reciprocal(self) -> bool:
-        """Whether K_C⁻¹ is symmetric: no virtual joint follows another's load more than that one follows its own."""
+        """Whether K_C⁻¹ is symmetric: any two virtual joints follow each other's loads alike."""
         C = {s.index: s.expression for s in self.compliance.statements if isinstance(s, Emit)}
         return all(C[6 * i + j] == C[6 * j + i] for i in range(6) for j in range(i))
 
