@@ -36,6 +36,12 @@ def shortened(names: Sequence[str], most: int = 12) -> str:
     return f"{' '.join(names[:3])} … {names[-1]}"
 
 
+def listing(parts: Sequence[str]) -> str:
+    """Parts of a sentence: with commas, and with "and" before the last."""
+    *before, last = parts
+    return f"{', '.join(before)} and {last}" if before else last
+
+
 def few(names: Sequence[str], most: int = 8) -> str:
     """Names in a sentence, the first of them where they are many."""
     more = len(names) - most

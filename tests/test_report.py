@@ -380,6 +380,8 @@ def test_what_the_deciding_poses_reach_is_said_alike_everywhere(
     assert _more({"decide": record}) == file
     page = unescape(render(finding, {"code": CODE, "decide": record}, []))
     assert sentence_end in page
+    last = sentence_end.rpartition(": ")[2].removeprefix("they ")
+    assert " ".join(page[page.index("What would decide") :].split()).count(last.rstrip(".")) == 1
     told = file.removeprefix(", decide.csv (poses that ").removesuffix("), taken.csv (those of the data)")
     assert f"These poses {told}" in page or not poses
 

@@ -169,6 +169,14 @@ def test_a_law_is_told_in_the_units_of_its_joint(found: Finding, joint: int, tol
     assert law_text(found, law) == told
 
 
+def test_what_a_law_is_made_of_is_a_list(found: Finding) -> None:
+    law = FittedLaw("joint 1", "0.0012*(tau + weight)*load_case", 850.0, 0.9, 0.8, np.zeros(3))
+    assert law_text(found, law).endswith(
+        "with t = τ/(850 N·m), load_case growing by 1 from the first load of a pose to the last and weight the load of "
+        "the links' own weight in the unit of t"
+    )
+
+
 @pytest.mark.parametrize(
     ("law", "told"),
     [

@@ -14,6 +14,11 @@ DECIDES = 9.0
 """Separation from which explanations are told apart: three standard deviations."""
 
 
+NOWHERE = "No pose tells them apart under the loads of the data: other loads may, if they are not one and the same to the tool."
+OTHERWISE = "more readings, other loads or another way to measure have to"
+"""What has to decide where the poses of decide.csv will not."""
+
+
 def separation_text(separation: float) -> str:
     """A separation as one writes it: three digits, whole numbers from a thousand on."""
     return f"{separation:.3g}" if separation < 1000 else f"{separation:.0f}"
@@ -35,11 +40,8 @@ def deciding(decide: Mapping[str, Any]) -> str:
     """What decide.csv holds, in a sentence."""
     told = reached(decide)
     if not told:
-        return (
-            "No pose tells them apart under the loads of the data: other loads may, if they are not one and the same "
-            "to the tool."
-        )
-    rest = "" if decides(decide) else ": more readings, other loads or another way to measure have to"
+        return NOWHERE
+    rest = "" if decides(decide) else f": {OTHERWISE}"
     return f"decide.csv holds the poses and loads that tell them apart best; they reach {told}{rest}."
 
 

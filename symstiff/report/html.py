@@ -21,7 +21,7 @@ from symstiff.display import few
 from symstiff.effects.registry import catalogue
 from symstiff.report import law_plots, plots, unnamed, words
 from symstiff.report.code import Line, formulas
-from symstiff.report.deciding import decides, reached, separation_text
+from symstiff.report.deciding import NOWHERE, OTHERWISE, decides, reached, separation_text
 from symstiff.report.tables import moved, rotates, shift, step_rows
 
 _SEEN = 0.01
@@ -165,6 +165,8 @@ def _decide(record: dict[str, Any] | None) -> dict[str, Any] | None:
         "axes": [_header(a) for a in axes],
         "reached": reached(record),
         "decides": decides(record),
+        "otherwise": OTHERWISE,
+        "nowhere": NOWHERE,
         "loads": [[f"{w[a]:.4g}" for a in axes] for w in record["loads"]],
         "branches": record["branches"],
         "points": ", ".join(record["points"]) if record["points"] != ["tcp"] else "",

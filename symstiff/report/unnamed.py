@@ -9,6 +9,7 @@ from symstiff.discrepancy.laws import READING
 from symstiff.discrepancy.localise import FittedDevice, FittedLaw
 from symstiff.discrepancy.numbers import number, quantity
 from symstiff.discrepancy.result import Estimate
+from symstiff.display import listing
 from symstiff.report.tables import rotates
 
 _LITTLE = 0.1
@@ -85,11 +86,11 @@ def law_text(finding: Finding, law: FittedLaw) -> str:
     text = text.strip().removeprefix("+").strip()
     text = re.sub(r"^− ", "−", text)
     joints = finding.task.robot.joint
-    others = f" and t = τ/({number(law.tau_scale, 4)} {load})" if "tau" in law.scales else ""
+    told = [f"t = τ/({number(law.tau_scale, 4)} {load})"] if "tau" in law.scales else []
     for name, largest in law.other_scales.items():
         own = name.removeprefix("tau")
         slides = own == "x" or joints[int(own) - 1].prismatic
         what = "the load along the link" if own == "x" else f"τ{own}"
-        others += f" and t{own} = {what}/({number(largest, 4)} {'N' if slides else 'N·m'})"
-    others += "".join(f" and {meaning}" for word, meaning in _WORDS.items() if re.search(word, text))
-    return f"({text}) {unit}" + others.replace(" and", " with", 1)
+        told.append(f"t{own} = {what}/({number(largest, 4)} {'N' if slides else 'N·m'})")
+    told += [meaning for word, meaning in _WORDS.items() if re.search(word, text)]
+    return f"({text}) {unit}" + (f" with {listing(told)}" if told else "")
