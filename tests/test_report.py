@@ -342,7 +342,7 @@ def test_where_no_pose_decides_no_file_is_named(named: Finding, tmp_path: Path) 
     assert decide is not None
     assert (decide["file"], decide["taken"], decide["poses"]) == (None, None, [])
     assert not list(tmp_path.iterdir())
-    assert "if they are not one and the same to the tool" in verdict["sentence"]
+    assert "others may, unless both are the same to the tool" in verdict["sentence"]
 
 
 @pytest.mark.parametrize(
@@ -362,8 +362,7 @@ def test_where_no_pose_decides_no_file_is_named(named: Finding, tmp_path: Path) 
         ),
         (
             (),
-            "No pose tells them apart under the loads of the data: other loads may, if they are not one and the same "
-            "to the tool.",
+            "No pose tells them apart under these loads: others may, unless both are the same to the tool.",
             "",
         ),
     ],

@@ -14,7 +14,7 @@ DECIDES = 9.0
 """Separation from which explanations are told apart: three standard deviations."""
 
 
-NOWHERE = "No pose tells them apart under the loads of the data: other loads may, if they are not one and the same to the tool."
+NOWHERE = "No pose tells them apart under these loads: others may, unless both are the same to the tool."
 OTHERWISE = "more readings, other loads or another way to measure have to"
 """What has to decide where the poses of decide.csv will not."""
 
