@@ -20,8 +20,10 @@ from symstiff.discrepancy.finding import Task
 from symstiff.discrepancy.remarks import remarked
 from symstiff.discrepancy.result import Name
 from symstiff.discrepancy.used import MOST_POSES, thinned
+from symstiff.discrepancy.verdict import ENOUGH
 from symstiff.discrepancy.workflow import run
 from symstiff.model import load_model
+from symstiff.report import words
 from symstiff.robot import load
 from tests.diagnosis_data import HARDENING, ROBOT, design, measured, saved
 
@@ -169,13 +171,24 @@ def test_a_small_rest_that_passes_for_a_shape_is_told_with_what_it_looks_like() 
     end = last.growth[-1]
     assert end.further is not None
     assert end.further.effect != "nonlinear_stiffness"
-    assert not any("more than noise" in r for r in remarked(view, last))  # p is large there
+    assert not any("no noise" in r for r in remarked(view, last))  # p is large there
     rest = replace(end, p_left=4e-4, further=Name("large_deflection", {"model": "all"}))
-    (said,) = [
-        r for r in remarked(view, replace(last, growth=(*last.growth[:-1], rest))) if "than noise" in r
-    ]
+    (said,) = [r for r in remarked(view, replace(last, growth=(*last.growth[:-1], rest))) if "no noise" in r]
     assert "p = 0.0004" in said
     assert "most like large deflection" in said
+
+
+def test_a_search_that_stops_at_the_most_effects_says_so() -> None:
+    """The second effect is clearly there, and would be named: it is not too faint."""
+    table = measured(HARDENING, HARDENING | {"where": {"joint": 1}}, poses=14)
+    both = run(Task(load(ROBOT), table))
+    assert (both.verdict, len(both.named)) == ("named", 2)
+    one = run(Task(load(ROBOT), table, max_effects=1))
+    assert one.verdict == "named_insufficient"
+    assert one.reason == ENOUGH
+    told = words.sentence(one)
+    assert "stands out beside as many effects as were looked for: allow more (--max-effects)" in told
+    assert "too faint" not in told
 
 
 def test_one_row_says_nothing_of_its_sigma(tmp_path: Path) -> None:

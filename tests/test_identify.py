@@ -186,6 +186,11 @@ def test_absolute_positions_of_a_real_ur10_give_plausible_joint_compliances() ->
     assert 0.4e-5 < values["c2"] < 1.4e-5
     assert 0.5e-5 < values["c3"] < 1.4e-5
     assert found.training.after["positional"].rms < 0.45e-3
+    constants = {n: v for n, v in values.items() if n.startswith("geometry_")}
+    assert len(constants) > 20
+    assert max(map(abs, constants.values())) < 5e-3
+    # the probe stands 0.6 mm beside the last axis: what turns about it would have to turn by 3 rad
+    assert any("geometry_5_5 (3.4" in r and "stands on the axis of this turn" in r for r in found.remarks)
 
 
 def test_a_table_of_arrays_is_identified_as_one_from_a_file() -> None:

@@ -64,7 +64,12 @@ def test_where_an_effect_may_hide_the_headline_does_not_say_that_nothing_is_miss
         ("absolute", 1e-6, AXES, "repeatability"),
         ("absolute", 0.02, AXES, ""),
         ("deflection", 1e-6, AXES, "as one reading without load in each pose"),
-        ("deflection", 1e-6, JOINTS, "joints make it that stand elsewhere: the robot's repeatability"),
+        (
+            "deflection",
+            1e-6,
+            JOINTS,
+            "as if the joints had stopped beside their targets: the robot's repeatability",
+        ),
         ("deflection", 0.02, JOINTS, ""),
     ],
 )

@@ -54,10 +54,10 @@ def test_signs_are_asked_about_where_only_the_sign_keeps_what_is_sure_from_leadi
 def test_a_size_that_is_known_beforehand_is_told_beside_what_the_data_say(found: Finding) -> None:
     share = {"large_deflection_all_share": Estimate(1.4, 0.3, "1")}
     effect = NamedEffect("large_deflection", {"robot": "all"}, {}, share, 1e-4, 0.9, (), 0)
-    words = "share is 1 by nature, which is what model.toml holds; these data alone give 1.40 ± 0.30"
+    words = "share has to be 1 by theory, and model.toml holds that; these data alone give 1.40 ± 0.30"
     assert said(found, replace(found.last, effects=(effect,)), words)
-    assert not said(found, replace(found.last, effects=(replace(effect, set_number=1),)), "by nature")
-    assert not said(found, found.last, "by nature")
+    assert not said(found, replace(found.last, effects=(replace(effect, set_number=1),)), "by theory")
+    assert not said(found, found.last, "by theory")
 
 
 def test_a_size_that_the_data_hardly_tell_is_neither_astray_nor_odd() -> None:

@@ -97,7 +97,7 @@ def _of_approach(table: Measurements, last: Diagnosis) -> list[str]:
     if last.verdict == UNTESTABLE or not (sure or noise.mostly_shared):
         return []
     size = f"a pose's rows share an error {noise.approach / noise.sigma:.1f} times the noise"
-    of_joints = " as joints make it that stand elsewhere" if noise.shared == JOINTS else ""
+    of_joints = ", as if the joints had stopped beside their targets" if noise.shared == JOINTS else ""
     if noise.mostly_shared or hiding(table, noise):
         return [f"{size}{of_joints}: {_why_shared(noise.anew)}"]
     if of_joints or table.kind == "absolute":
@@ -171,9 +171,9 @@ def _of_further(last: Diagnosis) -> list[str]:
     if step.further is None or not step.p_left < Options.alpha_further:
         return []
     return [
-        f"what is left is small but more than noise ({p_equals(step.p_left)}), most like "
-        f"{named_at(step.further.effect, step.further.where)}: it passes for a shape that is only close; more poses "
-        "would tell, or a diagnosis that starts from the grown model (--start)"
+        f"a small error is left that is no noise ({p_equals(step.p_left)}), most like "
+        f"{named_at(step.further.effect, step.further.where)}: it may be the shape of what was named, which is only "
+        "close, or one effect more; more poses would tell, or a diagnosis that starts from the grown model (--start)"
     ]
 
 
@@ -238,8 +238,8 @@ def _of_known(robot: Robot, last: Diagnosis) -> list[str]:
     """Sizes that data may estimate and a model need not: they are known beforehand."""
     leading = [e for e in last.effects if e.set_number == 0]
     return [
-        f"{named_at(e.effect, e.where)}: {name} is {value:g} by nature, which is what model.toml holds; these data "
-        f"alone give {quantity(told)}"
+        f"{named_at(e.effect, e.where)}: {name} has to be {value:g} by theory, and model.toml holds that; these "
+        f"data alone give {quantity(told)}"
         for e in leading
         for name, value in EffectInstance(e.effect, e.where, e.shape).realise(robot).nominal.items()
         if (told := e.parameters.get(name)) is not None

@@ -27,6 +27,9 @@ AS_WELL = "it accounts for the data, and what has no name does so as well"
 REFUTED = "without some of the poses another effect is in front, and it does not predict them"
 """Reason for a verdict that names the leader as insufficient although it accounts for the data."""
 
+ENOUGH = "as many effects as were looked for do not account for the data, and a further one is there"
+"""Reason for a verdict that names the leader as insufficient because no larger set was tried."""
+
 CORRECT = ": correct the "
 """Between what is wrong with a table and what has to be corrected, in a reason."""
 NO_TEST_NAMES = "either that is too small, or something is missing that no test names"
@@ -260,7 +263,8 @@ def _conclude(
     best = max(needed, key=lambda j: j.score, default=None)
     if best is not None and best.rival < -CLOSE and _ahead(best) and best.missed_share < 0.3:
         confidence = tuple(0.5 for _ in best.members)
-        reason = "the leader explains most, but not all"
+        stopped = len(best.members) >= options.max_effects and best.p_left_named < options.alpha_further
+        reason = ENOUGH if stopped else "the leader explains most, but not all"
         return Outcome(INSUFFICIENT, reason, *tests, best, (best,), confidence, tuple(tried))
     if enough is not None and enough.rival < CLOSE:
         return Outcome(UNEXPLAINED, NOT_ALONE, *tests, enough, (), (), tuple(tried))

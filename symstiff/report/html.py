@@ -384,8 +384,8 @@ def _noise(finding: Finding) -> list[str]:
         )
         lines.append(text + (", which contradicts the stated one" if n.misstated else agrees))
     if n.approach_p < _SEEN:
-        how = ", as of joints that stand elsewhere" if n.shared == JOINTS else ""
-        lines.append(f"load cases of a pose share an error of {words.size(n.approach, finding)}{how}")
+        how = ", as if the joints had stopped beside their targets" if n.shared == JOINTS else ""
+        lines.append(f"a pose's rows share an error of {words.size(n.approach, finding)}{how}")
     if n.reading > 0:
         lines.append(f"the markers of one reading share {100 * n.reading:.0f} % of its variance")
     if n.homogeneity_p < _SEEN:

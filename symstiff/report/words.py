@@ -11,7 +11,7 @@ from symstiff.discrepancy.numbers import milli, number, p_equals, quantity
 from symstiff.discrepancy.remarks import FEW, hiding
 from symstiff.discrepancy.result import Name
 from symstiff.discrepancy.speech import named, place, spoken
-from symstiff.discrepancy.verdict import AS_WELL, INSUFFICIENT, NOT_ALONE, REFUTED
+from symstiff.discrepancy.verdict import AS_WELL, ENOUGH, INSUFFICIENT, NOT_ALONE, REFUTED
 from symstiff.effects.instance import EffectInstance
 from symstiff.report.deciding import deciding
 from symstiff.report.tables import shift
@@ -271,9 +271,18 @@ def _insufficient(finding: Finding) -> str:
     )
     if finding.reason == AS_WELL:
         why = "a law without a name accounts for the data as well"
+    if finding.reason == ENOUGH:
+        why = f"{_further(finding)} stands out beside as many effects as were looked for: allow more (--max-effects)"
     if finding.reason == REFUTED:
         why = f"{REFUTED}: measure more poses before relying on it"
     return f"The leading explanation is {listed(finding)}, but {why}; {gap(finding)}."
+
+
+def _further(finding: Finding) -> str:
+    """What stands out most beside the effects found."""
+    step = finding.last.growth[-1]
+    name = "a further effect" if step.further is None else named(step.further.effect, step.further.where)
+    return f"{name} ({p_equals(step.p_left)})"
 
 
 def _unexplained(finding: Finding) -> str:
