@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import importlib.util
+import re
 import shutil
 import struct
 import subprocess
@@ -110,6 +111,30 @@ def test_footprints_become_a_table_and_leave_out_machines_without_tools(folders,
         f"| double | {HOST.name} | `deflection` | {found[HOST.name]['functions']['deflection']['code']} |"
         in table
     )
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("machine", [HOST, CORTEX_M7, CORTEX_M4F], ids=lambda m: m.name)
+def test_the_readme_tells_what_the_code_takes_today(
+    machine: Machine, folders, functions, monkeypatch
+) -> None:
+    """The columns of its table, code / stack / instructions, where the compiler is the one that it names."""
+    need(machine)
+    if " 12.2" not in machine.version():
+        pytest.skip("the README's figures are gcc 12.2's")
+    text = (Path(__file__).parents[1] / "README.md").read_text()
+    rows = dict(re.findall(r"^\| `(\w+)` \| (\d+ / .*) \|$", text, re.MULTILINE))
+    columns = {HOST: [("double", "unrolled")], CORTEX_M7: VARIANTS[:2], CORTEX_M4F: [("float", "unrolled")]}
+    first = {HOST: 0, CORTEX_M7: 1, CORTEX_M4F: 3}[machine]
+    monkeypatch.setattr("symstiff.codegen.footprint.MACHINES", (machine,))
+    for k, variant in enumerate(columns[machine]):
+        found = measure(folders[variant], functions, variant[0] == "float")[machine.name]
+        table = {f: " / ".join(str(v) for v in sizes.values()) for f, sizes in found["functions"].items()}
+        assert table == {f: row.split(" | ")[first + k] for f, row in rows.items()}
+        if machine is CORTEX_M7:
+            whole = re.search(r"the whole file has (\d+) instead of (\d+) bytes", text)
+            assert whole is not None
+            assert found["object_bytes"] == int(whole[2 - k])
 
 
 def _printed(command: list[str], cwd: Path) -> str:

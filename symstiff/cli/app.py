@@ -88,7 +88,7 @@ def generate(
     precision: Annotated[str, typer.Option(help="Real type of the C code: double or float.")] = "double",
     layout: Annotated[
         str,
-        typer.Option(help="C code: unrolled, or compact (40 % smaller, matrices take 60 to 80 % longer)."),
+        typer.Option(help="C code: unrolled, or compact (40 % smaller, matrices take 40 to 80 % longer)."),
     ] = "unrolled",
     targets: Annotated[
         str, typer.Option(help="What to emit, comma-separated (symstiff targets lists them).")
