@@ -5,11 +5,15 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from symstiff.codegen.emit import emit_c
 from symstiff.codegen.functions import Functions
 from symstiff.codegen.options import Options
 from symstiff.codegen.targets import TARGETS
 from symstiff.effects.instance import EffectInstance
 from symstiff.files import write_tree
+from symstiff.model import StiffnessModel
+from symstiff.reduction import reduce
+from symstiff.robot import load
 from tests.generated_c import model, poses
 
 ROBOT = "ur10"
@@ -38,3 +42,10 @@ def test_the_casadi_example_names_what_the_model_has_to_know_of_the_moment(tmp_p
     wanted = m.deflection(q, w, None, {k: np.array([v]) for k, v in MOMENT.items()})[0]
     np.testing.assert_allclose(np.array(scope["dt"]).ravel(), wanted, rtol=1e-9, atol=1e-15)
     assert len(scope.get("context", ())) == known
+
+
+@pytest.mark.parametrize("loads", ["gravity", "force", "wrench"])
+def test_loads_that_the_code_is_not_for_are_told_where_it_is_called(loads: str) -> None:
+    written = emit_c(Functions(StiffnessModel.of(reduce(load("planar2r"), loads))), Options(targets=("c",)))
+    told = f"pass only those of the class *{loads}*" in written["README.md"].decode()
+    assert told == (loads != "wrench")
