@@ -12,7 +12,7 @@ from symstiff.calibration.constrained import constrain
 from symstiff.calibration.decomposition import independent
 from symstiff.calibration.estimate import estimate
 from symstiff.calibration.robust import robust_estimate
-from symstiff.calibration.shared import Blocks, _Components, shared_error
+from symstiff.calibration.shared import Blocks, Joints, _Components, shared_error
 
 POSES, CASES = 20, 4
 ROWS = POSES * CASES * 3
@@ -115,6 +115,32 @@ def test_what_a_pose_an_approach_and_a_point_share_is_told_apart(errors, robust:
     assert beside < 0.1
 
 
+def test_deviations_hold_what_joints_move_that_stop_beside_their_targets() -> None:
+    """Joints move a parameter's column most where it is their own: an error of each component alone says less of it."""
+    rng = np.random.default_rng(2)
+    pose = np.repeat(np.arange(POSES), CASES * 3)
+    moved = np.repeat(rng.normal(size=(POSES, 1, 3, 5)) * [3.0, 2.0, 1.0, 0.5, 0.2], CASES, axis=1).reshape(
+        ROWS, 5
+    )
+    A = moved * np.tile(np.repeat([0.25, 0.5, 0.75, 1.0], 3), POSES)[:, None]
+    alone = Blocks.of(BLOCK)
+    beside = Blocks(alone.labels, alone.kind, Joints(pose[:, None], moved))
+    z: dict[bool, list[np.ndarray]] = {True: [], False: []}
+    for _ in range(60):
+        y = 1e-5 * (rng.normal(size=ROWS) + np.sum(moved * rng.normal(size=(POSES, 5))[pose], axis=1))
+        for known, blocks in ((True, beside), (False, alone)):
+            fit = estimate(A, y, np.full(ROWS, 1e-5), list("abcde"), blocks=blocks)
+            z[known].append(fit.values / fit.std)
+            assert fit.shared is not None
+            if known:
+                np.testing.assert_allclose(
+                    fit.shared.covariance_times(np.eye(ROWS)), fit.shared.among(np.arange(ROWS)), atol=1e-9
+                )
+    of_each = np.sqrt(np.mean(np.square(z[True]), axis=0))
+    assert of_each == pytest.approx(np.ones(5), abs=0.3)
+    assert np.sqrt(np.mean(np.square(z[False]), axis=0)).max() > 1.4
+
+
 def test_groupings_that_say_nothing_new_are_left_out() -> None:
     pose = np.repeat([0, 1, 2], 4)
     assert Blocks.of(np.stack([pose, pose + 7, 5 - pose, np.arange(12)], axis=1)).by_kind.shape == (12, 1)
@@ -209,7 +235,7 @@ def test_a_large_error_does_not_hide_a_small_one_from_the_search() -> None:
         found = shared_error(Q, z, blocks)
         assert found is not None
         given = Blocks.of(blocks)
-        problem = _Components.of(Q, z, given.wide, given.by_kind, given.size(None))
+        problem = _Components.of(Q, z, given.wide, given.columns(None))
         starts = np.random.default_rng(seed).uniform(-3.0, 7.0, (4, 4))
         least = min(best(problem, start) for start in starts)
         missed += problem.fitted(np.array(found.ratios))[0] > least + 0.5
@@ -223,5 +249,5 @@ def test_one_pose_that_was_measured_often_costs_the_others_nothing() -> None:
     blocks = Blocks.of(np.stack([pose, come], axis=1))
     rng = np.random.default_rng(0)
     Q = np.linalg.qr(rng.normal(size=(len(pose), 4)))[0]
-    problem = _Components.of(Q, rng.normal(size=len(pose)), blocks.wide, blocks.by_kind, blocks.size(None))
+    problem = _Components.of(Q, rng.normal(size=len(pose)), blocks.wide, blocks.columns(None))
     assert sum(batch.inner.size for batch in problem.batches) < 2 * (poses * 4 + (2 * often) ** 2)

@@ -11,7 +11,16 @@ from symstiff.calibration.estimate import Estimate, estimate
 from symstiff.calibration.experiment.rounding import without_rounding
 from symstiff.calibration.measurements import COMPONENTS, Measurements
 from symstiff.calibration.robust import HUBER, RobustEstimate, robust_estimate
-from symstiff.calibration.rows import Equations, context_of, equations, predict, shared_blocks, weights
+from symstiff.calibration.rows import (
+    Equations,
+    context_of,
+    equations,
+    moved_by_joints,
+    predict,
+    shared_blocks,
+    weights,
+)
+from symstiff.calibration.shared import Blocks
 from symstiff.codegen.runtime import for_poses
 from symstiff.model import StiffnessModel, bilinear
 from symstiff.slopes import steps_at
@@ -78,11 +87,14 @@ def _linearised(
     names = tuple(n for n in model.parameters if n not in held)
     A = without_rounding(e.A[:, free], _sizes(model, table, values)[free])
     y = e.y - e.A[:, ~free] @ model.vector(values)[~free]
-    return _fit(replace(e, A=A, y=y), table, names, [model.units[n] for n in names], robust)
+    blocks = shared_blocks(e, table, moved_by_joints(model, table, e))
+    return _fit(replace(e, A=A, y=y), table, blocks, names, [model.units[n] for n in names], robust)
 
 
-def _fit(e: Equations, table: Measurements, names: tuple[str, ...], units: list[str], robust: bool) -> Fitted:
-    sigma, blocks, estimated = weights(e), shared_blocks(e, table), e.sigma is None
+def _fit(
+    e: Equations, table: Measurements, blocks: Blocks, names: tuple[str, ...], units: list[str], robust: bool
+) -> Fitted:
+    sigma, estimated = weights(e), e.sigma is None
     if not robust:
         return Fitted(
             estimate(e.A, e.y, sigma, names, units=units, blocks=blocks, estimated=estimated), e, None

@@ -22,8 +22,8 @@ from symstiff.model import StiffnessModel
 from symstiff.robot.schema import Robot
 
 _HINT_ROWS = 1000
-_NO_FIT = 1e-6  # probability of the residual sum below which the fit is questioned
-_SMALL = 0.8  # times the stated sigma from which less than that is spoken of
+_NO_FIT = 1e-3  # probability of the residual sum below which the fit is questioned
+_SMALL = 0.9  # times the stated sigma from which less than that is spoken of
 
 
 def explained(residuals: ResidualTable) -> list[str]:
@@ -61,8 +61,8 @@ def fits(fit: Estimate, e: Equations) -> list[str]:
     left = f"what is left is {np.sqrt(over):.2g} times the stated sigma"
     if scipy.stats.chi2.sf(fit.dof * over, fit.dof) < _NO_FIT:
         remarks.append(
-            f"{left}, so the model or the stated sigma does not fit these data: symstiff diagnose tells what may be "
-            "missing"
+            f"{left}, so the model or the stated sigma does not fit these data, and the deviations above, which rest "
+            "on it, are too small: symstiff diagnose tells what may be missing"
         )
     elif over < _SMALL**2 and scipy.stats.chi2.cdf(fit.dof * over, fit.dof) < _NO_FIT:
         remarks.append(f"{left}: it is too large, and so are the deviations above, which rest on it")

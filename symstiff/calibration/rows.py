@@ -9,11 +9,11 @@ import numpy as np
 
 from symstiff.calibration.components import component_sigma
 from symstiff.calibration.measurements import COMPONENTS, Measurements
-from symstiff.calibration.shared import Blocks
+from symstiff.calibration.shared import Blocks, Joints
 from symstiff.codegen.runtime import for_poses
 from symstiff.errors import UserError
 from symstiff.model import StiffnessModel
-from symstiff.symbolic.numeric import kinematics
+from symstiff.symbolic.numeric import kinematics, virtual_joints
 from symstiff.symbolic.passes import context_vector
 from symstiff.symbolic.terms import deflection
 
@@ -154,17 +154,30 @@ def stated_sigma(table: Measurements, row: np.ndarray, component: np.ndarray) ->
     return sigma
 
 
-def shared_blocks(e: Equations, table: Measurements) -> Blocks:
+def shared_blocks(e: Equations, table: Measurements, moved: np.ndarray) -> Blocks:
     """Which equations an error is common to: one component of a pose, of one approach, of a point in either.
 
     The robot misses its pose, in part anew at every repeat; the reading without load is each point's own.
-    Translations and rotations have errors of their own size.
+    Translations and rotations have errors of their own size, and so have the joints, whose errors move all components:
+    ``moved`` (R, n) is what an equation reads of each.
     """
     pose, approach, point = table.pose[e.row], table.approach[e.row], table.point[e.row]
     count, points = len(COMPONENTS), len(table.points)
     by_component = [label * count + e.component for label in (pose, approach)]
     by_point = [(label * points + point) * count + e.component for label in (pose, approach)]
-    return Blocks(np.stack([*by_component, *by_point], axis=1), np.asarray(e.component >= 3, dtype=np.intp))
+    return Blocks(
+        np.stack([*by_component, *by_point], axis=1), np.asarray(e.component >= 3, dtype=np.intp),
+        Joints(np.stack([pose, approach], axis=1), moved),
+    )  # fmt: skip
+
+
+def moved_by_joints(model: StiffnessModel, table: Measurements, e: Equations) -> np.ndarray:
+    """(R, n) what an equation reads of an error of each joint; of one that slides for as much as the arm's reach."""
+    found = kinematics(model.robot, table.q)
+    joints = [k for k, v in enumerate(virtual_joints(model.robot)) if v.kind == "joint"]
+    lever = np.array([model.robot.reach if j.prismatic else 1.0 for j in model.robot.joint])
+    moved = at_points(model, table, found.J_theta[:, :, joints] * lever)
+    return np.asarray(moved[e.row, e.component])
 
 
 def weights(e: Equations) -> np.ndarray | None:

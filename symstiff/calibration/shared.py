@@ -1,7 +1,8 @@
 """The errors that a pose's rows share: the robot stands a little elsewhere than told, for all load cases and points.
 
 Some is common to a pose, some to one approach of it (a repeat comes back anew), some to a point (its reading without
-load). A least squares fit stays what it is, but its deviations are too small where rows are taken for independent.
+load); some is that of the joints, which moves the rows of a pose by their Jacobian. A least squares fit stays what it
+is, but its deviations are too small where rows are taken for independent.
 """
 
 from __future__ import annotations
@@ -29,16 +30,40 @@ _LEAST = 10
 
 
 @dataclass(frozen=True, eq=False)
+class Joints:
+    """What joints that stop beside their targets move.
+
+    labels: (M, K) numbers of rows that they move together, by column, the first the widest; moved: (M, n) what a row
+    reads of each joint's error, all joints' of one size.
+    """
+
+    labels: Index
+    moved: Array
+
+
+@dataclass(frozen=True, eq=False)
+class Columns:
+    """Errors side by side, one of each number in a column: labels (M, K), -1 for none; weight: (M, K) of the error in
+    each row, in its sigmas; of: (K,) which of the sizes the errors of a column have.
+    """
+
+    labels: Index
+    weight: Array
+    of: Index
+
+
+@dataclass(frozen=True, eq=False)
 class Blocks:
     """Which rows may share errors.
 
     labels: (M, K) numbers of rows that share one, by column; rows of one number in another column have one in the
     first, the widest; kind: (M,) numbers of rows whose shared errors have one size in their unit, such as metres and
-    radians.
+    radians; joints: errors of joints beside them, in wider blocks.
     """
 
     labels: Index
     kind: Index
+    joints: Joints | None = None
 
     @classmethod
     def of(cls, given: npt.ArrayLike | Blocks) -> Blocks:
@@ -53,7 +78,13 @@ class Blocks:
     @property
     def wide(self) -> Index:
         """(M,) number of each row's widest block."""
-        return np.unique(self.labels[:, 0], return_inverse=True)[1].reshape(-1)
+        widest = self.labels if self.joints is None else self.joints.labels
+        return np.unique(widest[:, 0], return_inverse=True)[1].reshape(-1)
+
+    @property
+    def count(self) -> int:
+        """Number of the widest blocks of rows that share an error of one component."""
+        return len(np.unique(self.labels[:, 0]))
 
     @property
     def by_kind(self) -> Index:
@@ -66,6 +97,25 @@ class Blocks:
             return np.ones(len(self.kind))
         mean = np.bincount(self.kind, sigma**2) / np.maximum(np.bincount(self.kind), 1)
         return np.asarray(np.sqrt(mean)[self.kind] / sigma)
+
+    def columns(self, sigma: Array | None) -> Columns:
+        """All errors that rows may share; sigma: (M,) their deviations."""
+        labels, size = self.by_kind, self.size(sigma)
+        own = Columns(labels, np.where(labels >= 0, size[:, None], 0.0), np.arange(labels.shape[1]))
+        moved = (
+            None if self.joints is None else self.joints.moved / (1.0 if sigma is None else sigma[:, None])
+        )
+        if self.joints is None or moved is None or not moved.any():
+            return own
+        # a ratio of one: as much as the rows' own, in the mean
+        moved = moved / np.sqrt(np.mean(np.sum(moved**2, axis=1)))
+        together = _informative(self.joints.labels, np.ones(len(moved), bool)).T
+        joints = moved.shape[1]
+        return Columns(
+            np.hstack([own.labels, *(np.repeat(label[:, None], joints, axis=1) for label in together)]),
+            np.hstack([own.weight, *(moved for _ in together)]),
+            np.concatenate([own.of, len(own.of) + np.repeat(np.arange(len(together)), joints)]),
+        )
 
 
 def _informative(labels: Index, rows: npt.NDArray[np.bool_]) -> Index:
@@ -84,22 +134,32 @@ def _informative(labels: Index, rows: npt.NDArray[np.bool_]) -> Index:
 class SharedError:
     """Variance components of whitened residuals: each row's own, and those that rows of a block share.
 
-    variance: each row's own; ratios: (K,) shared over own, by the columns of blocks; p_value: of ratios this large when
-    rows are independent; blocks: (M, K) numbers, -1 for none; size: (M,) of the shared error in each row, in sigmas;
-    count: number of the widest blocks.
+    variance: each row's own; ratios: shared over own, by size; p_value: of ratios this large when rows are independent;
+    columns: the errors; size: (M,) of one that is alike in all rows of a kind, in each row's sigmas; count: number of
+    the widest blocks of one component.
     """
 
     variance: float
     ratios: tuple[float, ...]
     p_value: float
-    blocks: Index
+    columns: Columns
     size: Array
     count: int
 
     @property
+    def _each_column(self) -> Array:
+        """(K,) ratio of each column's errors."""
+        return np.array(self.ratios)[self.columns.of]
+
+    @property
+    def _of_own(self) -> Array:
+        """(M,) variance of all that a row shares over its own."""
+        return np.asarray(self.columns.weight**2 @ self._each_column)
+
+    @property
     def of_rows(self) -> Array:
-        """(M,) variance of all that a row shares over its own, where its sigma is that of its kind."""
-        return np.asarray((self.blocks >= 0) @ np.array(self.ratios))
+        """(M,) the same where its sigma is that of its kind."""
+        return np.asarray(self._of_own / self.size**2)
 
     @property
     def ratio(self) -> float:
@@ -109,12 +169,12 @@ class SharedError:
     @property
     def total(self) -> float:
         """Mean variance of a row over its own."""
-        return float(np.mean(1.0 + self.of_rows * self.size**2))
+        return float(np.mean(1.0 + self._of_own))
 
     @property
     def each(self) -> Array:
         """(M,) variance of each row over the mean."""
-        return (1.0 + self.of_rows * self.size**2) / self.total
+        return (1.0 + self._of_own) / self.total
 
     def shared_variance(self, rows: npt.NDArray[np.bool_]) -> float:
         """Mean variance of what some rows share, in units of their kind's mean square sigma."""
@@ -123,17 +183,21 @@ class SharedError:
     def covariance_times(self, X: Array) -> Array:
         """(M, r) covariance of the rows, in units of their own variance, times X (M, r)."""
         total = np.array(X)
-        for ratio, block in zip(self.ratios, self.blocks.T, strict=True):
+        found = zip(self._each_column, self.columns.labels.T, self.columns.weight.T, strict=True)
+        for ratio, block, weight in found:
             there = block >= 0
-            sums = _membership(block[there, None], self.size[there]) @ X[there]
-            total[there] += ratio * self.size[there, None] * sums[block[there]]
+            if ratio:
+                sums = _membership(block[there, None], weight[there, None]) @ X[there]
+                total[there] += ratio * weight[there, None] * sums[block[there]]
         return total
 
     def among(self, rows: Index) -> Array:
         """(…, n, n) covariance of some rows (…, n), in units of their own variance."""
-        size, label = self.size[rows], self.blocks[rows]
+        weight, label = self.columns.weight[rows], self.columns.labels[rows]
         same = (label[..., :, None, :] == label[..., None, :, :]) & (label >= 0)[..., :, None, :]
-        common = (same @ np.array(self.ratios)) * size[..., :, None] * size[..., None, :]
+        common = np.einsum(
+            "...ijk,...ik,...jk,k->...ij", same, weight, weight, self._each_column, optimize=True
+        )
         return np.asarray(np.eye(rows.shape[-1]) + common)
 
 
@@ -147,11 +211,11 @@ def shared_error(
     """
     given = Blocks.of(blocks)
     rows, rank = Q.shape
-    if rows - int(given.wide.max() + 1) < _LEAST or rows <= rank + 2:
+    if rows - given.count < _LEAST or rows <= rank + 2:
         return None
-    labels, size = given.by_kind, given.size(sigma)
-    problem = _Components.of(Q, z, given.wide, labels, size)
-    count = labels.shape[1]
+    columns = given.columns(sigma)
+    problem = _Components.of(Q, z, given.wide, columns)
+    count = int(columns.of.max()) + 1
     found = [_searched(problem, np.full(count, start)) for start in _STARTS]
     x = min(found, key=lambda x: problem.fitted(np.exp(x))[0])
     ratios = np.where(x < _NONE, 0.0, np.exp(x))
@@ -159,7 +223,7 @@ def shared_error(
     p = _mixture(problem.fitted(0.0 * ratios)[0] - deviance, count)
     if p >= LEVEL or not ratios.any():
         return None
-    return SharedError(variance, tuple(ratios.tolist()), p, labels, size, int(given.wide.max() + 1))
+    return SharedError(variance, tuple(ratios.tolist()), p, columns, given.size(sigma), given.count)
 
 
 def _searched(problem: _Components, start: Array) -> Array:
@@ -170,12 +234,12 @@ def _searched(problem: _Components, start: Array) -> Array:
     return np.asarray(found.x)
 
 
-def _membership(group: Index, size: Array) -> scipy.sparse.csr_array:
-    """(G, M) matrix that sums rows by their groups (M, K), each times its size (M,); -1 is no group."""
+def _membership(group: Index, weight: Array) -> scipy.sparse.csr_array:
+    """(G, M) matrix that sums rows by their groups (M, K), each times its weight (M, K); -1 is no group."""
     row, column = np.nonzero(group >= 0)
     number = group[row, column]
     return scipy.sparse.csr_array(
-        (size[row], (number, row)), shape=(int(group.max(initial=-1) + 1), len(size))
+        (weight[row, column], (number, row)), shape=(int(group.max(initial=-1) + 1), len(weight))
     )
 
 
@@ -193,7 +257,7 @@ def _mixture(statistic: float, count: int) -> float:
 class _Batch:
     """Wide blocks of about as many groups, side by side; where one has fewer the rest is zero.
 
-    kind: (B, g) column of ``labels`` that a group is of; inner: (B, g, g) products of the groups' rows; along: (B, g,
+    kind: (B, g) size that a group's error has; inner: (B, g, g) products of the groups' rows; along: (B, g,
     r + 1) their sums of Q, and of z.
     """
 
@@ -221,18 +285,18 @@ class _Components:
     freedom: int
 
     @classmethod
-    def of(cls, Q: Array, z: Array, wide: Index, labels: Index, size: Array) -> _Components:
-        """From rows, their wide blocks (M,), labels (M, K) and the size (M,) of the shared error in each."""
-        group, groups = np.full(labels.shape, -1, dtype=np.intp), 0
-        for k, label in enumerate(labels.T):
+    def of(cls, Q: Array, z: Array, wide: Index, columns: Columns) -> _Components:
+        """From rows, their wide blocks (M,) and the errors that they share."""
+        group, groups = np.full(columns.labels.shape, -1, dtype=np.intp), 0
+        for k, label in enumerate(columns.labels.T):
             there = label >= 0
             found, number = np.unique(label[there], return_inverse=True)
             group[there, k] = groups + number.reshape(-1)
             groups += len(found)
         row, column = np.nonzero(group >= 0)
         kind, block = np.zeros((2, groups), dtype=np.intp)
-        kind[group[row, column]], block[group[row, column]] = column, wide[row]
-        sums = _membership(group, size)
+        kind[group[row, column]], block[group[row, column]] = columns.of[column], wide[row]
+        sums = _membership(group, columns.weight)
         along, inner = sums @ np.column_stack([Q, z]), (sums @ sums.T).tocsr()
         count = np.bincount(block, minlength=int(wide.max() + 1))
         batches = []
