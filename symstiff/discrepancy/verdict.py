@@ -242,6 +242,12 @@ def _admissible(judged: Judged, options: Options) -> bool:
     return judged.sufficient and max(judged.p_members) < options.alpha and _ahead(judged)
 
 
+def _nearly(judged: Judged, options: Options) -> bool:
+    """Whether a set is refused for a law without a name alone, and that explains no more than it."""
+    enough = judged.sufficient and max(judged.p_members) < options.alpha
+    return enough and not _ahead(judged) and judged.rival < AS_MUCH
+
+
 def _ahead(judged: Judged) -> bool:
     """Whether a set is ahead of every unnamed law, and of all together where it is faint."""
     return judged.rival < 0 and (judged.score > FAINT or judged.rivals < -FOURFOLD)
@@ -278,6 +284,7 @@ def _named(
 ) -> Outcome:  # fmt: skip
     leader = good[0]
     known = leader.bank.twin
+    good = [*good, *sorted((j for j in tried if _nearly(j, options)), key=lambda j: -j.score)]
     accepted = {_set(j, known) for j in good}
     judged = {_set(j, known) for j in tried}
     # sets that were not judged (they trail) keep their weight; judged and refused ones lose it

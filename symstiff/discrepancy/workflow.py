@@ -22,6 +22,7 @@ from symstiff.calibration.loading import as_loading
 from symstiff.calibration.measurements import Measurements
 from symstiff.calibration.point import find_point
 from symstiff.calibration.redundant import redundant
+from symstiff.calibration.rows import predict
 from symstiff.calibration.soundness import outside_class, outside_fixed
 from symstiff.discrepancy.assemble import Assembly, added_loads, assemble
 from symstiff.discrepancy.climb import leaves_less, links_of, wider_model
@@ -176,6 +177,7 @@ def _finding(
         verdict, reason = NAMED, "the links give way; beyond the complete model no test rejects"
     testable = verdict != UNTESTABLE
     remarks = [*remarks, *remarked(assembly.situation.view, last)]
+    remarks += _beyond_code(after.model, table)
     held = _redundant(task, start, table)
     own = len(start.parameters) - len(held)
     remarks += _hidden(after, base) or (
@@ -214,6 +216,21 @@ def _finding(
         _steps(first, last, own, own if base is start else len(base.parameters), before, bool(climbed)),
         _rms(first, last), tuple(remarks),
     )  # fmt: skip
+
+
+def _beyond_code(model: StiffnessModel, table: Measurements) -> list[str]:
+    """A remark on what is found and is no law of a virtual joint: what the model and its code leave for want of it."""
+    lawless = [e for e, r in zip(model.effects, model.realisations, strict=True) if r.nominal and not r.terms]
+    if not lawless or table.kind != "deflection":
+        return []
+    rows = table.measured & (np.arange(6) < 3 if table.measured[:, :3].any() else True)
+    left = milli(float(np.sqrt(np.mean((table.values - predict(model, table))[rows] ** 2))))
+    names = ", ".join(named_at(e.effect, e.where) for e in lawless)
+    unit = "mm" if table.measured[:, :3].any() else "mrad"
+    return [
+        f"{names}: no law at a virtual joint, so that the model's deflections, its code and compensation go without "
+        f"it: they leave {left} {unit} rms per coordinate of these data"
+    ]
 
 
 def _taken_back(last: Diagnosis) -> Diagnosis:

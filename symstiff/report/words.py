@@ -8,10 +8,12 @@ from typing import Any
 
 from symstiff.discrepancy.finding import Finding, Found
 from symstiff.discrepancy.numbers import milli, number, p_equals, quantity
+from symstiff.discrepancy.problem import Options
 from symstiff.discrepancy.remarks import FEW, hiding
 from symstiff.discrepancy.result import Name
 from symstiff.discrepancy.speech import named, place, spoken
-from symstiff.discrepancy.verdict import AS_WELL, ENOUGH, INSUFFICIENT, NOT_ALONE, REFUTED
+from symstiff.discrepancy.strata import Stratum
+from symstiff.discrepancy.verdict import AS_WELL, ENOUGH, INSUFFICIENT, NOT_ALONE, REFUTED, UNEXPLAINED
 from symstiff.effects.instance import EffectInstance
 from symstiff.report.deciding import deciding
 from symstiff.report.tables import shift
@@ -55,6 +57,8 @@ def headline(finding: Finding) -> str:
         return "Something is missing, and the data do not tell whether the catalogue has a name for it"
     if finding.last.against_sigma:
         return "More is left than the stated sigma allows, and no test finds anything missing"
+    if finding.verdict == UNEXPLAINED and _stratum_alone(finding) is not None:
+        return "More is left than independent noise leaves, and no place stands out"
     if finding.reason in (AS_WELL, REFUTED):
         return f"Something is missing, perhaps: {names(finding.named)}"
     return {
@@ -206,12 +210,28 @@ def _noise(finding: Finding) -> str:
 
 
 def _named(finding: Finding) -> str:
-    text = f"What is missing: {listed(finding)}; {gap(finding)}."
+    text = f"What is missing: {listed(finding)}; {gap(finding)}.{_hardly_told(finding)}"
     sets = sorted({e.set_number for e in finding.alternatives})
     others = [[e for e in finding.alternatives if e.set_number == s] for s in sets]
     if not others:
         return text
     return f"{text} Less likely, but not excluded: {'; or '.join(_instead(members, finding) for members in others)}."
+
+
+def _hardly_told(finding: Finding) -> str:
+    """What else holds nearly all of a named effect's signal, where that is no explanation that is told anyhow."""
+    told = {named(e.effect, e.where) for e in (*finding.named, *finding.alternatives)}
+    text = ""
+    for e in finding.named:
+        like = [
+            name_text(n) for n in e.confounded_with if name_text(n) not in told | set(map(name_text, e.twins))
+        ]
+        text += (
+            f" These data hardly tell {named(e.effect, e.where)} from {' or '.join(like[:2])}."
+            if like
+            else ""
+        )
+    return text
 
 
 def _instead(members: list[Found], finding: Finding) -> str:
@@ -278,6 +298,15 @@ def _insufficient(finding: Finding) -> str:
     return f"The leading explanation is {listed(finding)}, but {why}; {gap(finding)}."
 
 
+def _stratum_alone(finding: Finding) -> Stratum | None:
+    """The stratum that rejects, where no test of laws does: then no place is accused."""
+    last = finding.last
+    if last.p_missing < Options.alpha or last.p_unnamed < Options.alpha_strata:
+        return None
+    known = [s for s in last.strata if s.p_value is not None and s.p_value < Options.alpha_strata]
+    return min(known, key=lambda s: s.p_value or 0.0, default=None)
+
+
 def _further(finding: Finding) -> str:
     """What stands out most beside the effects found."""
     step = finding.last.growth[-1]
@@ -290,6 +319,14 @@ def _unexplained(finding: Finding) -> str:
         return (
             f"No test finds anything missing, and {finding.reason} (residual {size(finding.rms.after, finding)} rms "
             f"per coordinate, noise as stated {size(finding.last.noise.stated, finding)}): check the stated sigma."
+        )
+    alone = _stratum_alone(finding)
+    if alone is not None:
+        p = p_equals(alone.p_value or 0.0)
+        return (
+            f"One part of the residual alone holds more than noise ({alone.name}: {p}), and no law at any "
+            "place is seen there: it may be noise that follows itself from reading to reading (residual "
+            f"{size(finding.rms.after, finding)} rms per coordinate, {_noise(finding)})."
         )
     accused = finding.last.localisation.accused if finding.last.localisation else ""
     text = "No effect of the catalogue accounts for the data"
