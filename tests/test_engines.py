@@ -88,11 +88,14 @@ def test_neither_the_seed_nor_the_primes_change_the_result(
     assert engine_of(r, 1).partition(order) == r.partition
 
 
-def test_a_prime_that_loses_rank_is_left_out(monkeypatch: pytest.MonkeyPatch) -> None:
-    """In a field of 11 or 103 elements columns coincide by accident; later primes must win."""
+@pytest.mark.parametrize("primes", [(103, 11, *PRIMES[:6]), (PRIMES[0], 7, *PRIMES[1:6])])
+def test_a_prime_that_loses_rank_is_left_out(
+    primes: tuple[int, ...], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """In a field of 7, 11 or 103 elements columns coincide by accident; the other primes must win, first or last."""
     r = reduce(load("planar2r"))
     order = preference(ElasticChain(r.robot), r.full)
-    monkeypatch.setattr("symstiff.reduction.structural.PRIMES", (103, 11, *PRIMES[:6]))
+    monkeypatch.setattr("symstiff.reduction.structural.PRIMES", primes)
     assert engine_of(r, 1).partition(order) == r.partition
 
 
