@@ -14,7 +14,7 @@ from symstiff.effects.registry import find
 from symstiff.errors import UserError
 from symstiff.model import StiffnessModel
 from symstiff.reduction.structural import LOADS
-from symstiff.reduction.svd import decide_rank
+from symstiff.reduction.svd import numeric_rank
 
 _NAME = "gravity_compensator"
 _STILL = 1e-9  # rad, m
@@ -69,7 +69,7 @@ def _null(A: np.ndarray) -> np.ndarray:
     """(d, P) orthonormal combinations of columns, scaled to length one, that vanish."""
     size = np.linalg.norm(A, axis=0)
     _, s, vt = np.linalg.svd(A / np.where(size > 0.0, size, 1.0), full_matrices=False)
-    return np.asarray(vt[decide_rank(s, len(A)).rank :])
+    return np.asarray(vt[numeric_rank(s, len(A)).rank :])
 
 
 def _anywhere(model: StiffnessModel, table: Measurements, joint: int, angles: np.ndarray) -> Measurements:
