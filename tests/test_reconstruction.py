@@ -11,8 +11,9 @@ from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
 from symstiff.errors import UserError
-from symstiff.reduction.admissible import admissible_set, link_matrices, scales
+from symstiff.reduction.admissible import BEAM_RATIO, admissible_set, link_matrices, scales
 from symstiff.reduction.conic import cone_vector, dual_matrix
+from symstiff.reduction.nearest import Relation, cantilever_relations
 from symstiff.reduction.reconstruction import reconstruct
 from symstiff.reduction.reduce import reduce
 from symstiff.robot import load
@@ -222,6 +223,39 @@ def test_noisy_identification_of_an_admissible_robot_stays_within_its_own_noise(
     found = reconstruct(P, noisy, NAMES, NOMINAL, covariance=root @ root.T)
     assert found.distance < np.sqrt(len(kept)) + 3
     assert min(found.smallest.values()) > 0
+
+
+@pytest.mark.parametrize(("deflects", "turns"), [(2, 6), (3, 5)])
+def test_the_beam_ratio_holds_every_pair_to_the_cantilever_and_no_more(deflects, turns):
+    few = [f"k1_{deflects}{deflects}", f"k1_{turns}{turns}", f"k1_{deflects}{turns}"]
+    P, reduced = np.array([[0.0, 1.0, 0.0], [0.0, 0.0, 1.0]]), np.array([1.0, 0.5])
+    for ratio in (1.0, BEAM_RATIO):
+        rules = admissible_set(few, beam_ratio=ratio)
+        found = reconstruct(P, reduced, few, {}, admissible=rules).bounds
+        assert found is not None
+        assert found.lower[0] == pytest.approx(0.25 * ratio, rel=1e-6)
+    with pytest.raises(UserError, match="beam ratio"):
+        admissible_set(few, beam_ratio=0.5)
+
+
+def test_soft_beam_relations_draw_a_link_to_a_cantilever_of_its_length():
+    few = [f"k1_{ab}" for ab in ("22", "66", "26", "33", "55", "35")]
+    length, bend = 0.8, 1e-7
+    tip = {
+        "k1_66": bend,
+        "k1_55": bend,
+        "k1_26": length / 2 * bend,
+        "k1_35": -length / 2 * bend,
+        "k1_22": length**2 / 3 * bend,
+        "k1_33": length**2 / 3 * bend,
+    }
+    P = np.eye(6)[[1, 4]]
+    nominal = dict.fromkeys(("k1_22", "k1_33"), 3e-8) | dict.fromkeys(("k1_66", "k1_55"), 1e-7)
+    soft = cantilever_relations(1, length, weight=1e3)
+    found = reconstruct(P, np.array([bend, bend]), few, nominal, relations=soft, bounds=False)
+    np.testing.assert_allclose(found.values, [tip[n] for n in few], rtol=1e-4)
+    with pytest.raises(UserError, match="k9_11"):
+        reconstruct(P, np.array([bend, bend]), few, nominal, relations=[Relation({"k9_11": 1.0})])
 
 
 @settings(max_examples=50, deadline=None)

@@ -13,6 +13,7 @@ from symstiff.errors import UserError
 
 Array = npt.NDArray[np.float64]
 
+BEAM_RATIO = 4.0 / 3.0  # k22·k66/k26² of a uniform cantilever: (L³/3EI)·(L/EI)/(L²/2EI)²
 LINK = re.compile(r"k(\d+)_([1-6])([1-6])")
 JOINT = re.compile(r"c(\d+)")
 # Where nothing is known: m/N, rad/N and rad/(N·m) of a heavy robot's links, rad/(N·m) of its joints.
@@ -23,18 +24,20 @@ _TYPICAL_TRANSLATION, _TYPICAL_ROTATION, _TYPICAL_JOINT = 1e-8, 1e-7, 1e-6
 class Block:
     """A symmetric matrix that must be positive semidefinite: a coupled part of a link, or a number ≥ 0.
 
-    entries: (row, column, parameter index), row ≤ column, 0-based inside the block.
+    entries: (row, column, parameter index), row ≤ column, 0-based inside the block; coupling: factor on the
+    off-diagonal entries in the condition (√ratio of a beam, 1 otherwise).
     """
 
     label: str
     size: int
     entries: tuple[tuple[int, int, int], ...]
+    coupling: float = 1.0
 
     def matrix(self, values: Array) -> Array:
-        """(size, size) compliance matrix for parameter values (n,)."""
+        """(size, size) compliance matrix for parameter values (n,), coupling factor included."""
         K = np.zeros((self.size, self.size))
         for row, column, index in self.entries:
-            K[row, column] = K[column, row] = values[index]
+            K[row, column] = K[column, row] = values[index] * (1.0 if row == column else self.coupling)
         return K
 
     def axes(self, scale: Array) -> Array:
@@ -47,7 +50,7 @@ class Block:
         """(entries, size, size): derivative of the matrix by each of its parameters."""
         E = np.zeros((len(self.entries), self.size, self.size))
         for e, (row, column, _) in enumerate(self.entries):
-            E[e, row, column] = E[e, column, row] = 1.0
+            E[e, row, column] = E[e, column, row] = 1.0 if row == column else self.coupling
         return E
 
 
@@ -71,17 +74,25 @@ class AdmissibleSet:
         return {label: float(found[0]) for label, found in self.eigenvalues(values, scale).items()}
 
 
-def admissible_set(names: Sequence[str], *, nonnegative: Iterable[str] = ()) -> AdmissibleSet:
+def admissible_set(
+    names: Sequence[str], *, nonnegative: Iterable[str] = (), beam_ratio: float = 1.0
+) -> AdmissibleSet:
     """Read the conditions off the names: link matrices of `k<i>_<ab>`, `c<j>` and `nonnegative` ≥ 0.
 
     A link matrix splits into its coupled parts: a beam gives k11, k44 and the pairs (2,6) and (3,5).
-    Raises UserError for a coupling without its diagonal terms. Source: seed section 3.1, eq. (13).
+    beam_ratio: the least k_aa·k_bb/k_ab² of those pairs; 1 is plain semidefiniteness, BEAM_RATIO = 4/3 the
+    uniform cantilever or anything with more shear. Raises UserError for a coupling without its diagonal
+    terms. Source: seed section 3.1, eq. (13).
     """
+    if beam_ratio < 1.0:
+        raise UserError(
+            f"beam ratio {beam_ratio:g} is below 1, where no link matrix is positive: give 1 to 4/3"
+        )
     index = {name: i for i, name in enumerate(names)}
     signed = set(nonnegative)
     blocks = []
     for link in sorted({int(m[1]) for m in map(LINK.fullmatch, names) if m}):
-        blocks += _link_blocks(link, index)
+        blocks += _link_blocks(link, index, beam_ratio)
     for name in names:
         joint = JOINT.fullmatch(name)
         if joint or name in signed:
@@ -134,7 +145,7 @@ def _typical(axis: int) -> float:
     return _TYPICAL_TRANSLATION if axis <= 3 else _TYPICAL_ROTATION
 
 
-def _link_blocks(link: int, index: Mapping[str, int]) -> list[Block]:
+def _link_blocks(link: int, index: Mapping[str, int], beam_ratio: float) -> list[Block]:
     """The coupled parts of one link matrix, each with the axes it joins."""
     terms = {
         (int(m[2]), int(m[3])): i
@@ -157,5 +168,6 @@ def _link_blocks(link: int, index: Mapping[str, int]) -> list[Block]:
         inside = sorted(pair for pair in terms if set(pair) <= set(axes))
         entries = tuple((axes.index(min(p)), axes.index(max(p)), terms[p]) for p in inside)
         members = ", ".join(f"k{link}_{a}{b}" for a, b in inside)
-        blocks.append(Block(f"link {link} ({members})", len(axes), entries))
+        coupling = np.sqrt(beam_ratio) if axes in ([2, 6], [3, 5]) else 1.0
+        blocks.append(Block(f"link {link} ({members})", len(axes), entries, float(coupling)))
     return blocks

@@ -2,13 +2,40 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
 
+from symstiff.errors import UserError
 from symstiff.reduction.admissible import AdmissibleSet, Array
 from symstiff.reduction.conic import Constraint, Solution, block_rows, semidefinite, solve
+
+
+@dataclass(frozen=True)
+class Relation:
+    """A soft linear relation Σ coefficient·parameter ≈ 0; weight: against one nominal size off target."""
+
+    coefficients: Mapping[str, float]
+    weight: float = 1.0
+
+
+def cantilever_relations(link: int, length: float, weight: float = 1.0) -> tuple[Relation, ...]:
+    """Tip relations of a uniform slender beam of signed length [m] along the link's first elastic axis.
+
+    k26 = L/2·k66, k35 = −L/2·k55, k22 = L²/3·k66, k33 = L²/3·k55 (Timoshenko and Goodier, end load).
+    """
+
+    def pair(a: str, b: str, factor: float) -> Relation:
+        return Relation({f"k{link}_{a}": 1.0, f"k{link}_{b}": -factor}, weight)
+
+    return (
+        pair("26", "66", length / 2),
+        pair("35", "55", -length / 2),
+        pair("22", "66", length**2 / 3),
+        pair("33", "55", length**2 / 3),
+    )
 
 
 @dataclass(frozen=True, eq=False)
@@ -80,14 +107,23 @@ def deepest_point(affine: Affine, rules: AdmissibleSet, most: float = 1.0) -> Ar
 
 
 def nearest_relative(
-    affine: Affine, rules: AdmissibleSet, target: Array, margin: float = 0.0
+    affine: Affine,
+    rules: AdmissibleSet,
+    target: Array,
+    relations: Sequence[Relation] = (),
+    margin: float = 0.0,
 ) -> tuple[Array, float]:
-    """Point with every block ⪰ margin of least Σ(x − target)², and that value."""
+    """Point with every block ⪰ margin of least Σ(x − target)² + Σ weight²·relation², and that value."""
     n, gain = len(target), max(affine.gain, float(np.max(np.abs(target), initial=0.0)))
     affine, target, margin = affine.resized(gain), target / gain, margin / gain
-    constraints = [affine.equations(), *semidefinite(rules, affine.scale, n, margin)]
-    x = _solved(solve(np.full(n, 2.0), -2.0 * target, constraints), "nearest admissible set").x
-    return gain * x, gain**2 * float(np.sum((x - target) ** 2))
+    soft = _relation_rows(relations, rules.names, affine.scale)
+    width = n + len(soft)
+    links = Constraint("zero", np.hstack([soft, -np.eye(len(soft))]), np.zeros(len(soft)))
+    constraints = [affine.equations(width), *([links] if len(soft) else [])]
+    constraints += semidefinite(rules, affine.scale, width, margin)
+    linear = np.concatenate([-2.0 * target, np.zeros(len(soft))])
+    x = _solved(solve(np.full(width, 2.0), linear, constraints), "nearest admissible set").x[:n]
+    return gain * x, gain**2 * float(np.sum((x - target) ** 2) + np.sum((soft @ x) ** 2))
 
 
 def project_reduced(affine: Affine, rules: AdmissibleSet, covariance: Array | None, margin: float) -> Array:
@@ -111,6 +147,19 @@ def project_reduced(affine: Affine, rules: AdmissibleSet, covariance: Array | No
     quadratic = np.concatenate([np.full(n, 1e-10), np.ones(r)])
     x = _solved(solve(quadratic, np.zeros(n + r), constraints), "nearest admissible reduced set").x[:n]
     return np.asarray(affine.P @ (affine.scale * x))
+
+
+def _relation_rows(relations: Sequence[Relation], names: Sequence[str], scale: Array) -> Array:
+    """(relations, n) on scaled parameters, each row with its largest term at the relation's weight."""
+    index = {name: i for i, name in enumerate(names)}
+    rows = np.zeros((len(relations), len(names)))
+    for row, relation in zip(rows, relations, strict=True):
+        for name, coefficient in relation.coefficients.items():
+            if name not in index:
+                raise UserError(f"relation names {name}, which is no parameter of this model")
+            row[index[name]] = coefficient * scale[index[name]]
+        row *= relation.weight / (np.max(np.abs(row)) or 1.0)
+    return rows
 
 
 def _at_most(n: int, most: float) -> Constraint:

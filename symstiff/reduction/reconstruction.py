@@ -17,6 +17,7 @@ import numpy as np
 from symstiff.display import finite
 from symstiff.errors import UserError
 from symstiff.reduction.admissible import (
+    AdmissibleSet,
     Array,
     admissible_set,
     joint_compliances,
@@ -25,7 +26,7 @@ from symstiff.reduction.admissible import (
 )
 from symstiff.reduction.bounds import Bounds, parameter_bounds
 from symstiff.reduction.logdet import nearest_logdet
-from symstiff.reduction.nearest import Affine, deepest, nearest_relative, project_reduced
+from symstiff.reduction.nearest import Affine, Relation, deepest, nearest_relative, project_reduced
 
 Metric = Literal["relative", "logdet"]
 METRICS: Mapping[Metric, str] = {
@@ -102,21 +103,24 @@ def reconstruct(
     reduced_names: Sequence[str] | None = None,
     covariance: Array | None = None,
     metric: Metric = "relative",
+    admissible: AdmissibleSet | None = None,
+    relations: Sequence[Relation] = (),
     margin: float = 1e-4,
     bounds: bool = True,
 ) -> Reconstruction:
     """The admissible complete set in {π : P·π = reduced} nearest to the nominal model.
 
     P: (r, n) exact mapping of the reduction, of rank r; reduced: (r,) SI; nominal: values by name
-    (absent: 0, of a typical size); covariance: (r, r) of `reduced`; margin: share of the nominal size that
-    every block keeps, where the data allow it. Raises UserError for shapes that do not fit. Where noise leaves
-    no admissible set, `reduced` moves to the nearest one that has one: in standard deviations if covariance is
-    given, in nominal sizes otherwise.
+    (absent: 0, of a typical size); covariance: (r, r) of `reduced`; relations: soft linear relations such as
+    those of a beam (metric "relative" only); margin: share of the nominal size that every block keeps, where
+    the data allow it. Raises UserError for shapes that do not fit. Where noise leaves no admissible set,
+    `reduced` moves to the nearest one that has one: in standard deviations if covariance is given, in nominal
+    sizes otherwise.
     """
     P, reduced = np.asarray(P, dtype=float), np.asarray(reduced, dtype=float)
     reduced_names = tuple(reduced_names or (f"r{i + 1}" for i in range(len(reduced))))
     _check(P, reduced, names, reduced_names, covariance, metric)
-    rules = admissible_set(names)
+    rules = admissible_set(names) if admissible is None else admissible
     scale = scales(names, nominal)
     target = np.array([float(nominal.get(name, 0.0)) for name in names]) / scale
     affine = Affine(P, reduced, scale)
@@ -131,7 +135,7 @@ def reconstruct(
     if metric == "logdet":
         x, value = nearest_logdet(moved, rules, target)
     else:
-        x, value = nearest_relative(moved, rules, target, inner)
+        x, value = nearest_relative(moved, rules, target, relations, inner)
     values = scale * moved.restore(x)
     given = _deviations(covariance, len(reduced))
     return Reconstruction(
