@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from symstiff.calibration.measurements import measurements
-from symstiff.calibration.plan import Goal, Search, plan_for
+from symstiff.calibration.plan import Goal, Search, plan_for, workspace_for
 from symstiff.calibration.rows import equations, predict
 from symstiff.codegen import library, runtime
 from symstiff.codegen.compiler import Compiler, find_compiler
@@ -112,6 +112,14 @@ def test_compensated_trajectories_are_the_same(both):
     close(compiled.q_cmd, numpy.q_cmd)
     compiled, numpy = both(lambda: compensate_online(m, q, w))
     close(compiled, numpy)
+
+
+def test_a_map_of_the_workspace_is_the_same(both):
+    m = model("kuka_kr270")
+    compiled, numpy = both(lambda: workspace_for(m, [0, 0, -1000, 0, 0, 0], counts=(9, 7)))
+    assert compiled.deflection.shape == (9, 7, 6)
+    close(compiled.deflection, numpy.deflection)
+    close(compiled.deflection[3, 2], m.deflection(compiled.q[3, 2], [0, 0, -1000, 0, 0, 0])[0])
 
 
 def test_values_of_another_size_need_no_derivation():

@@ -20,12 +20,14 @@ from symstiff.calibration.planning import (
     Search,
     Space,
     above_floor,
+    draw_map,
     draw_plan,
     geometry,
     measurement_of,
     plan_poses,
     poses_table,
     save_figure,
+    workspace_map,
 )
 from symstiff.calibration.planning.candidates import Evaluator, draw
 from symstiff.calibration.planning.criteria import Criterion
@@ -209,6 +211,10 @@ def test_wrench_and_force_candidates_have_the_stated_magnitude_in_all_directions
     assert {tuple(w) for w in listed.w} == set(cases)
 
 
+def gram_deflection(q: np.ndarray, w: np.ndarray) -> np.ndarray:
+    return THREE_AXES(q, w) @ np.array([1e-6, 2e-6, 3e-6, 1e-7, 1e-7, 2e-7])
+
+
 @pytest.mark.parametrize(
     ("reach", "moment"), [(3.3, 50.0), (0.81, 50.0), (0.75, 50.0), (0.06, 4.0)]
 )  # 0.5 m times 100 N, or 2/3 of 0.06 m
@@ -282,15 +288,22 @@ def test_the_poses_table_reads_back_as_the_plan(tmp_path):
     assert [p.name for p in tmp_path.iterdir()] == ["poses.csv"]
 
 
-def test_plots_of_a_plan_are_reproducible_files(tmp_path):
+def test_plots_of_plan_and_workspace_are_reproducible_files(tmp_path):
     plan = small_plan()
     for name in ("a.svg", "b.svg"):
         save_figure(draw_plan(plan, THREE), tmp_path / name)
     assert (tmp_path / "a.svg").read_bytes() == (tmp_path / "b.svg").read_bytes()
-    save_figure(draw_plan(plan, THREE), tmp_path / "plan.png")
-    assert (tmp_path / "plan.png").read_bytes().startswith(b"\x89PNG")
+    region = Region(half_spaces=(above_floor(0.0),))
+    result = workspace_map(gram_deflection, THREE, DOWN, (2, 3), (20, 30), at={1: 0.3}, region=region)
+    low = result.tip[..., 2] < -1e-6
+    assert np.isnan(result.magnitude[low]).all()
+    kept = np.isfinite(result.magnitude)
+    assert kept.any()
+    assert np.allclose(result.stiffness[kept] * -result.deflection[kept][:, 2], 2500.0)
+    save_figure(draw_map(result, "stiffness"), tmp_path / "map.png")
+    assert (tmp_path / "map.png").read_bytes().startswith(b"\x89PNG")
     with pytest.raises(UserError, match=r"\.png or \.svg"):
-        save_figure(draw_plan(plan, THREE), tmp_path / "plan.pdf")
+        save_figure(draw_map(result), tmp_path / "map.pdf")
 
 
 def test_a_box_is_kept_clear_of_the_lines_between_joints():

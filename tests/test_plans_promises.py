@@ -1,4 +1,4 @@
-"""What a plan's score stands for."""
+"""What a plan's score stands for, and what a map of the workspace shows."""
 
 from __future__ import annotations
 
@@ -11,10 +11,15 @@ from symstiff.calibration.planning import (
     Goal,
     Load,
     Plan,
+    Region,
     Search,
     Space,
+    above_floor,
+    draw_map,
     plan_poses,
+    workspace_map,
 )
+from symstiff.calibration.planning.frames import origins
 
 ARM = ChainObservation(
     rows=((0, 0.5, 0.1, -np.pi / 2), (0, 0, 0.6, 0), (0, 0, 0.5, 0)),
@@ -54,3 +59,22 @@ def test_the_expected_error_is_the_root_mean_square_of_a_whole_position():
     at = ARM(test_q, test_w)[:, :3]
     squares = np.einsum("ncp,pq,ncq->n", at, covariance, at)  # of x, y and z together
     assert plan.expected_error == pytest.approx(float(np.sqrt(squares.mean())), rel=1e-6)
+
+
+def test_a_map_is_empty_where_the_region_is_left_and_shows_newtons_a_micrometre():
+    compliance = 2e-6  # m/N, straight down
+
+    def sinks(q: np.ndarray, w: np.ndarray) -> np.ndarray:
+        return np.hstack([compliance * w[:, :3], np.zeros((len(q), 3))])
+
+    found = workspace_map(sinks, THREE, DOWN, counts=(9, 9), region=Region((), (above_floor(0.4),)))
+    low = origins(THREE, found.q.reshape(-1, 3))[:, 1:, 2].min(axis=1).reshape(9, 9) < 0.4
+    assert low.any()
+    assert not low.all()
+    np.testing.assert_array_equal(np.isnan(found.magnitude), low)
+    np.testing.assert_array_equal(np.isnan(found.stiffness), low)
+    assert np.nanmax(found.stiffness) == pytest.approx(1 / compliance)
+    mesh = draw_map(found, "stiffness").axes[0].collections[0]
+    assert float(np.ma.max(mesh.get_array())) == pytest.approx(0.5)  # N/µm
+    mesh = draw_map(found).axes[0].collections[0]
+    assert float(np.ma.max(mesh.get_array())) == pytest.approx(1.0)  # mm

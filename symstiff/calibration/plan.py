@@ -17,9 +17,11 @@ from symstiff.calibration.planning import (
     Region,
     Search,
     Space,
+    WorkspaceMap,
     geometry,
     measurement_of,
     plan_poses,
+    workspace_map,
 )
 from symstiff.calibration.planning.parallel import Progress
 from symstiff.errors import UserError
@@ -34,6 +36,7 @@ __all__ = [
     "Search",
     "casadi_observation",
     "plan_for",
+    "workspace_for",
 ]
 
 _CLASSES = ("gravity", "force", "wrench")
@@ -91,6 +94,22 @@ def plan_for(
         casadi_observation(model),
         progress,
     )
+
+
+def workspace_for(
+    model: StiffnessModel,
+    w: np.ndarray,
+    joints: tuple[int, int] = (2, 3),
+    counts: tuple[int, int] = (60, 60),
+    at: Mapping[int, float] | None = None,
+    region: Region | None = None,
+    workers: int = 1,
+) -> WorkspaceMap:
+    """Map a model's deflection under one wrench ``w`` (6,) over two joints, the others at ``at`` or zero."""
+    from symstiff.codegen.runtime import for_poses
+
+    deflection = for_poses(model, counts[0] * counts[1]).deflection
+    return workspace_map(deflection, geometry(model.robot), w, joints, counts, at, region, workers)
 
 
 def casadi_observation(model: StiffnessModel) -> Callable[[Any, Any], Any] | None:

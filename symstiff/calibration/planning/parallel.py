@@ -28,6 +28,23 @@ def slices(count: int, size: int) -> tuple[slice, ...]:
     return tuple(slice(start, min(start + size, count)) for start in range(0, count, size))
 
 
+def map_blocks(
+    function: Callable[..., Result],
+    blocks: Sequence[tuple[Any, ...]],
+    workers: int = 1,
+    cluster: str | None = None,
+    progress: Progress | None = None,
+    label: str = "evaluating",
+) -> list[Result]:
+    """Return ``[function(*block) for block in blocks]``, computed by ``workers`` processes or a Dask cluster.
+
+    ``cluster`` is a scheduler's address (``tcp://host:port``) and wins over ``workers``. The function and the
+    blocks must be picklable; with more than one worker, processes are spawned. Raises UserError where the
+    cluster cannot be used; an exception of the function is passed on.
+    """
+    return list(stream_blocks(function, blocks, workers, cluster, progress, label))
+
+
 def stream_blocks(
     function: Callable[..., Result],
     blocks: Sequence[tuple[Any, ...]],
@@ -36,12 +53,7 @@ def stream_blocks(
     progress: Progress | None = None,
     label: str = "evaluating",
 ) -> Iterator[Result]:
-    """Yield ``function(*block)`` of the blocks in order, computed by ``workers`` processes or a Dask cluster.
-
-    ``cluster`` is a scheduler's address (``tcp://host:port``) and wins over ``workers``. The function and the
-    blocks must be picklable; with more than one worker, processes are spawned. Raises UserError where the
-    cluster cannot be used; an exception of the function is passed on.
-    """
+    """Yield what ``map_blocks`` returns, block by block in order, so that a caller can store it in place."""
     if workers < 1:
         raise UserError(f"workers = {workers}: use at least one")
     if cluster is not None:
