@@ -283,24 +283,26 @@ REDUCTION = reduce(KR270, "gravity")
 values = st.floats(-1e-5, 1e-5, allow_nan=False)
 
 
-@given(st.lists(values, min_size=56, max_size=56), st.integers(0, 99))
+@given(
+    st.lists(values, min_size=26, max_size=26), st.lists(values, min_size=30, max_size=30), st.integers(0, 99)
+)
 @settings(max_examples=25, deadline=None)
-def test_a_full_set_and_the_reduced_one_that_it_gives_predict_the_same(full: list[float], seed: int) -> None:
-    reduced = REDUCTION.reduced_values(dict(zip((p.name for p in REDUCTION.full), full, strict=True)))
-    assert tuple(reduced) == REDUCTION.parameters
+def test_full_and_reduced_sets_are_inverse_for_any_constants_and_predict_the_same(
+    reduced: list[float], constants: list[float], seed: int
+) -> None:
+    r = REDUCTION
+    known = dict(zip(r.parameters, reduced, strict=True))
+    fixed = dict(zip((p.name for p in r.full if p.name not in r.parameters), constants, strict=True))
+    full = r.full_values(known, fixed)
+    assert {n: full[n] for n in fixed} == fixed
+    back = r.reduced_values(full)
+    np.testing.assert_allclose([back[n] for n in r.parameters], reduced, atol=1e-18)
     full_A, kept_A = programs()
     q, w = samples(KR270, 3, seed, "gravity")
     w *= 1000.0
-    one = evaluate_numpy(full_A, q=q, w=w)["A"] @ np.array(full)
-    two = evaluate_numpy(kept_A, q=q, w=w)["A"] @ np.array(list(reduced.values()))
+    one = evaluate_numpy(full_A, q=q, w=w)["A"] @ np.array([full[p.name] for p in r.full])
+    two = evaluate_numpy(kept_A, q=q, w=w)["A"] @ np.array(reduced)
     np.testing.assert_allclose(one, two, atol=1e-13)
-
-
-@given(st.lists(values, min_size=26, max_size=26))
-@settings(max_examples=25, deadline=None)
-def test_a_full_set_without_what_was_eliminated_is_the_reduced_one(reduced: list[float]) -> None:
-    known = dict(zip(REDUCTION.parameters, reduced, strict=True))
-    assert REDUCTION.reduced_values(known) == known
 
 
 _PROGRAMS: list[Program] = []
@@ -315,6 +317,9 @@ def programs() -> list[Program]:
     return _PROGRAMS
 
 
-def test_values_of_parameters_that_there_are_not_are_refused() -> None:
+def test_a_constant_can_be_given_only_to_what_was_eliminated() -> None:
+    known = dict.fromkeys(REDUCTION.parameters, 0.0)
+    with pytest.raises(UserError, match="'k0_35' is no eliminated parameter"):
+        REDUCTION.full_values(known, {"k0_35": 1.0})
     with pytest.raises(UserError, match="no parameter 'k7_11'"):
         REDUCTION.reduced_values({"k7_11": 1.0})

@@ -119,6 +119,22 @@ class Reduction:
         vector = np.array([full.get(p.name, 0.0) for p in self.full])
         return dict(zip(self.parameters, (self.projection @ vector).tolist(), strict=True))
 
+    def full_values(
+        self, reduced: Mapping[str, float], constants: Mapping[str, float] | None = None
+    ) -> dict[str, float]:
+        """Values of π′ with the eliminated parameters fixed at constants (M5c; zero where none is given)."""
+        fixed = dict(constants or {})
+        eliminated = [p.name for p in self.full if p.name not in self.parameters]
+        wrong = sorted(set(fixed) - set(eliminated))
+        if wrong:
+            raise UserError(
+                f"{wrong[0]!r} is no eliminated parameter of {self.robot.name}: it cannot be fixed"
+            )
+        values = {n: fixed.get(n, 0.0) for n in eliminated}
+        shift = self.reduced_values(values)
+        values |= {n: reduced[n] - shift[n] for n in self.parameters}
+        return {p.name: values[p.name] for p in self.full}
+
     def as_dict(self) -> dict[str, Any]:
         """What ``inspect --json`` writes."""
         p = self.partition
