@@ -10,7 +10,7 @@ import sympy as sp
 from numerics import assert_couplings_hold
 
 from symstiff.reduction import reduce
-from symstiff.reduction.closed_form import closed_form
+from symstiff.reduction.closed_form import _fit, closed_form
 from symstiff.reduction.reading import combination
 from symstiff.robot import from_table, library, load
 from symstiff.robot.table import to_table
@@ -80,6 +80,22 @@ def test_what_depends_on_lengths_in_no_short_form_is_a_decimal(monkeypatch: pyte
                 assert whole[e][k].free_symbols
                 assert float(c) == pytest.approx(float(r.partition.couplings[e][k]), rel=1e-14)
     assert decimals == 4
+
+
+@pytest.mark.parametrize("wrong", ["1 + a_2/1000000", "-1", "1/(a_1 - 1)"])
+def test_a_formula_that_misses_the_exact_value_gives_way_to_a_decimal(
+    wrong: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """What fits modulo one prime by accident, or is infinite at the robot's own lengths: here a_1 is one metre."""
+    r = reduce(load("planar2r"), "force", "position")
+    letters = [(e, k) for e, row in closed_form(r).items() for k, c in row.items() if c.free_symbols]
+    assert len(letters) > 5
+    factor = sp.sympify(wrong, locals={s: sp.Symbol(s, real=True) for s in ("a_1", "a_2")})
+    monkeypatch.setattr("symstiff.reduction.closed_form._fit", lambda *given: factor * _fit(*given))
+    found = closed_form(r)
+    for e, k in letters:
+        assert found[e][k].is_Float
+        assert float(found[e][k]) == pytest.approx(float(r.partition.couplings[e][k]), rel=1e-14)
 
 
 def test_couplings_are_printed_in_one_notation_and_mean_what_was_found() -> None:

@@ -251,6 +251,19 @@ def test_a_misstated_sigma_is_noticed_and_changes_no_p_value(factor: float) -> N
     assert wrong.verdict == right.verdict
 
 
+@pytest.mark.parametrize(
+    ("factor", "differences", "wrong"),
+    [(1.0, True, False), (1.0, False, False), (1.41, True, False), (1.41, False, True), (2.2, True, True)],
+)
+def test_a_stated_sigma_of_differences_may_count_the_reading_without_load(
+    factor: float, differences: bool, wrong: bool
+) -> None:
+    """That reading is what a pose's rows share, as noisy as one of the others: together √2 of it."""
+    problem = measured(arm(20).problem, 0.0, 6, SIGMA)
+    told = replace(problem, sigma=np.full(problem.rows, factor * SIGMA), differences=differences)
+    assert prepare(told, ()).report.misstated == wrong
+
+
 @pytest.mark.parametrize(("factor", "verdict"), [(1.77, "nothing_missing"), (2.4, "unexplained")])
 def test_a_residual_far_above_the_stated_sigma_is_not_called_explained(factor: float, verdict: str) -> None:
     """A sigma of one reading that is a fifth too small is misstated, and what is left is still noise."""

@@ -351,6 +351,7 @@ def test_a_size_that_divides_has_to_be_above_zero(effect: str, shape: dict[str, 
         ("transmission_error", {"joint": 3, "harmonics": "12"}, {}, "harmonics = '12'"),
         ("gravity_compensator", {"joint": 2}, {"angle_1": 1.0, "angle_2": -1.0}, "ascending order"),
         ("gravity_compensator", {"joint": 2}, {"angle_1": 1.0, "angle_2": 1.0}, "ascending order"),
+        ("bad_poses", {"rows": "p4"}, {}, "labels of its rows"),
     ],
 )
 def test_what_would_be_read_as_something_else_is_refused(

@@ -127,6 +127,24 @@ def test_a_direction_drowned_in_noise_is_dropped_and_said_so_and_kept_on_demand(
     assert estimate(A, y, np.full(60, 0.1), list("abc"), truncate="rounding").rank.rank == 3
 
 
+def test_a_dropped_direction_leaves_open_what_it_would_at_least_double_the_variance_of():
+    """Orthonormal columns but for the last, which is the one before it, a little of the others, and a rest of ε.
+
+    With that direction the variance of a column of which δ is in the last one grows by the factor 1 + (δ/ε)².
+    """
+    rng, rest = np.random.default_rng(2), 1e-5
+    basis = np.linalg.qr(rng.normal(size=(80, 7)))[0]
+    shares = rest * np.array([0.5, 0.9, 1.2, 2.5, 5.0])
+    last = basis[:, 5] + basis[:, :5] @ shares + rest * basis[:, 6]
+    A, sigma = np.column_stack([basis[:, :6], last]), np.full(80, 1e-3)
+    y = A @ np.ones(7) + sigma * rng.normal(size=80)
+    fit, whole = (estimate(A, y, sigma, list("abcdefg"), truncate=by) for by in ("noise", "rounding"))
+    assert (fit.rank.rank, whole.rank.rank) == (6, 7)
+    grown = np.diag(whole.covariance) / np.diag(fit.covariance)
+    np.testing.assert_allclose(grown[:5], 1.0 + (shares / rest) ** 2, rtol=1e-3)
+    assert fit.rank.affected == tuple("cdefg") == tuple(np.array(list("abcdefg"))[grown > 2.0])
+
+
 def test_metres_and_radians_are_weighed_by_what_their_residuals_show():
     A, x, kept, _ = identified(poses=60)
     rng, sigma = np.random.default_rng(5), np.tile(ROW_SIGMA, 60)
@@ -194,6 +212,18 @@ def test_clean_data_raise_no_suspicion_and_lose_little_precision():
         spread.append((fit.estimate.values - x) / fit.estimate.std)
     assert alarms < 12
     assert np.std(spread) == pytest.approx(1.0, abs=0.08)
+
+
+def test_clean_tables_of_few_rows_raise_suspicion_as_often_as_told():
+    """A scale from the median tells less than its degrees of freedom: with all of these it were twice as often."""
+    rng, rows, poses = np.random.default_rng(1), 0, 0
+    A, groups = rng.normal(size=(30, 6)), np.repeat(np.arange(10), 3)
+    for _ in range(500):
+        fit = robust_estimate(A, rng.normal(size=30), None, groups=groups, significance=0.05)
+        rows += bool(fit.rows)
+        poses += bool(fit.poses)
+    assert 12 < rows < 38
+    assert 12 < poses < 38
 
 
 def test_an_exact_majority_is_reproduced_whatever_the_others_say():

@@ -11,9 +11,11 @@ from symstiff.calibration.measurements import Measurements
 from symstiff.calibration.simulation.experiment import simulate
 from symstiff.calibration.simulation.truth import truth_from_table
 from symstiff.discrepancy.finding import Finding, Task
+from symstiff.discrepancy.noise import start
 from symstiff.discrepancy.prepare import prepare
 from symstiff.discrepancy.problem import Array
 from symstiff.discrepancy.proof import _predict
+from symstiff.discrepancy.sharing import Split
 from symstiff.discrepancy.workflow import run
 from symstiff.report import words
 from symstiff.robot import load
@@ -116,3 +118,20 @@ def test_poses_that_hardly_show_an_effect_predict_nothing_of_it() -> None:
     assert _predict(problem, noise, train, test, [column]) == pytest.approx(
         alone, abs=1e-3 * np.abs(alone).max()
     )
+
+
+def test_what_the_poses_hardly_show_is_drawn_to_zero_as_far_as_its_noise_demands() -> None:
+    """By hand: least squares, and zero beside each column of unit length as sure as the noise is below the signal."""
+    problem = noisy(arm(12).problem)
+    train, test = np.flatnonzero(problem.pose < 8), np.flatnonzero(problem.pose >= 8)
+    column = np.where(problem.pose < 8, 1e-3, 1.0) * np.sin(np.arange(problem.rows))
+    X = np.column_stack([problem.A, column])
+    X /= np.linalg.norm(X, axis=0)
+    width, y = X.shape[1], problem.y
+    plain, (left,), _, _ = np.linalg.lstsq(X[train], y[train], rcond=None)
+    signal = (y[train] @ y[train] - left) / width
+    sure = np.sqrt(left / (len(train) - width) / signal) * np.eye(width)
+    drawn = np.linalg.lstsq(np.vstack([X[train], sure]), np.append(y[train], np.zeros(width)), rcond=None)[0]
+    assert abs(drawn[-1]) < 0.3 * abs(plain[-1])
+    found = _predict(problem, start(problem, Split()), train, test, [column[:, None]])
+    assert found == pytest.approx(y[test] - X[test] @ drawn, rel=1e-6)

@@ -336,6 +336,13 @@ def test_the_gap_closed_is_a_share_of_what_noise_does_not_explain_and_unknown_wh
         assert np.isnan(HeldOut(before, 0.9, (before, 0.9), 1.0, (), 1.0).closure)
 
 
+def test_poses_left_out_speak_against_a_name_where_most_folds_select_another_that_predicts_worse() -> None:
+    """Rows weighed alike before and after: the best of both weights says nothing of what was selected."""
+    assert HeldOut(2.1, 2.0, (2.1, 2.2), 2.0, (), 0.2).refutes
+    assert not HeldOut(2.1, 2.2, (2.2, 2.1), 2.0, (), 0.2).refutes
+    assert not HeldOut(2.1, 2.2, (2.1, 2.2), 2.0, (), 0.6).refutes
+
+
 def test_a_law_is_judged_on_poses_that_the_model_has_not_seen_either() -> None:
     """By hand: plain least squares of model and law on the other poses, and what that misses in those left out."""
     problem = hardening()

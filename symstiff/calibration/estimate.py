@@ -13,7 +13,7 @@ import scipy.stats
 
 from symstiff.calibration.compact import Array, Compact, checked, compact
 from symstiff.calibration.components import doubt_of
-from symstiff.calibration.rank import Combination, RankDecision, combinations, decide_rank
+from symstiff.calibration.rank import Combination, RankDecision, combinations, decide_rank, resolved_root
 from symstiff.calibration.shared import Blocks, SharedError, shared_error
 from symstiff.display import finite
 from symstiff.errors import UserError
@@ -179,8 +179,7 @@ def _resolved(
     noise = _noise(form, s, known, given) if truncate == "noise" else 0.0
     silent = [name for name, column in zip(names, A.T, strict=True) if not column.any()]
     decision = decide_rank(form, singular, Vt, names, noise, silent)
-    r = decision.rank
-    return decision, (Vt[:r].T / singular[:r]) / form.scale[:, None], known[:r]
+    return decision, resolved_root(form, s, Vt, decision.rank), known[: decision.rank]
 
 
 def _with_shared(

@@ -10,13 +10,12 @@ import scipy.linalg
 from symstiff.calibration.measurements import Measurements, measurements
 from symstiff.calibration.rows import equations
 from symstiff.effects.instance import EffectInstance
-from symstiff.effects.registry import find
+from symstiff.effects.registry import catalogue
 from symstiff.errors import UserError
 from symstiff.model import StiffnessModel
 from symstiff.reduction.structural import LOADS
-from symstiff.reduction.svd import decide_rank
+from symstiff.reduction.svd import numeric_rank
 
-_NAME = "gravity_compensator"
 _STILL = 1e-9  # rad, m
 _SHARE = 1e-6  # of a compliance in a combination, below which it is rounding
 
@@ -29,18 +28,19 @@ def by_level(model: StiffnessModel, table: Measurements, joint: int) -> Stiffnes
     robot = model.robot
     if not 1 <= joint <= robot.dof:
         raise UserError(f"q{joint}: {robot.name} has joints 1 to {robot.dof}")
-    places = [int(where["joint"]) for where in find(_NAME).places(robot)]
+    law, shape = next((e, e.levels) for e in catalogue().values() if e.levels is not None)
+    places = [int(where["joint"]) for where in law.places(robot)]
     if joint not in places:
         able = f"name q{places[0]}" if places else "it has no joint for one, leave --per-level out"
         raise UserError(
-            f"--per-level q{joint}: a compliance that follows the joint's angle is the law of a gravity compensator, "
+            f"--per-level q{joint}: a compliance that follows the joint's angle is the law of a {law.title.lower()}, "
             f"and q{joint} of {robot.name} has none: {able}"
         )
     angles = np.unique(np.round(table.q[:, joint - 1], 6))
     if not 2 <= len(angles) <= 20:
         raise UserError(f"q{joint} has {len(angles)} distinct values: a compliance for each needs 2 to 20")
-    shape = {f"angle_{k}": float(f"{a:.9g}") for k, a in enumerate(angles, start=1)}
-    return _without_spare(model, EffectInstance(_NAME, {"joint": joint}, shape), table, joint, angles)
+    levels = EffectInstance(law.identifier, {"joint": joint}, shape(angles.tolist()))
+    return _without_spare(model, levels, table, joint, angles)
 
 
 def _without_spare(
@@ -69,7 +69,7 @@ def _null(A: np.ndarray) -> np.ndarray:
     """(d, P) orthonormal combinations of columns, scaled to length one, that vanish."""
     size = np.linalg.norm(A, axis=0)
     _, s, vt = np.linalg.svd(A / np.where(size > 0.0, size, 1.0), full_matrices=False)
-    return np.asarray(vt[decide_rank(s, len(A)).rank :])
+    return np.asarray(vt[numeric_rank(s, len(A)).rank :])
 
 
 def _anywhere(model: StiffnessModel, table: Measurements, joint: int, angles: np.ndarray) -> Measurements:

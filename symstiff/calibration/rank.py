@@ -116,6 +116,14 @@ def decide_rank(
     return RankDecision(s, rank, numerical, rounding, drowned, null, affected, tuple(silent))
 
 
+def resolved_root(form: Compact, s: Array, Vt: Array, rank: int) -> Array:
+    """(P, r) matrix that makes the whitened observation matrix orthonormal: root·rootᵀ is the covariance.
+
+    s, Vt: singular values and right vectors of form.R.
+    """
+    return np.asarray((Vt[:rank].T / s[:rank]) / form.scale[:, None])
+
+
 def combinations(
     decision: RankDecision, names: Sequence[str], scale: Array, values: Array, covariance: Array
 ) -> tuple[Combination, ...]:

@@ -9,11 +9,11 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from symstiff.calibration.compact import Array, Compact, checked, compact
+from symstiff.calibration.compact import Array, checked, compact
 from symstiff.calibration.components import doubt_of
 from symstiff.calibration.estimate import Estimate, estimate, interval_factor
 from symstiff.calibration.outliers import UNTESTABLE, HuberFit, Suspect, pose_suspects, row_suspects
-from symstiff.calibration.rank import combinations
+from symstiff.calibration.rank import combinations, resolved_root
 from symstiff.calibration.shared import Blocks, shared_error
 from symstiff.display import finite
 
@@ -83,7 +83,8 @@ def robust_estimate(
         A, y, sigma, names, units=units, blocks=blocks, estimated=estimated, confidence=confidence
     )
     A, y, sigma, _ = checked(A, y, sigma, start.names)
-    root = resolved_root(start.compact, start.rank.rank)
+    _, s, Vt = np.linalg.svd(start.compact.R)
+    root = resolved_root(start.compact, s, Vt, start.rank.rank)
     Q = (A if sigma is None else A / sigma[:, None]) @ root
     fit = _huber(Q, y if sigma is None else y / sigma, tuning)
     if fit.iterations:
@@ -95,12 +96,6 @@ def robust_estimate(
         else pose_suspects(Q, fit, np.asarray(groups), labels, significance, start.shared)
     )
     return RobustEstimate(start, fit.weights, fit.scale, rows, poses, fit.iterations, fit.converged)
-
-
-def resolved_root(form: Compact, rank: int) -> Array:
-    """(P, r) matrix that makes the whitened observation matrix orthonormal: root·rootᵀ is the covariance."""
-    _, s, Vt = np.linalg.svd(form.R)
-    return np.asarray((Vt[:rank].T / s[:rank]) / form.scale[:, None])
 
 
 def _huber(Q: Array, target: Array, tuning: float) -> HuberFit:

@@ -134,8 +134,8 @@ class Evaluator:
 
         def run(part: slice) -> None:
             strided = [x for a in arrays.values() for x in _strided(a[part])]
-            poses = _pointer(refused[part])
-            call(ctypes.c_size_t(part.stop - part.start), _pointer(p), *strided, *_strided(out[part]), poses)
+            poses = pointer(refused[part])
+            call(ctypes.c_size_t(part.stop - part.start), pointer(p), *strided, *_strided(out[part]), poses)
 
         self._share(run, n)
         rows = np.flatnonzero(refused)
@@ -272,10 +272,11 @@ def _strided(array: np.ndarray) -> tuple[Any, Any]:
     if any(s < 0 or s % size for s in array.strides) or not array.flags.aligned:
         array = np.ascontiguousarray(array)
     strides = (ctypes.c_size_t * 2)(array.strides[1] // size, array.strides[0] // size)
-    pointer = _pointer(array)
-    pointer.array = array  # keeps a copy alive for the call
-    return pointer, strides
+    first = pointer(array)
+    first.array = array  # keeps a copy alive for the call
+    return first, strides
 
 
-def _pointer(array: np.ndarray) -> Any:
+def pointer(array: np.ndarray) -> Any:
+    """Where an array's numbers are, as C functions are told."""
     return array.ctypes.data_as(ctypes.c_void_p)

@@ -20,6 +20,7 @@ from symstiff.codegen.functions import Functions
 from symstiff.codegen.names import moments
 from symstiff.codegen.options import Options
 from symstiff.codegen.reference import Case, cases, plausible_values, tolerance
+from symstiff.codegen.runtime import pointer
 from symstiff.errors import UserError
 
 CONFIGURATIONS = 64
@@ -258,15 +259,17 @@ def batch_errors(
 
     def layouts(function: str, size: int, *fixed: Any) -> list[np.ndarray]:
         """What the function gives, (poses, size), for one array a component and for poses one after the other."""
-        first, inputs = (*fixed, ctypes.c_size_t(n)), (_at(q), _strides(q), _at(w), _strides(w))
+        first, inputs = (*fixed, ctypes.c_size_t(n)), (pointer(q), _strides(q), pointer(w), _strides(w))
         columns, poses = np.zeros((size, n), real), np.zeros((n, size), real)
-        called(f"{function}_batch", *first, _at(by_component[0]), _at(by_component[1]), _at(columns))
-        called(f"{function}_strided", *first, *inputs, _at(poses), _strides(poses))
+        called(
+            f"{function}_batch", *first, pointer(by_component[0]), pointer(by_component[1]), pointer(columns)
+        )
+        called(f"{function}_strided", *first, *inputs, pointer(poses), _strides(poses))
         if function != "observation":
             return [columns.T, poses]
         tile = block_size(size, single)
         tiles = np.zeros((-(-n // tile), size, tile), real)
-        called(f"{function}_tiles", *first, *inputs, _at(tiles))
+        called(f"{function}_tiles", *first, *inputs, pointer(tiles))
         return [columns.T, poses, tiles.transpose(0, 2, 1).reshape(-1, size)[:n]]
 
     def called(function: str, *arguments: Any) -> None:
@@ -285,10 +288,6 @@ def batch_errors(
             relative(x, c.A, _rows(m)) for r in columns for x, c in zip(r, found, strict=True)
         )
     return errors
-
-
-def _at(array: np.ndarray) -> Any:
-    return array.ctypes.data_as(ctypes.c_void_p)
 
 
 def _strides(poses: np.ndarray) -> Any:

@@ -141,7 +141,7 @@ def build(
     kept: list[Candidate] = []
     is_generic: list[bool] = []
     for candidate, flag in [*((c, False) for c in candidates), *((c, True) for c in generic)]:
-        found = [(s, block) for s, block in _blocks(problem, candidate)]
+        found = _blocks(candidate)
         if not found:
             continue
         for number, block in found:
@@ -210,7 +210,7 @@ def _place(problem: Problem, block: Array) -> str:
     return ""
 
 
-def _blocks(problem: Problem, candidate: Candidate) -> list[tuple[int, Array]]:
+def _blocks(candidate: Candidate) -> list[tuple[int, Array]]:
     if candidate.unavailable:
         return []
     out = []

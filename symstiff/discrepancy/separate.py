@@ -160,15 +160,16 @@ def _rivals(robot: Robot, table: Mapping[str, Any], origin: str) -> list[Rival]:
         raise UserError(
             f"{origin}: {len(sets)} explanation(s): only an ambiguous verdict needs poses that decide"
         )
-    return [_rival(robot, entries) for entries in sets.values()]
+    try:
+        return [_rival(robot, entries) for entries in sets.values()]
+    except UserError as error:
+        raise UserError(f"{origin}: {error}") from error
 
 
 def _rival(robot: Robot, entries: list[Mapping[str, Any]]) -> Rival:
     instances, values = [], {}
     for entry in entries:
         where = dict(entry.get("where", {}))
-        if entry["effect"] == "bad_poses" and not isinstance(where["rows"], list):
-            raise TypeError("rows")
         shape = entry.get("shape") or next(iter(find(entry["effect"]).shapes(robot, where, Scales())), {})
         instance = EffectInstance(entry["effect"], where, dict(shape))
         given = entry.get("parameters", {})

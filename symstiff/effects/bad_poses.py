@@ -6,12 +6,15 @@ import numpy as np
 
 from symstiff.effects.base import Effect, Realisation, Shape, Situation, Where
 from symstiff.effects.common import BOTH, XYZ, parameter
+from symstiff.errors import UserError
 from symstiff.robot.schema import Robot
 
 NAME = "bad_poses"
 
 
 def _realise(robot: Robot, where: Where, shape: Shape) -> Realisation:
+    if not isinstance(where.get("rows"), list | tuple):
+        raise UserError("a bad pose is told by the labels of its rows: give {'rows': ['p4']}")
     shift = tuple(parameter(NAME, where, x, "m", -1.0, 1.0, 1e-3) for x in XYZ)
     return Realisation(shift, ())
 

@@ -7,7 +7,7 @@ A catalogue file defines one ``Effect``; a plugin registers one under the entry 
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any, Protocol
 
@@ -212,6 +212,8 @@ class Effect:
     links for rigid; empty where it is."""
     alike: Callable[[Robot, Shape], str] = _nothing
     """What outside of the catalogue looks like it, where the robot file does not speak for it; empty where nothing."""
+    levels: Callable[[Sequence[float]], Shape] | None = None
+    """The shape that is a compliance of the joint at each of its variable's values, ascending; None: it has none."""
 
     def __post_init__(self) -> None:
         if not NAME.fullmatch(self.identifier):

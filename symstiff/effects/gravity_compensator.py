@@ -16,7 +16,7 @@ file's is taken to be right by ``TRUST`` to one, and a spring that pulls from el
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from functools import cache
 from itertools import pairwise
 
@@ -169,8 +169,12 @@ def _shapes(robot: Robot, where: Where, scales: Scales) -> tuple[Shape, ...]:
     j = int(where["joint"])
     angles = scales.angles[j - 1] if len(scales.angles) >= j else ()
     if 2 <= len(angles) <= MOST_ANGLES:
-        found.append({f"angle_{k}": float(f"{v:.9g}") for k, v in enumerate(angles, start=1)})
+        found.append(_levels(angles))
     return tuple(found)
+
+
+def _levels(angles: Sequence[float]) -> Shape:
+    return {f"angle_{k}": float(f"{v:.9g}") for k, v in enumerate(angles, start=1)}
 
 
 def _odds(robot: Robot, shape: Shape) -> float:
@@ -230,4 +234,5 @@ EFFECT = Effect(
     odds=_odds,
     alike=_alike,
     moves=_moves,
+    levels=_levels,
 )  # fmt: skip

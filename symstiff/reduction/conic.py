@@ -31,7 +31,6 @@ class Solution:
 
     x: Array
     duals: tuple[Array, ...]
-    objective: float
     status: str = field(default="solved")
 
 
@@ -67,7 +66,7 @@ def _solve(quadratic: Array, linear: Array, constraints: Sequence[Constraint], s
     dual = np.array(result.z)
     ends = np.cumsum([len(c.rhs) for c in constraints])
     duals = tuple(np.split(dual, ends[:-1]))
-    return Solution(np.array(result.x), duals, float(result.obj_val), _status(str(result.status)))
+    return Solution(np.array(result.x), duals, _status(str(result.status)))
 
 
 def semidefinite(

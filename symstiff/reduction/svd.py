@@ -15,7 +15,7 @@ from symstiff.reduction.structural import Couplings, Partition, partition
 
 
 @dataclass(frozen=True)
-class RankDecision:
+class NumericRank:
     """Singular values of the scaled matrix, the threshold used, the rank, and the gap σ_r / σ_{r+1}."""
 
     singular_values: np.ndarray
@@ -31,17 +31,17 @@ class RankDecision:
         return float(s[self.rank - 1] / max(s[self.rank], np.finfo(float).tiny))
 
 
-def decide_rank(singular_values: np.ndarray, rows: int) -> RankDecision:
+def numeric_rank(singular_values: np.ndarray, rows: int) -> NumericRank:
     """Count the singular values above rounding."""
     s = np.asarray(singular_values, dtype=float)
     largest = float(s[0]) if s.size else 0.0
     threshold = largest * max(rows, s.size) * np.finfo(float).eps * 100
-    return RankDecision(s, threshold, int((s > threshold).sum()))
+    return NumericRank(s, threshold, int((s > threshold).sum()))
 
 
 def numeric_partition(
     matrix: np.ndarray, names: Sequence[str], preference: Sequence[str]
-) -> tuple[Partition, RankDecision]:
+) -> tuple[Partition, NumericRank]:
     """Groups by the rows of V (rules 1–3) and couplings by L (eq. 21), for an aggregated matrix (rows × parameters).
 
     ``matrix`` is weighted already.
@@ -49,23 +49,20 @@ def numeric_partition(
     lengths = np.linalg.norm(matrix, axis=0)
     scale = np.where(lengths > lengths.max(initial=0.0) * 1e-14, lengths, 1.0)
     _, s, vt = np.linalg.svd(matrix / scale, full_matrices=False)
-    decision = decide_rank(s, len(matrix))
+    decision = numeric_rank(s, len(matrix))
     row_space = vt[: decision.rank]
     kept = _independent(row_space, [names.index(n) for n in preference])
     mixing = np.linalg.solve(row_space[:, kept], row_space) if kept else np.zeros((0, len(names)))
-    influence = np.linalg.norm(row_space, axis=0) if kept else np.zeros(len(names))
-    couplings: Couplings = {}
-    for c, name in enumerate(names):
-        if c in kept:
-            continue
-        if influence[c] < 1e-9:  # rule 2: the row of [V_1 … V_r] vanishes
-            couplings[name] = {}
-            continue
-        couplings[name] = {
+    # rule 2 comes out by itself: where the row of [V_1 … V_r] vanishes, nothing is left of any kept one
+    couplings: Couplings = {
+        name: {
             names[k]: float(mixing[r, c] * scale[c] / scale[k])
             for r, k in enumerate(kept)
             if abs(mixing[r, c]) > 1e-7
         }
+        for c, name in enumerate(names)
+        if c not in kept
+    }
     return partition(names, [names[k] for k in kept], couplings), decision
 
 

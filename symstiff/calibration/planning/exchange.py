@@ -121,7 +121,7 @@ def cover_levels(start: tuple[int, ...], labels: np.ndarray, derivative: np.ndar
     return tuple(chosen)
 
 
-def pool_of(rows: np.ndarray, design: Approximate, size: int, labels: np.ndarray) -> np.ndarray:
+def pool_of(design: Approximate, size: int, labels: np.ndarray) -> np.ndarray:
     """Return the candidates worth a thorough search, sorted: large derivatives, of every level some."""
     order = np.argsort(-design.derivative, kind="stable")
     parts = [order[:size], design.support]

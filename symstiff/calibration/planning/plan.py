@@ -214,7 +214,7 @@ def _select(
     labels = candidates.labels
     ridge = _RIDGE * rows.shape[0]
     design = _report(progress, "bounding", approximate_design(rows, criterion, poses, search.seed, ridge))
-    pool = pool_of(rows, design, _POOL, labels)
+    pool = pool_of(design, _POOL, labels)
     small = np.ascontiguousarray(rows[:, pool])
     local = Approximate(np.searchsorted(pool, design.support), design.weights, 0.0, design.derivative[pool])
     rng = np.random.default_rng([search.seed, 0])
