@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import replace
 from functools import cache
 from pathlib import Path
@@ -16,6 +17,7 @@ from symstiff.calibration.markers import marker_hint
 from symstiff.calibration.measurements import Measurements, concatenate, measurements
 from symstiff.calibration.rows import predict
 from symstiff.calibration.simulation import Effect, Noise, Truth, nominal_truth, simulate
+from symstiff.calibration.slips import Reading, joint_hint
 from symstiff.discrepancy.deciding import experiments_like
 from symstiff.discrepancy.finding import Finding, Found, Task
 from symstiff.discrepancy.remarks import astray, remarked
@@ -158,6 +160,47 @@ def test_exchanged_markers_are_asked_about(
         said = identify(load(ROBOT), replace(table, points=names)).remarks
         assert any("markers look exchanged" in remark for remark in said)
         assert not any("exchanged" in remark for remark in identify(load(ROBOT), table).remarks)
+
+
+@pytest.mark.parametrize("kind", ["deflection", "absolute"])
+@pytest.mark.parametrize(("joint", "sign", "quarters", "told"), [(2, -1, 0, "-q2"), (2, 1, 1, "q2 - 90 deg")])
+def test_a_joint_that_is_read_in_another_way_is_asked_about(
+    kind: Literal["deflection", "absolute"], joint: int, sign: int, quarters: int, told: str
+) -> None:
+    """A table whose column has the other sign, or another zero: no effect is named for it."""
+    truth = Truth(load(ROBOT), nominal_truth(load(ROBOT)), noise=Noise((0.02,) * 3))
+    table = simulate(truth, replace(design(), kind=kind), 3)
+    wrong = replace(table, q=Reading(joint, sign, quarters).of(table.q))
+    found = diagnosed(wrong)
+    assert not found.testable
+    assert "a joint looks read in another way: " in found.reason
+    assert f" {told} for q{joint} " in found.reason
+    assert (" or q2 - 90 deg" in found.reason) == (
+        quarters == 1 and kind == "deflection"
+    )  # half a turn is alike
+    assert "correct the signs and zeros of the table's joints" in found.reason
+    if kind == "deflection":
+        assert any("looks read in another way" in remark for remark in identify(load(ROBOT), wrong).remarks)
+        assert not any("another way" in remark for remark in identify(load(ROBOT), table).remarks)
+
+
+def test_a_joint_has_to_fit_far_better_otherwise_and_a_slide_has_no_quarter_turns() -> None:
+    q = np.arange(12.0).reshape(6, 2)
+
+    def left(best: float, freedom: int = 40) -> Callable[[np.ndarray], tuple[float, int]]:
+        return lambda read: (best if np.array_equal(read, Reading(2, -1, 0).of(q)) else 4.0, freedom)
+
+    assert joint_hint(q, (True, False), left(0.01)).endswith("-q2 for q2 would leave 5 % of the residual")
+    assert joint_hint(q, (True, True), left(2.0)) == joint_hint(q, (True, True), left(0.01, 10)) == ""
+    tried: list[np.ndarray] = []
+
+    def seen(read: np.ndarray) -> tuple[float, int]:
+        tried.append(read)
+        return 1.0, 40
+
+    joint_hint(q, (False, True), seen)
+    assert sum(not np.array_equal(read[:, 0], q[:, 0]) for read in tried) == 1  # the slide's sign
+    assert sum(not np.array_equal(read[:, 1], q[:, 1]) for read in tried) == 7
 
 
 def test_of_many_markers_two_may_be_exchanged() -> None:

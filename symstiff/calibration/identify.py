@@ -19,7 +19,7 @@ from symstiff.calibration.fitting import Fitted, fit_model
 from symstiff.calibration.kept import completed, seen_in
 from symstiff.calibration.levels import by_level
 from symstiff.calibration.loading import as_loading
-from symstiff.calibration.markers import left_of_deflections, marker_hint
+from symstiff.calibration.markers import left_by
 from symstiff.calibration.measurements import Measurements
 from symstiff.calibration.point import find_point
 from symstiff.calibration.redundant import redundant
@@ -37,6 +37,7 @@ from symstiff.calibration.remarks import (
 from symstiff.calibration.residuals import ResidualTable, places, residual_table, split
 from symstiff.calibration.robust import RobustEstimate
 from symstiff.calibration.rows import Equations, equations, predict
+from symstiff.calibration.slips import slip
 from symstiff.calibration.soundness import (
     check_beside_geometry,
     check_determined,
@@ -191,8 +192,8 @@ def identify(
     found, held = _fit(model, train, robust=robust, physical=physical, reduced=reduction is not None)
     remarks += [of_redundant(held, model)] if held else []
     fitted, e = found.estimate, found.equations
-    exchanged = marker_hint(train.points, left_of_deflections(model, train))
-    remarks += [exchanged] if exchanged else axis_remarks(fitted.names, train, e)
+    slipped, _ = slip(model, train, left_by)
+    remarks += [slipped] if slipped else axis_remarks(fitted.names, train, e)
     slides = [i for i, joint in enumerate(robot.joint, start=1) if joint.prismatic]
     unread = [name for k, name in enumerate(("dx", "dy", "dz")) if not train.measured[:, k].any()]
     check_determined(fitted.rank, fitted.names, len(e.y), doubts, slides, unread)

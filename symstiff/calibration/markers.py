@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import replace
 from itertools import permutations
 
 import numpy as np
@@ -40,18 +39,14 @@ def marker_hint(points: Sequence[str], left: Left) -> str:
     return f"markers look exchanged: to read {read} would leave {share:.0f} % of the residual"
 
 
-def left_of_deflections(model: StiffnessModel, table: Measurements) -> Left:
-    """What the model, fitted to deflections anew, leaves of them [m², rad²]."""
-
-    def left(names: tuple[str, ...]) -> tuple[float, int]:
-        e = equations(model, replace(table, points=names))
-        size = np.linalg.norm(e.A, axis=0)
-        columns = e.A / np.where(size > 0, size, 1.0)
-        fitted, _, rank, _ = np.linalg.lstsq(columns, e.y, rcond=1e-10)
-        rest = e.y - columns @ fitted
-        return float(rest @ rest), len(e.y) - int(rank)
-
-    return left
+def left_by(model: StiffnessModel, table: Measurements) -> tuple[float, int]:
+    """Squares that the model, fitted to deflections, leaves of them [m², rad²], and degrees of freedom."""
+    e = equations(model, table)
+    size = np.linalg.norm(e.A, axis=0)
+    columns = e.A / np.where(size > 0, size, 1.0)
+    fitted, _, rank, _ = np.linalg.lstsq(columns, e.y, rcond=1e-10)
+    rest = e.y - columns @ fitted
+    return float(rest @ rest), len(e.y) - int(rank)
 
 
 def _orders(told: tuple[str, ...]) -> list[tuple[str, ...]]:

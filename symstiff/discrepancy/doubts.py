@@ -2,17 +2,15 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-from functools import partial
-
 import numpy as np
 
 from symstiff.calibration.experiment.placement import placed
 from symstiff.calibration.experiment.situation import Laws, look
-from symstiff.calibration.markers import left_of_deflections, marker_hint
+from symstiff.calibration.markers import left_by
 from symstiff.calibration.measurements import Measurements
 from symstiff.calibration.remarks import axis_remarks
 from symstiff.calibration.rows import equations
+from symstiff.calibration.slips import slip
 from symstiff.discrepancy.verdict import CORRECT
 from symstiff.model import StiffnessModel
 
@@ -25,10 +23,9 @@ _AWAY = 0.03
 def doubted(model: StiffnessModel, table: Measurements) -> str:
     """Why the table is to be looked at first: axes or places that cannot be as they are told; empty if they can."""
     absolute = table.kind == "absolute"
-    left = partial(_excess, model, table) if absolute else left_of_deflections(model, table)
-    hint = marker_hint(table.points, left)
+    hint, wrong = slip(model, table, _excess if absolute else left_by)
     if hint:
-        return f"{hint}{CORRECT}column point"
+        return f"{hint}{CORRECT}{wrong}"
     if absolute:
         return _misplaced(model, table)
     if not any(not p.is_joint for p in model.compliances):
@@ -37,9 +34,9 @@ def doubted(model: StiffnessModel, table: Measurements) -> str:
     return f"{hints[0]}{CORRECT}table, or the signs of its loads" if hints else ""
 
 
-def _excess(model: StiffnessModel, table: Measurements, names: tuple[str, ...]) -> tuple[float, int]:
-    """Squares of what positions are beyond the robot at its best placement, points named otherwise [m²]; freedom."""
-    view = look(model.robot, replace(table, points=names))
+def _excess(model: StiffnessModel, table: Measurements) -> tuple[float, int]:
+    """Squares of what positions are beyond the robot at its best placement [m²]; freedom."""
+    view = look(model.robot, table)
     view, excess = placed(view, Laws(view, model.terms, model.values))
     beyond = excess[view.component < 3]
     return float(beyond @ beyond), len(beyond) - _PLACEMENT
@@ -47,7 +44,7 @@ def _excess(model: StiffnessModel, table: Measurements, names: tuple[str, ...]) 
 
 def _misplaced(model: StiffnessModel, table: Measurements) -> str:
     """Why absolute positions cannot be this robot's: placed as well as possible it is far from them."""
-    square, freedom = _excess(model, table, table.points)
+    square, freedom = _excess(model, table)
     away = float(np.sqrt(3.0 * square / (freedom + _PLACEMENT)))
     if away < _AWAY * model.robot.reach:
         return ""
