@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+
 
 class UserError(ValueError):
     """Input that cannot be used: the message names place, cause and remedy in one line of printable text."""
@@ -9,6 +11,11 @@ class UserError(ValueError):
     def __init__(self, message: str) -> None:
         line = " ".join(message.split())
         super().__init__(printable(line, len(line)))
+
+    def with_options(self, options: Mapping[str, str]) -> UserError:
+        """The mistake as the command line tells it: an argument that the message begins with is the option."""
+        name, colon, rest = str(self).partition(":")
+        return UserError(f"{options[name]}:{rest}") if colon and name in options else self
 
 
 def printable(text: str, longest: int = 120) -> str:

@@ -271,6 +271,13 @@ def test_a_compliance_for_each_level_stands_for_the_joints_own_about_whatever_ax
     )  # five levels, one of which the link's compliances made up
 
 
+def test_the_poses_left_to_fit_are_told_where_they_are_too_few() -> None:
+    with pytest.raises(
+        UserError, match=r"^held_out: 39 of 40 poses held out, 1 left to fit; the measurements do not"
+    ):
+        identify(load("kuka_kr270"), virtual(), held_out=0.99)
+
+
 def test_a_joint_without_a_compensator_is_refused_by_name() -> None:
     with pytest.raises(UserError, match="q3 of kuka_kr270 has none: name q2"):
         identify(load("kuka_kr270"), virtual(n=8), per_level=3)

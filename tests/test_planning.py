@@ -227,7 +227,7 @@ def test_the_moment_of_a_wrench_is_half_a_metre_times_the_force_but_no_more_than
 
 
 def test_what_cannot_be_planned_is_said_in_one_line():
-    with pytest.raises(UserError, match=r"1 poses give 6 equations at most for 8 parameters"):
+    with pytest.raises(UserError, match=r"1 pose for 8 parameters, 6 equations at most from each"):
         plan_poses(Space(THREE, FORCES), THREE_AXES, tuple("abcdefgh"), Goal(1))
     gravity = Space(THREE, Load("gravity", 500.0))
     with pytest.raises(UserError, match=r"no candidate moves c1"):

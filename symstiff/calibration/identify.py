@@ -47,7 +47,7 @@ from symstiff.calibration.soundness import (
     usable_model,
 )
 from symstiff.calibration.table import check_robot
-from symstiff.display import few
+from symstiff.display import counted, few
 from symstiff.effects.registry import find
 from symstiff.errors import UserError, printable
 from symstiff.model import StiffnessModel, joints_only
@@ -127,7 +127,7 @@ def start_model(
     require(start, (str, Path), "a start model", remedy)
     if not Path(start).exists():
         raise UserError(
-            f"--start {printable(str(start))}: no such model file: give complete, joints, or the path of a model.toml"
+            f"start: {printable(str(start))}: no such model file: give complete, joints, or the path of a model.toml"
         )
     model = usable_model(start)
     check_same_robot(model, robot, str(start))
@@ -158,7 +158,9 @@ def identify(
     whole(seed, "seed")
     real(held_out, "held_out", "a share of the poses")
     if not 0 <= held_out < 1:
-        raise UserError(f"--held-out {held_out:g}: give a share of the poses from 0 to below 1, e.g. 0.2")
+        raise UserError(
+            f"held_out: {held_out:g} is no share of the poses: give one from 0 to below 1, e.g. 0.2"
+        )
     if table.kind == "absolute":
         _refuse_for_absolute({"--robust": robust, "--physical": physical, "--held-out": held_out > 0})
     table, zeros = without_zeros(as_loading(table))
@@ -195,7 +197,8 @@ def identify(
     remarks += [exchanged] if exchanged else axis_remarks(fitted.names, train, e)
     slides = [i for i, joint in enumerate(robot.joint, start=1) if joint.prismatic]
     unread = [name for k, name in enumerate(("dx", "dy", "dz")) if not train.measured[:, k].any()]
-    check_determined(fitted.rank, fitted.names, len(e.y), doubts, slides, unread)
+    kept = [] if validation is None else [_left_to_fit(train, validation)]
+    check_determined(fitted.rank, fitted.names, len(e.y), [*kept, *doubts], slides, unread)
     behind = _reduced_to(model, experiment) if physical and reduction is None else reduction
     values, constrained = _values(fitted, behind, physical)
     values |= {n: model.values.get(n, 0.0) for n in held}
@@ -318,6 +321,11 @@ def _split(table: Measurements, share: float, seed: int) -> tuple[Measurements, 
         return table, None
     train, test = split(places(table.pose, np.hstack([table.values, table.q])), share, seed)
     return table.select(train), table.select(test)
+
+
+def _left_to_fit(train: Measurements, validation: Measurements) -> str:
+    left, kept = (len(set(table.pose.tolist())) for table in (train, validation))
+    return f"held_out: {kept} of {counted(left + kept, 'pose')} held out, {left} left to fit"
 
 
 def _measured(table: Measurements) -> np.ndarray:

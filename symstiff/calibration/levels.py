@@ -28,17 +28,19 @@ def by_level(model: StiffnessModel, table: Measurements, joint: int) -> Stiffnes
     """
     robot = model.robot
     if not 1 <= joint <= robot.dof:
-        raise UserError(f"q{joint}: {robot.name} has joints 1 to {robot.dof}")
+        raise UserError(f"per_level: q{joint}: {robot.name} has joints 1 to {robot.dof}")
     places = [int(where["joint"]) for where in find(_NAME).places(robot)]
     if joint not in places:
-        able = f"name q{places[0]}" if places else "it has no joint for one, leave --per-level out"
+        able = f"name q{places[0]}" if places else "it has no joint for one, leave it out"
         raise UserError(
-            f"--per-level q{joint}: a compliance that follows the joint's angle is the law of a gravity compensator, "
+            f"per_level: q{joint}: a compliance that follows the joint's angle is the law of a gravity compensator, "
             f"and q{joint} of {robot.name} has none: {able}"
         )
     angles = np.unique(np.round(table.q[:, joint - 1], 6))
     if not 2 <= len(angles) <= 20:
-        raise UserError(f"q{joint} has {len(angles)} distinct values: a compliance for each needs 2 to 20")
+        raise UserError(
+            f"per_level: q{joint} has {len(angles)} distinct values: a compliance for each needs 2 to 20"
+        )
     shape = {f"angle_{k}": float(f"{a:.9g}") for k, a in enumerate(angles, start=1)}
     return _without_spare(model, EffectInstance(_NAME, {"joint": joint}, shape), table, joint, angles)
 

@@ -75,7 +75,7 @@ def run_identify(request: IdentifyRequest) -> None:
 
         save_figure(draw_residuals(result), request.plot)
     if complete is not None:
-        write_json(str(request.reconstruct), complete.to_dict())
+        write_json(str(request.reconstruct), complete.to_dict(), "--reconstruct")
     result.model.save(request.output)
     write_json(request.json, result.as_dict())
     _print_identification(out, result)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from math import inf
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -136,6 +137,8 @@ def _check(request: PlanRequest) -> None:
         raise UserError(f"--criterion {request.criterion}: use D, A or test")
     if not 1 <= request.steps <= MOST_STEPS:
         raise UserError(f"--steps {request.steps}: 1 to {MOST_STEPS}")
+    if request.sigma is not None and not 0 < request.sigma < inf:
+        raise UserError(f"--sigma {request.sigma:g}: a standard deviation in millimetres above 0, e.g. 0.03")
     if (request.candidates or 0) > MOST_CANDIDATES:
         raise UserError(f"--candidates {request.candidates}: up to {MOST_CANDIDATES}, which fill the memory")
     targets = {"-o": request.output, "--plot": request.plot, "--json": request.json}
@@ -299,8 +302,10 @@ def _region(request: PlanRequest) -> Region | None:
 def _print_plan(out: Console, plan: Plan, units: dict[str, str]) -> None:
     from rich.table import Table
 
+    from symstiff.display import counted
+
     table = Table(
-        title=f"{len(plan)} poses, criterion {plan.criterion}: predicted standard deviations",
+        title=f"{counted(len(plan), 'pose')}, criterion {plan.criterion}: predicted standard deviations",
         title_justify="left",
     )
     for column in ("parameter", "σ", "unit"):
