@@ -43,7 +43,7 @@ REFUSED = [
     (("plan", "planar2r", "--poses", "9", "--levels", "q1=5,q1=3", "-o", "x.csv"), "--levels: q1 is given twice"),
     (("plan", "planar2r", "--poses", "9", "--markers", "p1,p2,p1", "-o", "x.csv"), "--markers: p1 is named twice"),
     (("plan", "planar2r", "--poses", "9", "--test-poses", "poses.csv", "-o", "x.csv"), "without --criterion test"),
-    (("plan", "planar2r", "--poses", "9", "--separate", "v.json", "--sigma", "0", "-o", "x.csv"), "--sigma 0: a standard deviation in millimetres"),
+    (("plan", "planar2r", "--poses", "9", "--separate", "v.json", "--sigma", "0", "-o", "x.csv"), "--sigma 0: a"),
     (("plan", "planar2r", "--poses", "9", "--separate", "v.json", "--force", "nan", "-o", "x.csv"), "a load of nan N"),
     (("simulate", "truth.toml", "--poses", "poses.csv", "--noise", "1e-11", "-o", "x.csv"), "--noise 1e-11"),
     (("simulate", "truth.toml", "--poses", "poses.csv", "--seed", "-1", "-o", "x.csv"), "--seed"),

@@ -63,7 +63,9 @@ def test_a_diagnosis_starts_from_a_model_that_is_no_file_too(tmp_path: Path) -> 
     complete.save(tmp_path / "model.toml")
     read = diagnose(Task(load(ROBOT), table, str(tmp_path / "model.toml")))
     assert (given.verdict, given.rms, given.task.origin) == (read.verdict, read.rms, "a model")
-    with pytest.raises(UserError, match=f"the start model is a model of scara, not of {ROBOT}"):
+    with pytest.raises(
+        UserError, match=f"the start model is a model of scara, not of {ROBOT}: name that robot"
+    ):
         identify(load(ROBOT), table, scara())
 
 

@@ -73,6 +73,10 @@ from tests.test_tables import GOOD, TWO, attempt, line_of, refusal, save
         ("q2[rad]", "q3[rad]", 1, "q2"),
         ("q2[rad]", "q1[rad]", 1, "two columns"),
         ("pose,", "name,", 1, "unknown column"),
+        ("q1[deg]", "q1(deg)", 1, "unknown column 'q1(deg)': write q1[deg]"),
+        ("fx[N]", "fx {kN}", 1, "write fx[kN]"),
+        ("fx[N]", "f(x)", 1, "known are"),
+        ("1.1,2100", "1.1,\uff12100", 3, "is no number"),
     ],
 )
 @pytest.mark.filterwarnings("error")
@@ -124,9 +128,9 @@ def test_a_message_repeats_no_long_label(tmp_path):
 @pytest.mark.parametrize(
     ("text", "says"),
     [
-        ("", "empty"),
+        ("", "line 1: empty"),
         ("\n\n", "empty"),
-        ("pose,q1[deg],fx[N],dx[mm]\n", "no rows"),
+        ("pose,q1[deg],fx[N],dx[mm]\n", "line 1: a header and no rows"),
         (b"pose,q1[deg]\n\x00\x01\x02", "line 2: not a text file"),
         (b"pose,q1[deg]\n\xff\xfe", "line 2: not text"),
         (b"\x89PNG\r\n\x1a\n", "not text"),

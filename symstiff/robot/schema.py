@@ -374,7 +374,9 @@ class Robot(_Frozen):
             return self
         number = self.gravity_compensator.joint
         if number > self.dof or self.joint[number - 1].prismatic:
-            raise UserError(f"gravity_compensator.joint: {number} is no revolute joint of this robot")
+            turning = ", ".join(str(k) for k, joint in enumerate(self.joint, start=1) if not joint.prismatic)
+            able = f"give one of {turning}" if turning else "it has none, leave [gravity_compensator] out"
+            raise UserError(f"gravity_compensator.joint: {number} is no revolute joint of this robot: {able}")
         return self
 
 
