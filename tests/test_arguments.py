@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -81,8 +82,8 @@ def test_loads(size: dict[str, Any]) -> None:
         ({"seed": 0.5}, "seed: expected a whole number from 0 on, found 0.5"),
         ({"held_out": "a"}, "held_out: expected a share of the poses, found 'a'"),
         ({"per_level": "q2"}, "per_level: expected a whole number from 1 on, found 'q2'"),
-        ({"loads": ["gravity"]}, "loads: unknown ['gravity']"),
-        ({"measure": 3}, "measure: unknown 3"),
+        ({"loads": ["gravity"]}, "unknown loads ['gravity']"),
+        ({"measure": 3}, "unknown measure 3"),
     ],
 )
 def test_identifications(arguments: dict[str, Any], told: str) -> None:
@@ -96,7 +97,7 @@ def test_identifications(arguments: dict[str, Any], told: str) -> None:
         ({"max_effects": 0}, "max_effects: expected a whole number from 1 on, found 0"),
         ({"max_effects": 1.5}, "max_effects: expected a whole number"),
         ({"max_poses": "5"}, "max_poses: expected a whole number"),
-        ({"loads": 3}, "loads: unknown 3"),
+        ({"loads": 3}, "unknown loads 3"),
     ],
 )
 def test_diagnoses(arguments: dict[str, Any], told: str) -> None:
@@ -112,8 +113,8 @@ def test_simulations() -> None:
 @pytest.mark.parametrize(
     ("arguments", "told"),
     [
-        ({"loads": ["gravity"]}, "loads: unknown ['gravity']: use"),
-        ({"measure": {"pose": 1}}, "measure: unknown"),
+        ({"loads": ["gravity"]}, "unknown loads ['gravity']: use"),
+        ({"measure": {"pose": 1}}, "unknown measure"),
         ({"points": "p1"}, "points: expected a list of texts, found 'p1'"),
         ({"prefer": "c2"}, "prefer: expected a list of texts, found 'c2'"),
         ({"avoid": {"c2": 1}}, "avoid: expected a list of texts"),
@@ -129,7 +130,12 @@ def test_models(model: StiffnessModel) -> None:
         assert refused(model.with_values, values).startswith(
             ("expected values", "values:", "planar2r: the model has no")
         )
-    assert "values: c1: expected a finite number" in refused(model.deflection, q, w, {"c1": "a"})
+    assert "values: c1: expected a finite number" in refused(model.deflection, q, w, values={"c1": "a"})
+    for way in (model.deflection, model.observation):
+        assert refused(way, [0.0, math.nan], w) == "q: row 0 holds what is no finite number: correct it"
+        assert refused(way, q, [[0] * 6, [0, math.inf, 0, 0, 0, 0]]).startswith("w: row 1 holds")
+        with pytest.raises(TypeError, match="positional"):  # values are taken for no context
+            way(q, w, {"c1": 1e-6})  # type: ignore[misc]
     for threads in (-1, 0, 1.5, "a"):
         assert "threads: expected a whole number from 1 on" in refused(model.compile, threads)
 
@@ -145,12 +151,12 @@ def test_compensations(model: StiffnessModel) -> None:
         assert "q: expected numbers of shape (N, 6)" in refused(call, arm, "abc", w)
         assert "w: expected an array of shape (N, 6)" in refused(call, arm, q, w[:, :3])
         assert "expected as many rows" in refused(call, arm, q, w[:2])
-        assert "expected a context, found 3" in refused(call, arm, q, w, 3)
+        assert "expected a context, found 3" in refused(call, arm, q, w, context=3)
         context = {"temperature": np.zeros(2)}
-        assert "expected an array of shape (3,)" in refused(call, arm, q, w, context)
+        assert "expected an array of shape (3,)" in refused(call, arm, q, w, context=context)
         context = {"temperature": "warm"}
-        assert "expected numbers of shape (3,)" in refused(call, arm, q, w, context)
-        assert "the model needs the column time" in refused(call, arm, q, w, {})
+        assert "expected numbers of shape (3,)" in refused(call, arm, q, w, context=context)
+        assert "the model needs the column time" in refused(call, arm, q, w, context={})
 
 
 @pytest.mark.parametrize("place", [None, 5, ["a"]])

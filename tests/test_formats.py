@@ -13,7 +13,7 @@ import pytest
 from definition import motion
 
 from symstiff.calibration.simulation import SHAPES, load_truth
-from symstiff.calibration.table import check_robot, read_measurements, read_poses
+from symstiff.calibration.table import check_robot, read_poses, read_table
 from symstiff.codegen.verify import Verification
 from symstiff.effects.registry import catalogue
 from symstiff.model import StiffnessModel
@@ -86,8 +86,8 @@ def test_the_tables_of_the_page_are_read(arm: Robot, tmp_path: Path) -> None:
     deflections, absolute, trajectory = blocks("csv")
     file = tmp_path / "table.csv"
     for text, reader, kind, rows in (
-        (deflections, read_measurements, "deflection", 5),
-        (absolute, read_measurements, "absolute", 3),
+        (deflections, read_table, "deflection", 5),
+        (absolute, read_table, "absolute", 3),
         (trajectory, read_poses, "none", 2),
     ):
         file.write_text(text)

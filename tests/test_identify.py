@@ -14,7 +14,7 @@ from symstiff.calibration.measurements import Measurements, measurements
 from symstiff.calibration.poses import with_markers
 from symstiff.calibration.rows import equations, predict
 from symstiff.calibration.simulation import nominal_truth, simulate, truth_from_table
-from symstiff.calibration.table import read_measurements
+from symstiff.calibration.table import read_table
 from symstiff.compensation import compensate, compensate_online
 from symstiff.effects.instance import EffectInstance
 from symstiff.errors import UserError
@@ -181,7 +181,7 @@ def test_off_line_compensation_puts_the_loaded_tool_where_it_belongs(result) -> 
 def test_absolute_positions_of_a_real_ur10_give_plausible_joint_compliances() -> None:
     if not UR10_DATA.is_file():
         pytest.skip("the real UR10 measurements are not here")
-    found = identify(load("ur10"), read_measurements(UR10_DATA), "joints", loads="wrench")
+    found = identify(load("ur10"), read_table(UR10_DATA), "joints", loads="wrench")
     values = dict(zip(found.fit.names, found.fit.values, strict=True))
     assert 0.4e-5 < values["c2"] < 1.4e-5
     assert 0.5e-5 < values["c3"] < 1.4e-5

@@ -78,7 +78,7 @@ class Identification:
     train: Measurements
     held_out: Measurements | None
 
-    def as_dict(self) -> dict[str, Any]:
+    def to_dict(self) -> dict[str, Any]:
         """For JSON: parameters with uncertainty, residual tables in metres and radians, remarks."""
         record = (self.robust or self.fit).to_dict()
         record |= {

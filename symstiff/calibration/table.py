@@ -40,8 +40,8 @@ __all__ = [
     "check_robot",
     "concatenate",
     "measurements",
-    "read_measurements",
     "read_poses",
+    "read_table",
     "write_table",
 ]
 
@@ -52,7 +52,7 @@ Cells = tuple[list[int], list[list[str]]]
 Paths = str | Path | Sequence[str | Path]
 
 
-def read_measurements(paths: Paths) -> Measurements:
+def read_table(paths: Paths) -> Measurements:
     """Read one or several measurement tables as one.
 
     Raises UserError with file and line for whatever the format does not allow; for tables without measured

@@ -58,7 +58,8 @@ class PlanRequest:
 def run_plan(request: PlanRequest) -> None:
     """Choose poses, write them, say what they promise."""
     from symstiff.calibration.foreseen import doubtful
-    from symstiff.calibration.plan import Goal, Load, Search, plan_for, robot_of
+    from symstiff.calibration.plan import Goal, Load, Search, robot_of
+    from symstiff.calibration.plan import plan as choose_poses
     from symstiff.calibration.planning.measurement import Measurement
     from symstiff.calibration.planning.poses import draw_plan, poses_table, save_figure, summary
     from symstiff.calibration.poses import gain_of_steps, in_steps, with_markers
@@ -95,7 +96,7 @@ def run_plan(request: PlanRequest) -> None:
             sigma[0] / gain_of_steps(request.steps) ** 0.5,
             sigma[1] / gain_of_steps(request.steps) ** 0.5,
         )
-        plan = plan_for(
+        plan = choose_poses(
             model, goal, applied, request.markers, together, _region(request),
             {j: float(v) for j, v in fixed.items()}, levels, search,
             lambda label, share: progress(f"{label} {share:.0%}"),

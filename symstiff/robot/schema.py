@@ -312,6 +312,12 @@ class Robot(_Frozen):
     def __hash__(self) -> int:
         return hash((self.name, len(self.joint)))
 
+    def __repr__(self) -> str:
+        kinds = "".join("P" if joint.prismatic else "R" for joint in self.joint)
+        return f"Robot({self.name}: {self.dof} joints {kinds})"
+
+    __str__ = __repr__
+
     def _repr_html_(self) -> str:
         from symstiff.robot.reading import robot_html
 
