@@ -55,6 +55,18 @@ def test_the_complete_model_compensates_nearly_all_of_the_deflection_on_held_out
     assert result.validation.compensated > 0.97
 
 
+def test_negative_diagonals_that_stand_for_others_are_said_to_be_sums_unless_physics_bounds_them(
+    result,
+) -> None:
+    told = next(remark for remark in result.remarks if "of parameters with signs" in remark)
+    negative = [
+        p.name for p in result.reduction.kept if not p.is_coupling and result.model.values[p.name] < 0
+    ]
+    assert told.partition(":")[0].split(", ") == negative
+    physical = identify(load("kuka_kr270"), virtual(), physical=True)
+    assert not any("with signs" in remark for remark in physical.remarks)
+
+
 def test_the_poses_held_out_are_the_same_in_whatever_order_the_rows_stand(result) -> None:
     table = virtual()
     turned = np.arange(len(table.labels))[::-1]

@@ -25,6 +25,7 @@ from symstiff.calibration.point import find_point
 from symstiff.calibration.redundant import redundant
 from symstiff.calibration.remarks import (
     axis_remarks,
+    below_zero,
     beside_geometry,
     explained,
     fits,
@@ -148,10 +149,14 @@ def identify(
     per_level: int | None = None,
     seed: int = 0,
 ) -> Identification:
-    """Fit a model to a deflection table by weighted least squares (seed eq. 7, 8).
+    """Fit a model to a table by weighted least squares (seed eq. 7, 8).
 
-    ``held_out`` is the share of poses kept for validation; ``per_level`` a joint that gets one compliance for each of
-    its distinct values (the seed's C2 and J2). Raises UserError for data that cannot determine the model.
+    ``start``: ``complete``, ``joints``, a model file or a model; ``loads`` and ``measure``: the class to reduce for,
+    read from the table where not given. ``robust`` is Huber's estimator with a report of outliers, ``physical`` keeps
+    every link matrix positive semidefinite. ``held_out`` is the share of poses kept for validation, which ``seed``
+    draws; ``per_level`` a joint that gets one compliance for each of its distinct values (the seed's C2 and J2).
+    Returns the identified model with the fit and its uncertainty, residuals and remarks. Raises UserError for data that
+    cannot determine the model.
     """
     remarks = check_robot(table, robot)
     check_measured(table)
@@ -205,6 +210,7 @@ def identify(
     model = model.with_values(values, _finite(dict(zip(fitted.names, fitted.std.tolist(), strict=True))))
     training = residual_table(_measured(train), predict(model, train))
     remarks += [*settled(found), *explained(training), *fits(fitted, e), *unlike_file(model, robot)]
+    remarks += [] if physical or reduction is None else below_zero(values, reduction)
     return Identification(
         completed(model, told, table.kind),
         reduction,
