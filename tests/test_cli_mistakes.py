@@ -10,7 +10,15 @@ import sys
 from pathlib import Path
 
 import pytest
-from command_line import OBLIQUE, Result, Run, assert_users_mistake, run_command_line  # noqa: F401
+from command_line import (
+    IDENTIFY,
+    OBLIQUE,
+    POSES,
+    TRUTH,
+    Run,
+    assert_users_mistake,
+    run_command_line,  # noqa: F401
+)
 
 GOOD = OBLIQUE.strip()
 SPOILT = {
@@ -90,6 +98,29 @@ def test_a_bad_option_is_one_line_and_nothing_is_written(
     output = ("-o", "out") if arguments[0] == "generate" else ()
     assert_users_mistake(run(*arguments, *output), *words)
     assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize(
+    ("arguments", "says"),
+    [
+        (("diagnose", "planar2r", "data.csv", "--max-effects", "0", "-o", "out"), "--max-effects: expected"),
+        (("diagnose", "planar2r", "data.csv", "--max-poses", "0", "-o", "out"), "--max-poses: expected"),
+        ((*IDENTIFY, "--per-level", "q9"), "--per-level: q9: planar2r has joints 1 to 2"),
+        ((*IDENTIFY, "--held-out", "1.5"), "--held-out: 1.5 is no share"),
+        ((*IDENTIFY, "--measure", "angle"), "unknown --measure 'angle'"),
+    ],
+)
+def test_what_the_library_says_of_an_argument_the_command_says_of_its_option(
+    run: Run, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, arguments: tuple[str, ...], says: str
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    for name, text in (("poses.csv", POSES), ("truth.toml", TRUTH)):
+        (tmp_path / name).write_text(text)
+    assert run("simulate", "truth.toml", "--poses", "poses.csv", "-o", "data.csv").code == 0
+    mistake = run(*arguments)
+    assert_users_mistake(mistake, says)
+    assert mistake.err.startswith(f"symstiff: {says}")
+    assert not {"out", "m.toml"} & {p.name for p in tmp_path.iterdir()}
 
 
 def test_a_plan_for_too_few_points_says_how_to_go_on(run: Run, tmp_path: Path) -> None:
