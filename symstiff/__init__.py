@@ -20,12 +20,11 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from symstiff.calibration.identify import identify
-    from symstiff.calibration.plan import Goal, Load
-    from symstiff.calibration.plan import plan_for as plan
+    from symstiff.calibration.plan import Goal, Load, plan
     from symstiff.calibration.simulation import load_truth, simulate
-    from symstiff.calibration.table import read_measurements as read_table
-    from symstiff.calibration.table import read_poses, write_table
+    from symstiff.calibration.table import read_poses, read_table, write_table
     from symstiff.codegen.generate import generate
+    from symstiff.codegen.options import Options
     from symstiff.compensation import compensate
     from symstiff.discrepancy.finding import Task
     from symstiff.discrepancy.workflow import run as diagnose
@@ -43,6 +42,7 @@ __all__ = [
     "ElasticChain",
     "Goal",
     "Load",
+    "Options",
     "StiffnessModel",
     "Task",
     "UserError",
@@ -70,6 +70,7 @@ _HOME = {
     "ElasticChain": "symstiff.symbolic.chain",
     "Goal": "symstiff.calibration.plan",
     "Load": "symstiff.calibration.plan",
+    "Options": "symstiff.codegen.options",
     "StiffnessModel": "symstiff.model",
     "Task": "symstiff.discrepancy.finding",
     "UserError": "symstiff.errors",
@@ -91,12 +92,7 @@ _HOME = {
     "write_report": "symstiff.report.folder",
     "write_table": "symstiff.calibration.table",
 }
-_NAME_AT_HOME = {
-    "diagnose": "run",
-    "plan": "plan_for",
-    "read_table": "read_measurements",
-    "write_report": "write_folder",
-}
+_NAME_AT_HOME = {"diagnose": "run", "write_report": "write_folder"}
 
 
 def __getattr__(name: str) -> Any:
@@ -106,4 +102,4 @@ def __getattr__(name: str) -> Any:
 
 
 def __dir__() -> list[str]:
-    return sorted({*globals(), *_HOME})
+    return sorted({*(name for name in globals() if name.startswith("__")), *_HOME})

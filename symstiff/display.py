@@ -36,6 +36,11 @@ def shortened(names: Sequence[str], most: int = 12) -> str:
     return f"{' '.join(names[:3])} … {names[-1]}"
 
 
+def counted(number: int, what: str) -> str:
+    """A number of things in a sentence: 1 pose, 2 poses."""
+    return f"{number} {what}{'s' * (number != 1)}"
+
+
 def listing(parts: Sequence[str]) -> str:
     """Parts of a sentence: with commas, and with "and" before the last."""
     *before, last = parts

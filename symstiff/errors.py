@@ -2,6 +2,12 @@
 
 from __future__ import annotations
 
+import re
+from collections.abc import Mapping
+
+_ARGUMENT = re.compile(r"(|unknown )([a-z_]+)(?=: | ')")
+"""How a message about an argument begins: ``max_poses: expected`` or ``unknown loads 'weight'``."""
+
 
 class UserError(ValueError):
     """Input that cannot be used: the message names place, cause and remedy in one line of printable text."""
@@ -9,6 +15,13 @@ class UserError(ValueError):
     def __init__(self, message: str) -> None:
         line = " ".join(message.split())
         super().__init__(printable(line, len(line)))
+
+    def with_options(self, options: Mapping[str, str]) -> UserError:
+        """The mistake as the command line tells it: an argument that the message begins with is its option."""
+        found = _ARGUMENT.match(str(self))
+        if found is None or found[2] not in options:
+            return self
+        return UserError(f"{found[1]}{options[found[2]]}{str(self)[found.end() :]}")
 
 
 def printable(text: str, longest: int = 120) -> str:

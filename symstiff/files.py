@@ -21,8 +21,11 @@ CODE, DIAGNOSIS = "manifest.json", "verdict.json"
 """The file that every folder of code, and every one of a diagnosis, holds: neither is taken for the other."""
 
 
-def write_file(path: str | Path, data: bytes | str) -> None:
-    """Write one file atomically; a device or pipe is written to, never replaced. Raises UserError."""
+def write_file(path: str | Path, data: bytes | str, option: str = "") -> None:
+    """Write one file atomically; a device or pipe is written to, never replaced. Raises UserError.
+
+    option: of the command line, that named the place.
+    """
     require_path(path, "a file to write")
     target = Path(os.path.realpath(path))  # a link stays a link
     content = data.encode() if isinstance(data, str) else data
@@ -36,7 +39,7 @@ def write_file(path: str | Path, data: bytes | str) -> None:
     except BaseException as error:  # an interrupt leaves nothing behind either
         _remove(temporary)
         if isinstance(error, OSError):
-            raise cannot_write(Path(path), error, "") from error
+            raise cannot_write(Path(path), error, option) from error
         raise
 
 

@@ -189,12 +189,14 @@ class StiffnessModel:
         self,
         q: npt.ArrayLike,
         w: npt.ArrayLike,
+        *,
         values: Mapping[str, float] | None = None,
         context: Context | None = None,
     ) -> np.ndarray:
         """Deflection of the tool centre point (N, 6) [m, rad] for q (N, n), W (N, 6); one row stands for all.
 
-        Raises UserError for other shapes, unknown names in ``values`` and a missing column of ``context``.
+        Raises UserError for other shapes, what is no finite number, unknown names in ``values`` and a missing column of
+        ``context``.
         """
         return self._deflection(*self.poses(q, w), self.vector(values), context)
 
@@ -206,8 +208,9 @@ class StiffnessModel:
         self,
         q: npt.ArrayLike,
         w: npt.ArrayLike,
-        context: Context | None = None,
+        *,
         values: Mapping[str, float] | None = None,
+        context: Context | None = None,
     ) -> np.ndarray:
         """∂Δt/∂π (N, 6, P) in the order of ``parameters``, at ``values`` where the model is not linear in them.
 
@@ -221,7 +224,7 @@ class StiffnessModel:
         return derivative(self, lambda x: self._deflection(q, w, x, context), p)
 
     def poses(self, q: npt.ArrayLike, w: npt.ArrayLike) -> tuple[np.ndarray, np.ndarray]:
-        """q (N, n) and W (N, 6) with as many rows. Raises UserError with the expected and the found shape."""
+        """q (N, n) and W (N, 6) with as many rows. Raises UserError for other shapes and what is no finite number."""
         joints, wrenches = _rows("q", q, self.robot.dof), _rows("w", w, 6)
         counts = {len(joints), len(wrenches)}
         if len(counts - {1}) > 1:
@@ -348,6 +351,9 @@ def _rows(name: str, given: npt.ArrayLike, width: int) -> np.ndarray:
         raise UserError(f"{name}: expected numbers of shape (N, {width}): {error}") from error
     if array.ndim != 2 or array.shape[1] != width:
         raise UserError(f"{name}: expected an array of shape (N, {width}), found {np.shape(given)}")
+    finite = np.isfinite(array).all(axis=1)
+    if not finite.all():
+        raise UserError(f"{name}: row {int(np.argmin(finite))} holds what is no finite number: correct it")
     return array
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -62,7 +63,7 @@ def test_plans(model: StiffnessModel, arguments: dict[str, Any], told: str) -> N
 
 @pytest.mark.parametrize("poses", [2.5, -1, 0, float("nan"), "3", True, None])
 def test_numbers_of_poses(poses: Any) -> None:
-    assert "number of poses: expected a whole number from 1 on" in refused(Goal, poses)
+    assert "poses: expected a whole number from 1 on" in refused(Goal, poses)
 
 
 @pytest.mark.parametrize("options", [{"seed": -1}, {"candidates": 1e3}, {"starts": 0}, {"workers": "all"}])
@@ -129,7 +130,12 @@ def test_models(model: StiffnessModel) -> None:
         assert refused(model.with_values, values).startswith(
             ("expected values", "values:", "planar2r: the model has no")
         )
-    assert "values: c1: expected a finite number" in refused(model.deflection, q, w, {"c1": "a"})
+    assert "values: c1: expected a finite number" in refused(model.deflection, q, w, values={"c1": "a"})
+    for way in (model.deflection, model.observation):
+        assert refused(way, [0.0, math.nan], w) == "q: row 0 holds what is no finite number: correct it"
+        assert refused(way, q, [[0] * 6, [0, math.inf, 0, 0, 0, 0]]).startswith("w: row 1 holds")
+        with pytest.raises(TypeError, match="positional"):  # values are taken for no context
+            way(q, w, {"c1": 1e-6})  # type: ignore[misc]
     for threads in (-1, 0, 1.5, "a"):
         assert "threads: expected a whole number from 1 on" in refused(model.compile, threads)
 
@@ -145,12 +151,12 @@ def test_compensations(model: StiffnessModel) -> None:
         assert "q: expected numbers of shape (N, 6)" in refused(call, arm, "abc", w)
         assert "w: expected an array of shape (N, 6)" in refused(call, arm, q, w[:, :3])
         assert "expected as many rows" in refused(call, arm, q, w[:2])
-        assert "expected a context, found 3" in refused(call, arm, q, w, 3)
+        assert "expected a context, found 3" in refused(call, arm, q, w, context=3)
         context = {"temperature": np.zeros(2)}
-        assert "expected an array of shape (3,)" in refused(call, arm, q, w, context)
+        assert "expected an array of shape (3,)" in refused(call, arm, q, w, context=context)
         context = {"temperature": "warm"}
-        assert "expected numbers of shape (3,)" in refused(call, arm, q, w, context)
-        assert "the model needs the column time" in refused(call, arm, q, w, {})
+        assert "expected numbers of shape (3,)" in refused(call, arm, q, w, context=context)
+        assert "the model needs the column time" in refused(call, arm, q, w, context={})
 
 
 @pytest.mark.parametrize("place", [None, 5, ["a"]])

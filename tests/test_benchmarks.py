@@ -84,7 +84,7 @@ def test_the_peers_formulas_hold_on_other_robots(robot: str) -> None:
 
     model = StiffnessModel(case.robot, case.parameters)
     q, w = case.inputs[:3, : case.dof], case.inputs[:3, case.dof :]
-    own = model.deflection(q, w, dict(zip(model.parameters, case.values, strict=True)))
+    own = model.deflection(q, w, values=dict(zip(model.parameters, case.values, strict=True)))
     symbols = [casadi.SX.sym("q", case.dof), casadi.SX.sym("w", 6), casadi.SX.sym("k", len(case.entries))]
     q_, w_, k = symbols
     graphs = [peers_casadi.total(case, q_, w_, k, style) for style in geometry.STYLES]

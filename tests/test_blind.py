@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from symstiff.calibration.simulation import Effect, Noise, Truth, clean_response, simulate
-from symstiff.calibration.table import read_measurements, write_table
+from symstiff.calibration.table import read_table, write_table
 from symstiff.discrepancy.assemble import assemble
 from symstiff.robot import load
 from tests.blind import __main__ as command
@@ -48,7 +48,7 @@ def test_the_table_carries_no_trace_of_the_truth(tmp_path: Path) -> None:
         assert story not in text
     for effect, _ in hidden.label.truth:
         assert effect not in text
-    assert len(read_measurements(tmp_path / "data.csv")) == len(hidden.table)
+    assert len(read_table(tmp_path / "data.csv")) == len(hidden.table)
 
 
 def test_of_two_effects_none_is_what_the_other_one_may_be(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -132,7 +132,7 @@ def test_a_trajectory_is_corrected(folder: Path) -> None:
     ("arguments", "says"),
     [
         (("plan", "kuka_kr270", "--poses", "2", "-o", "x.csv"), "poses"),
-        (("plan", "kuka_kr270", "--poses", "15", "--levels", "q9=3", "-o", "x.csv"), "joint 9"),
+        (("plan", "kuka_kr270", "--poses", "15", "--levels", "q9=3", "-o", "x.csv"), "--levels: q9"),
         (("simulate", "missing.toml", "--poses", "poses.csv", "-o", "x.csv"), "missing.toml"),
         (("simulate", "truth.toml", "--poses", "poses.csv", "--noise", "-1", "-o", "x.csv"), "noise"),
         (("identify", "kuka_kr270", "poses.csv", "-o", "x.toml"), "measured"),

@@ -10,7 +10,7 @@ import pytest
 
 from symstiff.calibration.checks import check_robot, without_copies, without_zeros
 from symstiff.calibration.measurements import Measurements, concatenate, measurements
-from symstiff.calibration.table import read_measurements, read_poses
+from symstiff.calibration.table import read_poses, read_table
 from symstiff.errors import UserError
 from symstiff.robot import Robot, from_table
 
@@ -34,7 +34,7 @@ def deflected(a_newton: float = 1e-6, w: np.ndarray = DOWN, q: np.ndarray = POSE
 def read(folder: Path, head: str, *rows: str) -> Measurements:
     path = folder / "data.csv"
     path.write_text("\n".join((head, *rows)) + "\n")
-    return read_measurements(path)
+    return read_table(path)
 
 
 def test_joint_readings_of_one_pose_may_differ_as_commands_do_not(tmp_path: Path) -> None:

@@ -10,7 +10,15 @@ import sys
 from pathlib import Path
 
 import pytest
-from command_line import OBLIQUE, Result, Run, assert_users_mistake, run_command_line  # noqa: F401
+from command_line import (
+    IDENTIFY,
+    OBLIQUE,
+    POSES,
+    TRUTH,
+    Run,
+    assert_users_mistake,
+    run_command_line,  # noqa: F401
+)
 
 GOOD = OBLIQUE.strip()
 SPOILT = {
@@ -43,13 +51,13 @@ def test_a_spoilt_robot_file_is_one_line_and_nothing_is_written(
 BAD_OPTIONS = [
     (("inspect", "nowhere.toml"), ("nowhere.toml", "no such robot")),
     (("inspect", "."), ("is a directory",)),
-    (("inspect", "planar2r", "--loads", "weight"), ("unknown loads", "wrench, force, gravity")),
+    (("inspect", "planar2r", "--loads", "weight"), ("unknown --loads 'weight'", "wrench, force, gravity")),
     (("plan", "planar2r", "--poses", "5", "--force", "1e12", "-o", "p.csv"), ("1e+12 N", "up to 1e+07")),
     (
         ("plan", "planar2r", "--poses", "5", "--loads", "force", "--moment", "3", "-o", "p.csv"),
         ("--moment has no effect with --loads force", "--loads wrench"),
     ),
-    (("inspect", "planar2r", "--measure", "angle"), ("unknown measure", "pose, position")),
+    (("inspect", "planar2r", "--measure", "angle"), ("unknown --measure", "pose, position")),
     (("inspect", "planar2r", "--fixed", "q9=0"), ("cannot fix q9",)),
     (("inspect", "planar2r", "--fixed", "q1"), ("--fixed",)),
     (("inspect", "planar2r", "--fixed", "q1=__import__('os')"), ("cannot read",)),
@@ -60,12 +68,21 @@ BAD_OPTIONS = [
     (("inspect", "planar2r", "--prefer", "k9_11"), ("k9_11",)),
     (("inspect", "planar2r", "--avoid", "k9_11"), ("k9_11",)),
     (("inspect", "planar2r", "--avoid", "k1_11", "--prefer", "k1_11"), ("k1_11", "prefer it or avoid it")),
-    (("generate", "planar2r", "--precision", "half"), ("unknown precision", "double or float")),
-    (("generate", "planar2r", "--targets", "c,fortran"), ("unknown target", "fortran")),
+    (("generate", "planar2r", "--precision", "half"), ("--precision: unknown 'half'", "double or float")),
+    (("generate", "planar2r", "--targets", "c,fortran"), ("--targets: unknown", "fortran")),
     (("generate", "planar2r", "--targets", ""), ("target",)),
-    (("generate", "planar2r", "--layout", "round"), ("unknown layout",)),
-    (("generate", "planar2r", "--loads", "weight"), ("unknown loads",)),
+    (("generate", "planar2r", "--layout", "round"), ("--layout: unknown",)),
+    (("generate", "planar2r", "--loads", "weight"), ("unknown --loads",)),
     (("generate", "planar2r", "--model", "none.toml"), ("none.toml",)),
+    (("plan", "planar2r", "--poses", "0", "-o", "p.csv"), ("--poses: expected",)),
+    (("plan", "scara", "--poses", "1", "-o", "p.csv"), ("1 pose for",)),
+    (("plan", "planar2r", "--poses", "30000", "-o", "p.csv"), ("--candidates: 20000 are too few",)),
+    (("plan", "planar2r", "--poses", "9", "--levels", "q2=0", "-o", "p.csv"), ("--levels: q2: expected",)),
+    (
+        ("plan", "planar2r", "--poses", "9", "--levels", "q9=3", "-o", "p.csv"),
+        ("--levels: q9", "joints 1 to 2"),
+    ),
+    (("plan", "planar2r", "--poses", "9", "--sigma", "-3", "-o", "p.csv"), ("--sigma -3", "millimetres")),
 ]
 
 
@@ -81,6 +98,29 @@ def test_a_bad_option_is_one_line_and_nothing_is_written(
     output = ("-o", "out") if arguments[0] == "generate" else ()
     assert_users_mistake(run(*arguments, *output), *words)
     assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize(
+    ("arguments", "says"),
+    [
+        (("diagnose", "planar2r", "data.csv", "--max-effects", "0", "-o", "out"), "--max-effects: expected"),
+        (("diagnose", "planar2r", "data.csv", "--max-poses", "0", "-o", "out"), "--max-poses: expected"),
+        ((*IDENTIFY, "--per-level", "q9"), "--per-level: q9: planar2r has joints 1 to 2"),
+        ((*IDENTIFY, "--held-out", "1.5"), "--held-out: 1.5 is no share"),
+        ((*IDENTIFY, "--measure", "angle"), "unknown --measure 'angle'"),
+    ],
+)
+def test_what_the_library_says_of_an_argument_the_command_says_of_its_option(
+    run: Run, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, arguments: tuple[str, ...], says: str
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    for name, text in (("poses.csv", POSES), ("truth.toml", TRUTH)):
+        (tmp_path / name).write_text(text)
+    assert run("simulate", "truth.toml", "--poses", "poses.csv", "-o", "data.csv").code == 0
+    mistake = run(*arguments)
+    assert_users_mistake(mistake, says)
+    assert mistake.err.startswith(f"symstiff: {says}")
+    assert not {"out", "m.toml"} & {p.name for p in tmp_path.iterdir()}
 
 
 def test_a_plan_for_too_few_points_says_how_to_go_on(run: Run, tmp_path: Path) -> None:
@@ -171,7 +211,8 @@ def test_a_device_is_written_to_and_never_replaced(run: Run, tmp_path: Path) -> 
     if not full.is_char_device():
         pytest.skip("no /dev/full on this machine")
     link.symlink_to(full)
-    assert_users_mistake(run("robots", "--json", link), "No space left on device")
+    mistake = run("robots", "--json", link)
+    assert_users_mistake(mistake, "No space left on device: choose another place with --json")
     assert link.is_symlink()
     assert full.is_char_device()
     assert [p.name for p in tmp_path.iterdir()] == ["full.json"]

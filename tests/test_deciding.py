@@ -67,7 +67,7 @@ def columns(model: StiffnessModel, instance: EffectInstance, table: Measurements
     grown = model.with_effect(instance)
     own = [n for n in grown.parameters if n not in model.parameters]
     zero = dict.fromkeys(grown.parameters, 0.0)
-    units = [grown.deflection(table.q, table.w, zero | {n: 1.0}) for n in own]
+    units = [grown.deflection(table.q, table.w, values=zero | {n: 1.0}) for n in own]
     return weighed(np.stack(units, axis=-1))
 
 

@@ -14,7 +14,7 @@ import numpy as np
 import pytest
 
 from symstiff.calibration.measurements import Measurements
-from symstiff.calibration.table import read_measurements, read_poses
+from symstiff.calibration.table import read_poses, read_table
 from symstiff.codegen.compiler import find_compiler
 from symstiff.discrepancy.finding import Task
 from symstiff.discrepancy.remarks import remarked
@@ -91,7 +91,7 @@ def test_the_grown_model_predicts_the_data_to_the_noise(named: Path, verdict: di
     from symstiff.calibration.rows import predict
 
     model = load_model(named / "model.toml")
-    table = read_measurements(named.parent / "data.csv")
+    table = read_table(named.parent / "data.csv")
     left = (table.values - predict(model, table))[:, :3]
     assert 1e3 * math.sqrt(float(np.mean(left**2))) == pytest.approx(verdict["rms_mm"]["after"], rel=0.05)
     assert [e.effect for e in model.effects] == ["nonlinear_stiffness"]
@@ -289,7 +289,7 @@ def test_the_same_table_gives_the_same_bytes(named: Path, tmp_path: Path) -> Non
 @pytest.mark.slow
 @pytest.mark.skipif(not UR10.exists(), reason="the measured UR10 data are not there")
 def test_a_real_ur10_shows_its_geometry_and_its_gears() -> None:
-    found = run(Task(load("ur10"), read_measurements(UR10), "joints", max_poses=100))
+    found = run(Task(load("ur10"), read_table(UR10), "joints", max_poses=100))
     named = {e.effect for e in found.named}
     assert named & {"geometric_error", "joint_offset"}
     assert "transmission_error" in named

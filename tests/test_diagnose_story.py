@@ -6,7 +6,8 @@ from dataclasses import replace
 
 import pytest
 
-from symstiff.calibration.plan import Goal, Load, Search, plan_for
+from symstiff.calibration.plan import Goal, Load, Search
+from symstiff.calibration.plan import plan as choose_poses
 from symstiff.calibration.planning import Region, above_floor
 from symstiff.calibration.poses import with_markers
 from symstiff.calibration.seed_tables import FORCE, LEVELS, MARKERS, REACH, ROBOT, truth
@@ -25,7 +26,7 @@ from symstiff.robot import load
 def found() -> Finding:
     """The seed's virtual robot, 20 of its poses, and a tracker good to 0.01 mm."""
     robot = load(ROBOT)
-    plan = plan_for(
+    plan = choose_poses(
         StiffnessModel.of(reduce(robot, "gravity", "pose")),
         Goal(20, "D"),
         Load("gravity", FORCE),

@@ -88,12 +88,13 @@ def test_every_effect_at_every_place_flows_into_the_deflection_and_its_columns(
     values = {n: 1e-6 * rng.uniform(0.5, 2) for n in grown.stiffness_parameters}
     values |= {p.name: p.typical * rng.uniform(0.5, 1) for p in grown.effect_parameters}
     q_, w_, context = experiment(2)
-    columns = grown.observation(q_, w_, context, values)
+    columns = grown.observation(q_, w_, values=values, context=context)
     assert columns.shape == (5, 6, len(grown.parameters))
     for k, name in enumerate(grown.parameters):
         step = 0.1 * abs(values[name])
         ahead, behind = (
-            grown.deflection(q_, w_, {**values, name: values[name] + s * step}, context) for s in (1, -1)
+            grown.deflection(q_, w_, values={**values, name: values[name] + s * step}, context=context)
+            for s in (1, -1)
         )
         scale = np.abs(ahead).max() / step
         np.testing.assert_allclose(columns[:, :, k], (ahead - behind) / (2 * step), atol=1e-9 * scale)
@@ -130,14 +131,14 @@ def test_no_effect_of_size_zero_changes_a_deflection(name: str) -> None:
     model = joints_only(robot)
     q_, w_, context = experiment(robot.dof, 3)
     values = dict.fromkeys(model.parameters, 1e-6)
-    before = model.deflection(q_, w_, values)
+    before = model.deflection(q_, w_, values=values)
     seen = set()
     for instance in instances(name):
         replaced = instance.realise(robot).replaces
         if instance.effect in seen or replaced:
             continue
         seen.add(instance.effect)
-        after = model.with_effect(instance).deflection(q_, w_, values, context)
+        after = model.with_effect(instance).deflection(q_, w_, values=values, context=context)
         np.testing.assert_allclose(after, before, atol=1e-15)
 
 
@@ -286,7 +287,7 @@ def test_with_masses_a_gap_is_crossed_only_where_the_total_torque_turns_over() -
     q_ = np.array([[0.0, -0.3, 0.2, 0.1, 0.4, 0.0]] * 2)  # stretched out: gravity loads joint 2
     up_little, up_much = [0, 0, 20.0, 0, 0, 0], [0, 0, 600.0, 0, 0, 0]
     values = {"backlash_2_gap": 1e-3}
-    still, crossed = model.deflection(q_, np.array([up_little, up_much]), values)[:, 2]
+    still, crossed = model.deflection(q_, np.array([up_little, up_much]), values=values)[:, 2]
     assert abs(still) < 1e-9
     assert abs(crossed) > 5e-4
 

@@ -67,7 +67,7 @@ def test_a_simulation_gives_deflection_and_command(fmu):
     )
     # the inputs of a step are those at its beginning, its outputs stand at its end
     found = np.column_stack([result[f"deflection[{k}]"] for k in range(1, 7)])
-    wanted = m.deflection(q, w, values)
+    wanted = m.deflection(q, w, values=values)
     tolerance = 1e-12 if precision == "double" else 1e-4
     size = np.abs(wanted).max()
     steps = [np.abs(found - row).max(axis=1).argmin() for row in wanted[:-1]]

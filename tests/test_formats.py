@@ -10,10 +10,14 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from command_line import Run, run_command_line  # noqa: F401
 from definition import motion
 
+from symstiff.calibration.complete import reconstruct_model
+from symstiff.calibration.identify import identify
+from symstiff.calibration.measurements import measurements
 from symstiff.calibration.simulation import SHAPES, load_truth
-from symstiff.calibration.table import check_robot, read_measurements, read_poses
+from symstiff.calibration.table import check_robot, read_poses, read_table
 from symstiff.codegen.verify import Verification
 from symstiff.effects.registry import catalogue
 from symstiff.model import StiffnessModel
@@ -86,8 +90,8 @@ def test_the_tables_of_the_page_are_read(arm: Robot, tmp_path: Path) -> None:
     deflections, absolute, trajectory = blocks("csv")
     file = tmp_path / "table.csv"
     for text, reader, kind, rows in (
-        (deflections, read_measurements, "deflection", 5),
-        (absolute, read_measurements, "absolute", 3),
+        (deflections, read_table, "deflection", 5),
+        (absolute, read_table, "absolute", 3),
         (trajectory, read_poses, "none", 2),
     ):
         file.write_text(text)
@@ -105,8 +109,39 @@ def test_the_truth_of_the_page_is_read(tmp_path: Path) -> None:
         assert set(vars(getattr(truth, name))) <= set(re.findall(r"^\w+", blocks("toml")[1], re.MULTILINE))
 
 
+def test_the_json_of_inspect_is_what_the_command_writes(run: Run, tmp_path: Path) -> None:
+    told = json.loads(blocks("json")[2])
+    place = tmp_path / "inspect.json"
+    assert (
+        run("inspect", "planar2r", "--loads", "gravity", "--measure", "position", "--json", place).code == 0
+    )
+    assert json.loads(place.read_text()) == told
+
+
+def test_the_json_of_identify_and_of_complete_matrices_has_the_keys_of_the_page() -> None:
+    identified, complete = (json.loads(text) for text in blocks("json")[:2])
+    robot = load("planar2r")
+    rng = np.random.default_rng(0)
+    q, w = rng.uniform(-1, 1, (40, 2)), np.tile([0.0, 0, -100, 0, 0, 0], (40, 1))
+    model = StiffnessModel.of(reduce(robot, "gravity", "pose"))
+    truth = model.with_values(dict.fromkeys(model.parameters, 1e-07))
+    values = truth.deflection(q, w) + 1e-9 * rng.normal(size=(40, 6))
+    result = identify(robot, measurements(q, w, kind="deflection", values=values), robust=True, physical=True)
+    found = result.to_dict()
+    assert set(found) == {*identified, "robust"}
+    assert set(found["residuals"]) == set(identified["residuals"])
+    assert set(found["rank"]) == set(identified["rank"])
+    assert {*found["robust"], *found["physical"]} <= WORDS
+    (entry,) = identified["parameters"].values()
+    assert all(set(p) == set(entry) for p in found["parameters"].values())
+    rebuilt = reconstruct_model(result).to_dict()
+    assert set(rebuilt) == set(complete)
+    assert set(rebuilt["bounds"]) == set(complete["bounds"])
+    assert all(set(r) == {"value", "shift_std"} for r in rebuilt["reduced"].values())
+
+
 def test_the_entry_of_a_verdict_is_json_with_the_keys_of_a_verdict() -> None:
-    (entry,) = (json.loads(text) for text in blocks("json"))
+    *_, entry = (json.loads(text) for text in blocks("json"))
     assert set(entry) == keys_of("effect_table")
 
 

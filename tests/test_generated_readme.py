@@ -39,7 +39,7 @@ def test_the_casadi_example_names_what_the_model_has_to_know_of_the_moment(tmp_p
     q, w = poses(ROBOT, 1)
     scope = {"p": m.vector(), "q": q[0], "w": w[0], **MOMENT}
     exec(compile(code, "README.md", "exec"), scope)
-    wanted = m.deflection(q, w, None, {k: np.array([v]) for k, v in MOMENT.items()})[0]
+    wanted = m.deflection(q, w, context={k: np.array([v]) for k, v in MOMENT.items()})[0]
     np.testing.assert_allclose(np.array(scope["dt"]).ravel(), wanted, rtol=1e-9, atol=1e-15)
     assert len(scope.get("context", ())) == known
 

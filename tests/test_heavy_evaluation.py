@@ -9,7 +9,8 @@ import numpy as np
 import pytest
 
 from symstiff.calibration.measurements import measurements
-from symstiff.calibration.plan import Goal, Search, plan_for, workspace_for
+from symstiff.calibration.plan import Goal, Search, workspace_for
+from symstiff.calibration.plan import plan as choose_poses
 from symstiff.calibration.rows import equations, predict
 from symstiff.codegen import library, runtime
 from symstiff.codegen.compiler import Compiler, find_compiler
@@ -89,7 +90,7 @@ def test_an_evaluator_goes_to_another_process():
 
 def test_a_plan_is_the_same(both):
     search = Search(candidates=300, starts=2, seed=3)
-    compiled, numpy = both(lambda: plan_for(model("scara"), Goal(8), search=search))
+    compiled, numpy = both(lambda: choose_poses(model("scara"), Goal(8), search=search))
     np.testing.assert_allclose(compiled.q, numpy.q, rtol=0, atol=1e-6)  # the optimiser's own tolerance
     close(compiled.std, numpy.std)
     assert compiled.score == pytest.approx(numpy.score, rel=1e-12)

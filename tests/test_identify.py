@@ -14,7 +14,7 @@ from symstiff.calibration.measurements import Measurements, measurements
 from symstiff.calibration.poses import with_markers
 from symstiff.calibration.rows import equations, predict
 from symstiff.calibration.simulation import nominal_truth, simulate, truth_from_table
-from symstiff.calibration.table import read_measurements
+from symstiff.calibration.table import read_table
 from symstiff.compensation import compensate, compensate_online
 from symstiff.effects.instance import EffectInstance
 from symstiff.errors import UserError
@@ -53,6 +53,18 @@ def test_the_complete_model_compensates_nearly_all_of_the_deflection_on_held_out
     assert len(result.fit.names) == 26
     assert result.validation is not None
     assert result.validation.compensated > 0.97
+
+
+def test_negative_diagonals_that_stand_for_others_are_said_to_be_sums_unless_physics_bounds_them(
+    result,
+) -> None:
+    told = next(remark for remark in result.remarks if "of parameters with signs" in remark)
+    negative = [
+        p.name for p in result.reduction.kept if not p.is_coupling and result.model.values[p.name] < 0
+    ]
+    assert told.partition(":")[0].split(", ") == negative
+    physical = identify(load("kuka_kr270"), virtual(), physical=True)
+    assert not any("with signs" in remark for remark in physical.remarks)
 
 
 def test_the_poses_held_out_are_the_same_in_whatever_order_the_rows_stand(result) -> None:
@@ -181,7 +193,7 @@ def test_off_line_compensation_puts_the_loaded_tool_where_it_belongs(result) -> 
 def test_absolute_positions_of_a_real_ur10_give_plausible_joint_compliances() -> None:
     if not UR10_DATA.is_file():
         pytest.skip("the real UR10 measurements are not here")
-    found = identify(load("ur10"), read_measurements(UR10_DATA), "joints", loads="wrench")
+    found = identify(load("ur10"), read_table(UR10_DATA), "joints", loads="wrench")
     values = dict(zip(found.fit.names, found.fit.values, strict=True))
     assert 0.4e-5 < values["c2"] < 1.4e-5
     assert 0.5e-5 < values["c3"] < 1.4e-5
@@ -274,6 +286,13 @@ def test_a_compliance_for_each_level_stands_for_the_joints_own_about_whatever_ax
     assert (
         len(fit.names) == len(model.parameters) + 4
     )  # five levels, one of which the link's compliances made up
+
+
+def test_the_poses_left_to_fit_are_told_where_they_are_too_few() -> None:
+    with pytest.raises(
+        UserError, match=r"^held_out: 39 of 40 poses held out, 1 left to fit; the measurements do not"
+    ):
+        identify(load("kuka_kr270"), virtual(), held_out=0.99)
 
 
 def test_a_joint_without_a_compensator_is_refused_by_name() -> None:

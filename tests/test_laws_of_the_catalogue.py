@@ -26,7 +26,7 @@ def turned(
     model = model.with_effect(EffectInstance(effect, {"joint": 3}, shape))
     values = {f"{effect}_3_{name}": value for name, value in sizes.items()}
     moment = {k: [v] for k, v in context.items()}
-    dt = model.deflection([[0.0] * 3], [[load_ * x for x in ACROSS]], values, moment)
+    dt = model.deflection([[0.0] * 3], [[load_ * x for x in ACROSS]], values=values, context=moment)
     return float(dt[0, 5])
 
 
@@ -58,7 +58,9 @@ def test_a_drift_has_grown_by_its_parameter_at_the_end_of_the_session():
         ({"time": 600.0, "T": 150.0, "start": 1000.0}, 1000.0, 1600.0),
     ):
         drifting = model.with_effect(EffectInstance("thermal_drift", {"measurement": "frame"}, shape))
-        dt = drifting.deflection(np.zeros((2, 3)), np.zeros((2, 6)), {name: 1e-4}, {"time": [start, end]})
+        dt = drifting.deflection(
+            np.zeros((2, 3)), np.zeros((2, 6)), values={name: 1e-4}, context={"time": [start, end]}
+        )
         np.testing.assert_allclose(dt[:, 0], [0.0, 1e-4], rtol=1e-8, atol=1e-16)
 
 

@@ -92,10 +92,10 @@ def test_an_entry_of_a_link_that_two_effects_bring_gives_way_once() -> None:
     base, link = (EffectInstance(name, {"link": 0}) for name in ("base_compliance", "link_compliance"))
     q, w = [[0.1, -1.0, 1.2, 0.3, 0.5, -0.2]], [[300.0, -200.0, -2500.0, 50.0, 20.0, 10.0]]
     values = {"k0_55": 1e-7, "k0_26": 3e-8, "c2": 2e-7}
-    once = joints_only(robot).with_effects([base]).deflection(q, w, values)
+    once = joints_only(robot).with_effects([base]).deflection(q, w, values=values)
     np.testing.assert_allclose(
-        joints_only(robot).with_effects([base, link]).deflection(q, w, values), once, rtol=1e-12
+        joints_only(robot).with_effects([base, link]).deflection(q, w, values=values), once, rtol=1e-12
     )
     np.testing.assert_allclose(
-        joints_only(robot).with_effects([link]).deflection(q, w, values), once, rtol=1e-12
+        joints_only(robot).with_effects([link]).deflection(q, w, values=values), once, rtol=1e-12
     )

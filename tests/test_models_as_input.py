@@ -63,7 +63,9 @@ def test_a_diagnosis_starts_from_a_model_that_is_no_file_too(tmp_path: Path) -> 
     complete.save(tmp_path / "model.toml")
     read = diagnose(Task(load(ROBOT), table, str(tmp_path / "model.toml")))
     assert (given.verdict, given.rms, given.task.origin) == (read.verdict, read.rms, "a model")
-    with pytest.raises(UserError, match=f"the start model is a model of scara, not of {ROBOT}"):
+    with pytest.raises(
+        UserError, match=f"the start model is a model of scara, not of {ROBOT}: name that robot"
+    ):
         identify(load(ROBOT), table, scara())
 
 
@@ -118,7 +120,7 @@ def test_a_robot_file_given_as_a_model_is_told_as_one(run: Run, tmp_path: Path) 
 def test_a_misspelt_start_is_told_what_a_start_may_be(run: Run, tmp_path: Path, command: str) -> None:
     write_table(measured(), tmp_path / "data.csv")
     mistake = run(command, ROBOT, tmp_path / "data.csv", "--start", "joint", "-o", tmp_path / "out")
-    assert_users_mistake(mistake, "--start joint: no such model file", "complete, joints")
+    assert_users_mistake(mistake, "--start: joint: no such model file", "complete, joints")
 
 
 @pytest.mark.parametrize("effect", sorted(catalogue()))

@@ -44,7 +44,7 @@ def test_an_effect_of_the_moment_reads_it_beside_the_parameters(functions, tmp_p
         status, dt = _deflection(library, "double", p, _numbers("double", q), _numbers("double", w))
         assert status == 0
         context = {"branch": np.array([branch])}
-        expected = model.deflection(np.array([q]), np.array([w]), values, context)[0]
+        expected = model.deflection(np.array([q]), np.array([w]), values=values, context=context)[0]
         np.testing.assert_allclose(dt, expected, rtol=1e-9, atol=1e-15)
         seen.append(dt)
     assert seen[0] != seen[1]
@@ -75,9 +75,9 @@ def test_a_clock_may_begin_anywhere_and_by_default_nothing_has_drifted(functions
         p = _numbers("double", [*default[:-1], start + seconds])
         status, dt = _deflection(library, "double", p, _numbers("double", q), _numbers("double", w))
         context = {"time": np.array([start + seconds])}
-        expected = model.deflection([q], [w], None, context)[0]
+        expected = model.deflection([q], [w], context=context)[0]
         assert status == 0
         np.testing.assert_allclose(dt, expected, rtol=1e-9)
-        grown = np.linalg.norm(expected[:3] - still.deflection([q], [w], None, context)[0][:3])
+        grown = np.linalg.norm(expected[:3] - still.deflection([q], [w], context=context)[0][:3])
         share = (1 - math.exp(-seconds / 100)) / (1 - math.exp(-4.8)) if constant else seconds / 480
         assert grown == pytest.approx(2e-4 * math.sqrt(3) * share, rel=1e-6, abs=1e-15)

@@ -227,7 +227,7 @@ def test_the_moment_of_a_wrench_is_half_a_metre_times_the_force_but_no_more_than
 
 
 def test_what_cannot_be_planned_is_said_in_one_line():
-    with pytest.raises(UserError, match=r"1 poses give 6 equations at most for 8 parameters"):
+    with pytest.raises(UserError, match=r"1 pose for 8 parameters, 6 equations at most from each"):
         plan_poses(Space(THREE, FORCES), THREE_AXES, tuple("abcdefgh"), Goal(1))
     gravity = Space(THREE, Load("gravity", 500.0))
     with pytest.raises(UserError, match=r"no candidate moves c1"):
@@ -259,18 +259,18 @@ def test_few_values_of_a_joint_that_turns_round_are_not_half_a_turn_apart(count:
 
 
 def test_two_values_of_a_joint_that_turns_round_make_a_plan_that_finds_every_parameter():
-    from symstiff.calibration.plan import plan_for
+    from symstiff.calibration.plan import plan as choose_poses
     from symstiff.model import StiffnessModel
     from symstiff.reduction import reduce
 
     model = StiffnessModel.of(reduce(load("planar2r"), "wrench", "pose"))
     search = Search(candidates=200, starts=1, refine=False)
-    plan = plan_for(model, Goal(12), levels={2: 2}, search=search)
+    plan = choose_poses(model, Goal(12), levels={2: 2}, search=search)
     assert len(np.unique(plan.q[:, 1])) == 2
     columns = model.observation(plan.q, plan.w).reshape(-1, len(model.parameters))
     assert np.linalg.matrix_rank(columns / np.linalg.norm(columns, axis=0), tol=1e-6) == columns.shape[1]
     with pytest.raises(UserError, match=r"give q2 more values \(--levels\)"):
-        plan_for(model, Goal(12), levels={2: 1}, search=search)
+        choose_poses(model, Goal(12), levels={2: 1}, search=search)
 
 
 def test_the_poses_table_reads_back_as_the_plan(tmp_path):

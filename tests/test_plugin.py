@@ -18,7 +18,7 @@ import sympy as sp
 
 import symstiff
 from symstiff.calibration.identify import identify
-from symstiff.calibration.table import read_measurements
+from symstiff.calibration.table import read_table
 from symstiff.codegen.compiler import find_compiler
 from symstiff.discrepancy.distinguish import distinction
 from symstiff.discrepancy.finding import Task
@@ -152,7 +152,7 @@ def test_the_package_does_not_know_the_effect() -> None:
 
 @pytest.mark.slow
 def test_without_the_plugin_its_effect_gets_no_name_of_the_catalogue(place: Path) -> None:
-    found = run(Task(load(ROBOT), read_measurements(place / "data.csv")))
+    found = run(Task(load(ROBOT), read_table(place / "data.csv")))
     assert found.verdict in ("unexplained", "named_insufficient")
 
 
@@ -182,7 +182,7 @@ def test_exact_reduction_tells_which_of_its_effects_stand_out(installed: Path) -
 def test_the_grown_model_loads_and_is_identified_again(installed: Path) -> None:
     grown = load_model(installed / "with" / "model.toml")
     assert [(e.effect, dict(e.where)) for e in grown.effects] == [("hose_package", WHERE)]
-    table = read_measurements(installed / "data.csv")
+    table = read_table(installed / "data.csv")
     again = identify(load(ROBOT), table, str(installed / "with" / "model.toml")).model
     for name in ("hose_package_1_2_a", "hose_package_1_2_b"):
         assert again.values[name] == pytest.approx(grown.values[name], abs=again.deviations[name])
@@ -204,7 +204,7 @@ def test_c_and_casadi_evaluate_it_and_the_self_test_passed(installed: Path) -> N
     assert manifest["verified"]["compiled"] == (find_compiler() is not None)
     assert manifest["verified"]["max_relative_error"] < 1e-9
     assert "p->hose_package_1_2_a" in (code / f"{ROBOT}.c").read_text()
-    table = read_measurements(installed / "data.csv")
+    table = read_table(installed / "data.csv")
     function = ca.Function.load(str(code / f"{ROBOT}_deflection.casadi"))
     columns = [
         np.array(function(model.vector(), q, w)).ravel() for q, w in zip(table.q, table.w, strict=True)

@@ -48,7 +48,7 @@ def test_batches_are_those_of_the_model(module, compiled):
     close(module, compiled.deflection(q[::-1], w[0]), m.deflection(q[::-1], w[:1]))
     close(module, compiled.observation(q, w), m.observation(q, w))
     other = dict.fromkeys(m.parameters, 3e-7)
-    close(module, compiled.deflection(q, w, other), m.deflection(q, w, other))
+    close(module, compiled.deflection(q, w, other), m.deflection(q, w, values=other))
     assert dict(zip(module.PARAMETERS, module.DEFAULTS, strict=True)) == pytest.approx(dict(m.values))
 
 
@@ -99,7 +99,11 @@ def test_a_library_of_another_model_is_refused(module, tmp_path):
 def test_values_that_are_not_given_are_the_models(module, compiled):
     m, (q, w) = model("scara"), poses("scara", 5)
     name = m.parameters[0]
-    close(module, compiled.deflection(q, w, {name: 1e-6}), m.deflection(q, w, dict(m.values) | {name: 1e-6}))
+    close(
+        module,
+        compiled.deflection(q, w, {name: 1e-6}),
+        m.deflection(q, w, values=dict(m.values) | {name: 1e-6}),
+    )
 
 
 def test_a_library_that_it_builds_itself_leaves_no_folder_behind(module, tmp_path, monkeypatch):

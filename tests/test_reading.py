@@ -98,6 +98,10 @@ def test_tables_escape_what_a_robot_file_says():
     assert "<script>" not in robot._repr_html_()
 
 
+def test_a_robot_shows_itself_in_a_line() -> None:
+    assert repr(load("scara")) == str(load("scara")) == "Robot(scara: 4 joints RRPR)"
+
+
 def test_importing_symstiff_imports_no_symbolic_or_numeric_library():
     code = (
         "import sys, symstiff; print([m for m in ('sympy', 'numpy', 'casadi', 'pandas') if m in sys.modules])"
@@ -110,6 +114,7 @@ def test_every_exported_name_is_found_and_others_are_not():
     for name in symstiff._HOME:
         assert callable(getattr(symstiff, name))
         assert name in dir(symstiff)
+    assert {name for name in dir(symstiff) if name[0] != "_"} == set(symstiff.__all__)
     with pytest.raises(AttributeError, match="no attribute 'nothing'"):
         symstiff.nothing  # noqa: B018
 

@@ -156,7 +156,7 @@ def test_it_follows_a_change_only_when_it_forgets(estimator):
     q, w, _ = data(600, seed=5)
     m = model(ROBOT)
     changed = {n: v * 1.5 for n, v in m.values.items()}
-    dt = np.vstack([m.deflection(q[:300], w[:300]), m.deflection(q[300:], w[300:], changed)])
+    dt = np.vstack([m.deflection(q[:300], w[:300]), m.deflection(q[300:], w[300:], values=changed)])
     errors = {}
     for forgetting in (1.0, 0.97):
         estimator.init(np.zeros(estimator.size), 0.1, forgetting, 100.0)
@@ -218,7 +218,7 @@ def test_a_robot_that_stands_still_goes_on_following_what_its_pose_shows(librari
     estimator.init(m.vector(), 1e-3, 0.97, 1.001 * estimator.size * 1e-6)
     for _ in range(5000):
         estimator.update(q[0], w[0], dt[0])
-    changed = m.deflection(q, w, {n: 1.5 * v for n, v in m.values.items()})[0]
+    changed = m.deflection(q, w, values={n: 1.5 * v for n, v in m.values.items()})[0]
     for _ in range(600):
         assert estimator.update(q[0], w[0], changed) == 0
     assert np.abs(m.observation(q, w)[0] @ estimator.estimate - changed).max() < 0.1 * SIGMA[0]
@@ -386,5 +386,5 @@ def test_it_converges_where_an_effect_adds_more_load_than_the_experiment(tmp_pat
     assert np.sqrt(np.mean(z**2)) < 1.6
     found = dict(zip(m.stiffness_parameters, state[:n].tolist(), strict=True))
     fresh, load = poses("ur10", 50, 6)
-    wrong = m.deflection(fresh, 0.1 * load, dict(m.values) | found) - m.deflection(fresh, 0.1 * load)
+    wrong = m.deflection(fresh, 0.1 * load, values=dict(m.values) | found) - m.deflection(fresh, 0.1 * load)
     assert np.sqrt(np.mean(wrong[:, :3] ** 2)) < SIGMA[0]

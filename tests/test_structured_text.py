@@ -99,7 +99,7 @@ def test_other_parameters_may_be_given_and_the_defaults_are_the_models():
     assert {n: float(block.variables[n.lower()]) for n in m.parameters} == m.values
     q, w = poses("scara", 1)
     values = dict.fromkeys(m.parameters, 2e-7)
-    wanted = m.deflection(q, w, values)[0]
+    wanted = m.deflection(q, w, values=values)[0]
     found = block(q=q[0], w=w[0], **values)["dt"]
     np.testing.assert_allclose(found, wanted, rtol=0, atol=1e-13 * np.abs(wanted).max())
 

@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from symstiff.calibration.table import check_robot, read_measurements
+from symstiff.calibration.table import check_robot, read_table
 from symstiff.errors import UserError
 from symstiff.robot import from_table
 from tests.test_tables import GOOD, TWO, attempt, line_of, refusal, save
@@ -73,6 +73,10 @@ from tests.test_tables import GOOD, TWO, attempt, line_of, refusal, save
         ("q2[rad]", "q3[rad]", 1, "q2"),
         ("q2[rad]", "q1[rad]", 1, "two columns"),
         ("pose,", "name,", 1, "unknown column"),
+        ("q1[deg]", "q1(deg)", 1, "unknown column 'q1(deg)': write q1[deg]"),
+        ("fx[N]", "fx {kN}", 1, "write fx[kN]"),
+        ("fx[N]", "f(x)", 1, "known are"),
+        ("1.1,2100", "1.1,\uff12100", 3, "is no number"),
     ],
 )
 @pytest.mark.filterwarnings("error")
@@ -115,7 +119,7 @@ def test_a_message_repeats_no_long_label(tmp_path):
         f"{label},90,0.5,10,-2.5,3,p2", f"{label},90,0.6,10,-2.5,3,p2"
     )
     assert len(refusal(tmp_path, moved)) < 300 + 2 * len(str(tmp_path))
-    strange = read_measurements(save(tmp_path, GOOD.replace("p2", label)))
+    strange = read_table(save(tmp_path, GOOD.replace("p2", label)))
     with pytest.raises(UserError, match=r"no marker 'yyy.*[.]{3}'") as error:
         check_robot(strange, from_table(TWO))
     assert len(str(error.value)) < 300 + len(str(tmp_path))
@@ -124,9 +128,9 @@ def test_a_message_repeats_no_long_label(tmp_path):
 @pytest.mark.parametrize(
     ("text", "says"),
     [
-        ("", "empty"),
+        ("", "line 1: empty"),
         ("\n\n", "empty"),
-        ("pose,q1[deg],fx[N],dx[mm]\n", "no rows"),
+        ("pose,q1[deg],fx[N],dx[mm]\n", "line 1: a header and no rows"),
         (b"pose,q1[deg]\n\x00\x01\x02", "line 2: not a text file"),
         (b"pose,q1[deg]\n\xff\xfe", "line 2: not text"),
         (b"\x89PNG\r\n\x1a\n", "not text"),
@@ -148,9 +152,9 @@ def test_a_file_that_is_no_table_is_refused(tmp_path, text, says):
 
 def test_a_file_that_is_not_there_is_refused(tmp_path):
     with pytest.raises(UserError, match=r"nowhere\.csv"):
-        read_measurements(tmp_path / "nowhere.csv")
+        read_table(tmp_path / "nowhere.csv")
     with pytest.raises(UserError, match="cannot read"):
-        read_measurements(tmp_path)
+        read_table(tmp_path)
 
 
 @settings(max_examples=150, deadline=None)

@@ -11,7 +11,7 @@ from hypothesis.extra.numpy import arrays
 
 from symstiff.calibration.checks import without_copies
 from symstiff.calibration.measurements import concatenate, measurements
-from symstiff.calibration.table import check_robot, read_measurements, read_poses, write_table
+from symstiff.calibration.table import check_robot, read_poses, read_table, write_table
 from symstiff.errors import UserError
 from symstiff.robot import from_table, load
 
@@ -36,7 +36,7 @@ def save(tmp_path, text, name="data.csv"):
     return path
 
 
-def refusal(tmp_path, text, read=read_measurements):
+def refusal(tmp_path, text, read=read_table):
     with pytest.raises(UserError) as error:
         read(save(tmp_path, text))
     message = str(error.value)
@@ -50,7 +50,7 @@ def line_of(message):
 
 
 def test_a_table_is_read_in_si_units(tmp_path):
-    table = read_measurements(save(tmp_path, GOOD))
+    table = read_table(save(tmp_path, GOOD))
     assert table.kind == "deflection"
     assert table.labels == ("a", "b")
     assert table.points == ("p1", "p2")
@@ -85,7 +85,7 @@ def test_a_column_is_read_in_each_of_its_units(tmp_path, column, unit):
     cells = {"pose": "a", "q1": "rad", "q2": "m", "fz": "N", "dx": "mm"} | {column: unit}
     head = ",".join(c if c == "pose" else f"{c}[{u}]" for c, u in cells.items())
     row = ",".join("a" if c == "pose" else "0.25" for c in cells)
-    table = read_measurements(save(tmp_path, f"{head}\n{row}\n"))
+    table = read_table(save(tmp_path, f"{head}\n{row}\n"))
     seen = {
         "q1": table.q[0, 0],
         "q2": table.q[0, 1],
@@ -97,25 +97,25 @@ def test_a_column_is_read_in_each_of_its_units(tmp_path, column, unit):
 
 
 def test_absolute_data_have_a_kind_of_their_own_and_need_no_load(tmp_path):
-    table = read_measurements(save(tmp_path, "pose,q1[deg],x[mm],y[mm],z[mm]\na,1,1000,2,3\n"))
+    table = read_table(save(tmp_path, "pose,q1[deg],x[mm],y[mm],z[mm]\na,1,1000,2,3\n"))
     assert table.kind == "absolute"
     assert table.values[0, :3] == pytest.approx([1.0, 0.002, 0.003])
     assert table.points == ("tcp",)
 
 
 def test_a_line_of_blanks_is_empty(tmp_path):
-    assert len(read_measurements(save(tmp_path, GOOD + "  \n\t\n"))) == 4
+    assert len(read_table(save(tmp_path, GOOD + "  \n\t\n"))) == 4
 
 
 def test_a_byte_order_mark_empty_lines_and_windows_line_ends_do_not_disturb(tmp_path):
     text = b"\xef\xbb\xbf" + GOOD.replace("\n", "\r\n").replace("b,-45", "\r\nb,-45").encode()
-    table = read_measurements(save(tmp_path, text))
+    table = read_table(save(tmp_path, text))
     assert len(table) == 4
     assert table.line[-1] == 6
 
 
 def test_tables_cannot_be_changed_behind_a_callers_back(tmp_path):
-    table = read_measurements(save(tmp_path, GOOD))
+    table = read_table(save(tmp_path, GOOD))
     with pytest.raises(ValueError, match="read-only"):
         table.q[0, 0] = 1.0
 
@@ -123,7 +123,7 @@ def test_tables_cannot_be_changed_behind_a_callers_back(tmp_path):
 def test_several_files_are_one_table_and_each_keeps_its_lines(tmp_path):
     one = save(tmp_path, GOOD, "one.csv")
     two = save(tmp_path, GOOD.replace("b,-45,-0.5", "c,-40,-0.5").replace("a,90,0.5", "d,95,0.5"), "two.csv")
-    table = read_measurements([one, two])
+    table = read_table([one, two])
     assert len(table) == 8
     assert table.labels == ("a", "b", "d", "c")
     assert table.place(7).endswith("two.csv: line 5")
@@ -132,14 +132,14 @@ def test_several_files_are_one_table_and_each_keeps_its_lines(tmp_path):
 def test_a_row_given_in_two_files_names_both(tmp_path):
     one, two = save(tmp_path, GOOD, "one.csv"), save(tmp_path, GOOD, "two.csv")
     with pytest.raises(UserError, match=r"two\.csv: line 2: duplicate of .*one\.csv: line 2"):
-        read_measurements([one, two])
+        read_table([one, two])
     with pytest.raises(UserError, match=r"one\.csv is given twice"):
-        read_measurements([one, tmp_path / ".." / tmp_path.name / "one.csv"])
+        read_table([one, tmp_path / ".." / tmp_path.name / "one.csv"])
 
 
 def test_equal_loads_of_two_load_steps_are_two_readings(tmp_path):
     head = "pose,q1[rad],fz[N],dx[mm],load_step,branch\n"
-    table = read_measurements(save(tmp_path, head + "a,0,-100,0.10,1,up\na,0,-100,0.12,3,up\n"))
+    table = read_table(save(tmp_path, head + "a,0,-100,0.10,1,up\na,0,-100,0.12,3,up\n"))
     assert table.load_step.tolist() == [1.0, 3.0]
     again = refusal(tmp_path, head + "a,0,-100,0.10,1,up\na,0,-100,0.12,1,up\n")
     assert "line 3: duplicate of" in again
@@ -150,9 +150,9 @@ def test_different_kinds_of_data_do_not_mix(tmp_path):
     two = save(tmp_path, "pose,q1[deg],q2[deg],x[mm]\nz,1,2,3\n", "two.csv")
     three = save(tmp_path, "pose,q1[deg],fx[N],dx[mm]\nz,1,2,3\n", "three.csv")
     with pytest.raises(UserError, match=r"two\.csv: line 2: kind of data"):
-        read_measurements([one, two])
+        read_table([one, two])
     with pytest.raises(UserError, match=r"three\.csv: line 2: joints"):
-        read_measurements([one, three])
+        read_table([one, three])
 
 
 def test_poses_need_nothing_measured_and_keep_what_is(tmp_path):
@@ -170,7 +170,7 @@ def test_a_trajectory_needs_no_labels_and_may_come_back_to_a_place(tmp_path):
 
 
 def test_a_table_is_held_against_its_robot(tmp_path):
-    table = read_measurements(save(tmp_path, GOOD))
+    table = read_table(save(tmp_path, GOOD))
     robot = from_table(TWO)
     (warning,) = check_robot(table, robot)
     assert "sigma is stated for translations and not for rotations" in warning
@@ -184,10 +184,10 @@ def test_a_table_is_held_against_its_robot(tmp_path):
 
 
 def test_joints_far_outside_their_limits_and_copied_poses_are_told(tmp_path):
-    far = read_measurements(save(tmp_path, GOOD.replace("b,-45,", "b,-145,")))
+    far = read_table(save(tmp_path, GOOD.replace("b,-45,", "b,-145,")))
     assert any("line 5" in w and "q1" in w for w in check_robot(far, from_table(TWO)))
     copied = GOOD + "c,-45,-0.5,10,-2.5,3,p1,1,2000,-0.003,1.5,0.02,4,295.15,1,down,1\n"
-    _, (told,) = without_copies(read_measurements(save(tmp_path, copied)))
+    _, (told,) = without_copies(read_table(save(tmp_path, copied)))
     assert "line 6" in told
     assert "line 5" in told
 
@@ -203,7 +203,7 @@ def test_degrees_that_never_leave_one_turn_of_radians_are_doubted(tmp_path, degr
 
 def attempt(path):
     try:
-        return read_measurements(path), ""
+        return read_table(path), ""
     except UserError as error:
         return None, str(error)
 
@@ -238,7 +238,7 @@ def test_what_is_written_is_read_back(tmp_path_factory, data):
     )
     path = tmp_path_factory.mktemp("tables") / "t.csv"
     write_table(table, path, angle=data.draw(st.sampled_from(["rad", "deg"])))
-    back = read_measurements(path)
+    back = read_table(path)
     assert back.labels == table.labels
     assert back.joint_units == table.joint_units
     assert [back.points[k] for k in back.point] == [table.points[k] for k in table.point]
@@ -247,7 +247,7 @@ def test_what_is_written_is_read_back(tmp_path_factory, data):
         assert np.allclose(a, b, rtol=1e-13, atol=1e-300, equal_nan=True), name
     again = path.with_name("u.csv")
     write_table(back, again)
-    write_table(read_measurements(again), path)
+    write_table(read_table(again), path)
     assert path.read_bytes() == again.read_bytes()
 
 
@@ -271,7 +271,7 @@ def test_a_component_measured_in_some_rows_only_is_not_written_as_one_table(tmp_
 
 
 def test_rows_can_be_selected_and_put_together_again(tmp_path):
-    table = read_measurements(save(tmp_path, GOOD))
+    table = read_table(save(tmp_path, GOOD))
     halves = concatenate([table.select([0, 2]), table.select([1, 3])])
     assert list(halves.line) == [2, 4, 3, 5]
     assert np.array_equal(halves.values[:, 0], table.values[[0, 2, 1, 3], 0])
@@ -287,7 +287,7 @@ def test_a_table_of_16000_poses_with_nine_coordinates_is_read_whole(tmp_path):
         kind="deflection", values=values,
     )  # fmt: skip
     write_table(table, tmp_path / "big.csv")
-    back = read_measurements(tmp_path / "big.csv")
+    back = read_table(tmp_path / "big.csv")
     assert len(back.labels) == 16_000
     assert np.allclose(back.values[:, :3], values[:, :3], rtol=1e-13, atol=0)
 
@@ -295,5 +295,5 @@ def test_a_table_of_16000_poses_with_nine_coordinates_is_read_whole(tmp_path):
 def test_an_empty_point_is_the_tool_centre_point(tmp_path):
     path = tmp_path / "data.csv"
     path.write_text("pose,q1[deg],fz[N],point,dz[mm]\na,10,-5,,0.1\na,10,-5,p1,0.2\nb,20,-5,tcp,0.1\n")
-    found = read_measurements(path)
+    found = read_table(path)
     assert [found.points[k] for k in found.point] == ["tcp", "p1", "tcp"]

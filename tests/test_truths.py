@@ -21,7 +21,7 @@ from symstiff.calibration.simulation import (
     simulate,
     truth_from_table,
 )
-from symstiff.calibration.table import read_measurements, write_table
+from symstiff.calibration.table import read_table, write_table
 from symstiff.cli.calibrate import run_simulate
 from symstiff.robot import load
 
@@ -193,7 +193,7 @@ def test_a_truth_and_poses_give_a_table_without_a_trace_of_the_truth(tmp_path):
     (tmp_path / "truth.toml").write_text(TRUTH)
     write_table(design(), tmp_path / "poses.csv")
     run_simulate(tmp_path / "truth.toml", tmp_path / "poses.csv", tmp_path / "data.csv", 0.01, 5)
-    data = read_measurements(tmp_path / "data.csv")
+    data = read_table(tmp_path / "data.csv")
     assert data.kind == "deflection"
     text = (tmp_path / "data.csv").read_text()
     assert not any(word in text for word in ("backlash", "gap", "truth", "seed", "effect"))

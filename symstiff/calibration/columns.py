@@ -20,7 +20,8 @@ _TEXT = ("pose", "point", "branch")
 _COUNTS = ("load_step", "repeat")
 SHOWN = 40
 """Most characters of a header, a cell or a label that a message repeats."""
-_JOINT = re.compile(r"^q([1-9]\d{0,3})$")
+_JOINT = re.compile(r"^q([1-9]\d{0,3})$", re.ASCII)
+_OTHER_BRACKETS = re.compile(r"(\w+)\s*[({<](.+)[)}>]")
 
 # Beyond these a number stands in the wrong unit rather than for a robot: SI.
 _WIDEST_ANGLE = 12.6  # rad; joints that turn further than two turns each way do not occur
@@ -113,6 +114,9 @@ def _quantities(name: str) -> tuple[str, ...] | None:
 
 
 def _suggest(name: str) -> str:
+    bracketed = _OTHER_BRACKETS.fullmatch(name)
+    if bracketed is not None and _quantities(bracketed[1]) is not None:
+        return f"write {bracketed[1]}[{printable(bracketed[2], SHOWN)}]"
     known = ["pose", "q1", "point", *_LOADS, *_DEFLECTIONS, *_MEASURED, *_SIGMAS, *CONTEXT]
     close = difflib.get_close_matches(name.lower(), known, 1)
     hint = f"did you mean {close[0]!r}? " if close else ""

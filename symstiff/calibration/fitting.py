@@ -115,7 +115,9 @@ def _sizes(model: StiffnessModel, table: Measurements, values: Mapping[str, floa
     evaluator, context = for_poses(model, len(table.q)), context_of(model, table)
 
     def moved(p: np.ndarray) -> np.ndarray:
-        return evaluator.deflection(table.q, table.w, dict(zip(model.parameters, p, strict=True)), context)
+        return evaluator.deflection(
+            table.q, table.w, values=dict(zip(model.parameters, p, strict=True)), context=context
+        )
 
     return steps_at(model, moved, model.vector(values))
 

@@ -25,6 +25,7 @@ from symstiff.calibration.point import find_point
 from symstiff.calibration.redundant import redundant
 from symstiff.calibration.remarks import (
     axis_remarks,
+    below_zero,
     beside_geometry,
     explained,
     fits,
@@ -48,7 +49,7 @@ from symstiff.calibration.soundness import (
     usable_model,
 )
 from symstiff.calibration.table import check_robot
-from symstiff.display import few
+from symstiff.display import counted, few
 from symstiff.effects.registry import find
 from symstiff.errors import UserError, printable
 from symstiff.model import StiffnessModel, joints_only
@@ -79,7 +80,7 @@ class Identification:
     train: Measurements
     held_out: Measurements | None
 
-    def as_dict(self) -> dict[str, Any]:
+    def to_dict(self) -> dict[str, Any]:
         """For JSON: parameters with uncertainty, residual tables in metres and radians, remarks."""
         record = (self.robust or self.fit).to_dict()
         record |= {
@@ -128,7 +129,7 @@ def start_model(
     require(start, (str, Path), "a start model", remedy)
     if not Path(start).exists():
         raise UserError(
-            f"--start {printable(str(start))}: no such model file: give complete, joints, or the path of a model.toml"
+            f"start: {printable(str(start))}: no such model file: give complete, joints, or the path of a model.toml"
         )
     model = usable_model(start)
     check_same_robot(model, robot, str(start))
@@ -149,17 +150,23 @@ def identify(
     per_level: int | None = None,
     seed: int = 0,
 ) -> Identification:
-    """Fit a model to a deflection table by weighted least squares (seed eq. 7, 8).
+    """Fit a model to a table by weighted least squares (seed eq. 7, 8).
 
-    ``held_out`` is the share of poses kept for validation; ``per_level`` a joint that gets one compliance for each of
-    its distinct values (the seed's C2 and J2). Raises UserError for data that cannot determine the model.
+    ``start``: ``complete``, ``joints``, a model file or a model; ``loads`` and ``measure``: the class to reduce for,
+    read from the table where not given. ``robust`` is Huber's estimator with a report of outliers, ``physical`` keeps
+    every link matrix positive semidefinite. ``held_out`` is the share of poses kept for validation, which ``seed``
+    draws; ``per_level`` a joint that gets one compliance for each of its distinct values (the seed's C2 and J2).
+    Returns the identified model with the fit and its uncertainty, residuals and remarks. Raises UserError for data that
+    cannot determine the model.
     """
     remarks = check_robot(table, robot)
     check_measured(table)
     whole(seed, "seed")
     real(held_out, "held_out", "a share of the poses")
     if not 0 <= held_out < 1:
-        raise UserError(f"--held-out {held_out:g}: give a share of the poses from 0 to below 1, e.g. 0.2")
+        raise UserError(
+            f"held_out: {held_out:g} is no share of the poses: give one from 0 to below 1, e.g. 0.2"
+        )
     if table.kind == "absolute":
         _refuse_for_absolute({"--robust": robust, "--physical": physical, "--held-out": held_out > 0})
     table, zeros = without_zeros(as_loading(table))
@@ -196,13 +203,15 @@ def identify(
     remarks += [slipped] if slipped else axis_remarks(fitted.names, train, e)
     slides = [i for i, joint in enumerate(robot.joint, start=1) if joint.prismatic]
     unread = [name for k, name in enumerate(("dx", "dy", "dz")) if not train.measured[:, k].any()]
-    check_determined(fitted.rank, fitted.names, len(e.y), doubts, slides, unread)
+    kept = [] if validation is None else [_left_to_fit(train, validation)]
+    check_determined(fitted.rank, fitted.names, len(e.y), [*kept, *doubts], slides, unread)
     behind = _reduced_to(model, experiment) if physical and reduction is None else reduction
     values, constrained = _values(fitted, behind, physical)
     values |= {n: model.values.get(n, 0.0) for n in held}
     model = model.with_values(values, _finite(dict(zip(fitted.names, fitted.std.tolist(), strict=True))))
     training = residual_table(_measured(train), predict(model, train))
     remarks += [*settled(found), *explained(training), *fits(fitted, e), *unlike_file(model, robot)]
+    remarks += [] if physical or reduction is None else below_zero(values, reduction)
     return Identification(
         completed(model, told, table.kind),
         reduction,
@@ -319,6 +328,11 @@ def _split(table: Measurements, share: float, seed: int) -> tuple[Measurements, 
         return table, None
     train, test = split(places(table.pose, np.hstack([table.values, table.q])), share, seed)
     return table.select(train), table.select(test)
+
+
+def _left_to_fit(train: Measurements, validation: Measurements) -> str:
+    left, kept = (len(set(table.pose.tolist())) for table in (train, validation))
+    return f"held_out: {kept} of {counted(left + kept, 'pose')} held out, {left} left to fit"
 
 
 def _measured(table: Measurements) -> np.ndarray:

@@ -27,18 +27,20 @@ def by_level(model: StiffnessModel, table: Measurements, joint: int) -> Stiffnes
     """
     robot = model.robot
     if not 1 <= joint <= robot.dof:
-        raise UserError(f"q{joint}: {robot.name} has joints 1 to {robot.dof}")
+        raise UserError(f"per_level: q{joint}: {robot.name} has joints 1 to {robot.dof}")
     law, shape = next((e, e.levels) for e in catalogue().values() if e.levels is not None)
     places = [int(where["joint"]) for where in law.places(robot)]
     if joint not in places:
-        able = f"name q{places[0]}" if places else "it has no joint for one, leave --per-level out"
+        able = f"name q{places[0]}" if places else "it has no joint for one, leave it out"
         raise UserError(
-            f"--per-level q{joint}: a compliance that follows the joint's angle is the law of a {law.title.lower()}, "
+            f"per_level: q{joint}: a compliance that follows the joint's angle is the law of a {law.title.lower()}, "
             f"and q{joint} of {robot.name} has none: {able}"
         )
     angles = np.unique(np.round(table.q[:, joint - 1], 6))
     if not 2 <= len(angles) <= 20:
-        raise UserError(f"q{joint} has {len(angles)} distinct values: a compliance for each needs 2 to 20")
+        raise UserError(
+            f"per_level: q{joint} has {len(angles)} distinct values: a compliance for each needs 2 to 20"
+        )
     levels = EffectInstance(law.identifier, {"joint": joint}, shape(angles.tolist()))
     return _without_spare(model, levels, table, joint, angles)
 

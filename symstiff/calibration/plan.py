@@ -35,7 +35,7 @@ __all__ = [
     "Region",
     "Search",
     "casadi_observation",
-    "plan_for",
+    "plan",
     "workspace_for",
 ]
 
@@ -43,7 +43,7 @@ _CLASSES = ("gravity", "force", "wrench")
 """Classes of loads, each within the next."""
 
 
-def plan_for(
+def plan(
     model: StiffnessModel,
     goal: Goal,
     load: Load | None = None,

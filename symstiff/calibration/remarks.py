@@ -19,6 +19,7 @@ from symstiff.calibration.shared import SharedError
 from symstiff.calibration.soundness import check_loads, check_poses
 from symstiff.display import few
 from symstiff.model import StiffnessModel
+from symstiff.reduction import Reduction
 from symstiff.robot.schema import Robot
 
 _HINT_ROWS = 1000
@@ -138,6 +139,26 @@ def repeated(table: Measurements) -> list[str]:
     return check_poses(
         table.q[one], table.w[one], [label for label, keep in zip(labels, one, strict=True) if keep]
     )
+
+
+def below_zero(values: Mapping[str, float], reduction: Reduction) -> list[str]:
+    """A remark on diagonal entries of links below zero that stand for differences too, in whatever the fit holds."""
+    couplings = {p.name for p in reduction.full if p.is_coupling}
+    signed = {
+        kept
+        for eliminated, row in reduction.partition.couplings.items()
+        for kept, coefficient in row.items()
+        if coefficient < 0 or eliminated in couplings
+    }
+    names = [
+        p.name
+        for p in reduction.kept
+        if p.name in signed and not (p.is_coupling or p.is_joint) and values.get(p.name, 0.0) < 0
+    ]
+    return [
+        f"{few(names)}: below zero, as sums of parameters with signs can be (symstiff inspect), not single "
+        "compliances: --physical or --reconstruct gives link matrices"
+    ] * bool(names)
 
 
 def of_redundant(held: Collection[str], model: StiffnessModel) -> str:

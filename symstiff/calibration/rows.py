@@ -113,7 +113,7 @@ def predict(
 def _at_tool(model: StiffnessModel, table: Measurements, values: Mapping[str, float] | None) -> np.ndarray:
     """Predicted deflections of the tool centre point (M, 6)."""
     evaluator = for_poses(model, len(table.q))
-    return evaluator.deflection(table.q, table.w, values, context_of(model, table))
+    return evaluator.deflection(table.q, table.w, values=values, context=context_of(model, table))
 
 
 def equations(
@@ -128,7 +128,7 @@ def equations(
             "absolute positions, not deflections: use symstiff diagnose, which estimates placement"
         )
     evaluator = for_poses(model, len(table.q))
-    at_tool = evaluator.observation(table.q, table.w, context_of(model, table), values)
+    at_tool = evaluator.observation(table.q, table.w, values=values, context=context_of(model, table))
     matrix = at_points(model, table, at_tool, values)
     turns = _turns(model) if table.points != ("tcp",) else {}
     for name, turn in turns.items():

@@ -16,7 +16,8 @@ from symstiff.calibration.fitting import fit_model
 from symstiff.calibration.identify import data_rank
 from symstiff.calibration.levels import by_level
 from symstiff.calibration.measurements import Measurements
-from symstiff.calibration.plan import Goal, Load, Search, plan_for
+from symstiff.calibration.plan import Goal, Load, Search
+from symstiff.calibration.plan import plan as choose_poses
 from symstiff.calibration.planning.region import Region, above_floor
 from symstiff.calibration.poses import with_markers
 from symstiff.calibration.residuals import ResidualTable, residual_table
@@ -112,7 +113,7 @@ def table2(
 
 def _design(robot: Robot, seed: int) -> Measurements:
     model = StiffnessModel.of(reduce(robot, "gravity", "pose"))
-    plan = plan_for(
+    plan = choose_poses(
         model,
         Goal(POSES, "D"),
         Load("gravity", FORCE),

@@ -141,7 +141,9 @@ def check_same_robot(model: StiffnessModel, robot: Robot, origin: str) -> None:
     The same are a robot file and a model whose tool was moved from that file's to the point that was measured.
     """
     if model.robot.name != robot.name:
-        raise UserError(f"{origin} is a model of {model.robot.name}, not of {robot.name}")
+        raise UserError(
+            f"{origin} is a model of {model.robot.name}, not of {robot.name}: name that robot, or give a model of this"
+        )
     apart = geometry_apart(model.robot, robot)
     if apart > _SAME and model.file_tool is not None:
         apart = geometry_apart(with_tool(model.robot, model.file_tool), robot)

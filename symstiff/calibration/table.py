@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import csv
 import io
+import re
 from collections.abc import Iterable, Sequence
 from os import PathLike
 from pathlib import Path
@@ -39,18 +40,19 @@ __all__ = [
     "check_robot",
     "concatenate",
     "measurements",
-    "read_measurements",
     "read_poses",
+    "read_table",
     "write_table",
 ]
 
 _MAX_BYTES = 1_000_000_000
 _SMALLEST_SIGMA = 1e-13  # m, rad
+_NO_DIGITS = re.compile(r"_|[^\D0-9]")  # NumPy reads 1_000 and other scripts' digits, the format does not
 Cells = tuple[list[int], list[list[str]]]
 Paths = str | Path | Sequence[str | Path]
 
 
-def read_measurements(paths: Paths) -> Measurements:
+def read_table(paths: Paths) -> Measurements:
     """Read one or several measurement tables as one.
 
     Raises UserError with file and line for whatever the format does not allow; for tables without measured
@@ -120,10 +122,10 @@ def read_trajectory(path: Path) -> tuple[Measurements, Cells]:
 def _table(
     lines: list[int], rows: list[list[str]], origin: str, purpose: Literal["measured", "poses"]
 ) -> Measurements:
-    columns = read_header(rows[0], f"{origin}: line {lines[0]}", purpose)
-    lines, rows = lines[1:], rows[1:]
+    first, lines, header, rows = lines[0], lines[1:], rows[0], rows[1:]
+    columns = read_header(header, f"{origin}: line {first}", purpose)
     if not rows:
-        raise UserError(f"{origin}: a header and no rows: add at least one row of data")
+        raise UserError(f"{origin}: line {first}: a header and no rows: add at least one row of data")
     width = len(columns.headers)
     for line, row in zip(lines, rows, strict=True):
         if len(row) != width:
@@ -173,7 +175,7 @@ def _cells(text: str, origin: str) -> tuple[list[int], list[list[str]]]:
             f"{origin}: line {read + 1}: not a row of a CSV table ({error}): check its quotes"
         ) from error
     if not rows:
-        raise UserError(f"{origin}: empty file: a table has a header line and rows")
+        raise UserError(f"{origin}: line 1: empty file: a table has a header line and rows")
     return lines, rows
 
 
@@ -262,7 +264,7 @@ class _Reader:
         else:
             cells = [cells[row] for row in rows]
         try:
-            if "_" in "".join(cells):  # NumPy reads 1_000 as a number, the format does not
+            if _NO_DIGITS.search("".join(cells)):
                 raise ValueError
             raw = np.array(cells, dtype=float)
         except ValueError:
@@ -285,7 +287,7 @@ class _Reader:
             if not cell.strip():
                 return self._fail(row, name, "missing value: fill it in, or drop the row or the column")
             try:
-                float(cell.replace("_", "?"))
+                float(_NO_DIGITS.sub("?", cell))
             except ValueError:
                 return self._fail(
                     row, name, f"{_shown(cell)!r} is no number: use a point as decimal mark, no units"

@@ -24,7 +24,7 @@ _PLAIN = (("time", "time[s]"), ("temperature", "temperature[degC]"))
 
 
 def write_table(table: Measurements, path: str | Path, angle: Literal["rad", "deg"] = "rad") -> None:
-    """Write a table that ``read_measurements`` or ``read_poses`` reads back; ``angle`` is the unit of q.
+    """Write a table that ``read_table`` or ``read_poses`` reads back; ``angle`` is the unit of q.
 
     Raises UserError where the file cannot be written, or where a component is measured in some rows only.
     """

@@ -3,12 +3,30 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import typer
+from typer.core import TyperGroup
+
+from symstiff.errors import UserError
+
+
+class _Commands(TyperGroup):
+    """The commands: what the library says of its arguments they say of their options."""
+
+    def invoke(self, ctx: Any) -> Any:
+        """Run a command. Raises UserError with ``--max-effects`` where the library has ``max_effects``."""
+        try:
+            return super().invoke(ctx)
+        except UserError as error:
+            command = self.get_command(ctx, ctx.invoked_subcommand or "")
+            names = {} if command is None else {str(p.name): p.opts[-1] for p in command.params}
+            raise error.with_options({n: o for n, o in names.items() if o.startswith("--")}) from error
+
 
 app = typer.Typer(
     name="symstiff",
+    cls=_Commands,
     help="Complete stiffness models of serial robots: derived, reduced, identified, emitted as C and CasADi.",
     no_args_is_help=True,
     add_completion=False,

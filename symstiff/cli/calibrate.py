@@ -102,7 +102,7 @@ def run_compensate(model_file: Path, trajectory: Path, output: Path, json: str |
     without = [e.effect for e in model.effects if e not in model.of_robot().effects]
     with stages(out) as progress:
         progress("compensating")
-        found = compensate(model, table.q, table.w, context_of(model.of_robot(), table))
+        found = compensate(model, table.q, table.w, context=context_of(model.of_robot(), table))
     rms = [float(np.sqrt((e[:, :3] ** 2).sum(axis=1).mean())) for e in (found.before, found.after)]
     split = rewrite_joints(cells, table, found.q_cmd, output)
     beyond = _beyond(model, found.q_cmd)

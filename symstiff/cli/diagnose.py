@@ -35,7 +35,7 @@ class DiagnoseRequest:
 
 def run_diagnose(request: DiagnoseRequest) -> None:
     """Read, diagnose, grow, write the folder, say the verdict."""
-    from symstiff.calibration.table import read_measurements
+    from symstiff.calibration.table import read_table
     from symstiff.discrepancy.finding import Task
     from symstiff.discrepancy.workflow import run
     from symstiff.report.folder import write_folder
@@ -51,7 +51,7 @@ def run_diagnose(request: DiagnoseRequest) -> None:
     out = console(request.json)
     with stages(out) as progress:
         progress("reading the tables")
-        table = read_measurements(request.data)
+        table = read_table(request.data)
         task = Task(
             robot, table, request.start, request.loads, request.measure, request.max_effects,
             request.max_poses, request.seed,

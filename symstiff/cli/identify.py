@@ -46,7 +46,7 @@ def run_identify(request: IdentifyRequest) -> None:
     """Fit, report, save."""
     from symstiff.calibration.complete import reconstruct_model
     from symstiff.calibration.identify import identify
-    from symstiff.calibration.table import read_measurements
+    from symstiff.calibration.table import read_table
 
     level = _joint(request.per_level)
     _check(request)
@@ -54,7 +54,7 @@ def run_identify(request: IdentifyRequest) -> None:
     out = console(request.json)
     with stages(out) as progress:
         progress("reading the tables")
-        table = read_measurements(request.data)
+        table = read_table(request.data)
         if table.kind == "absolute" and request.reconstruct is not None:
             raise UserError(
                 "--reconstruct needs deflections, these tables hold absolute positions: leave it out"
@@ -75,9 +75,9 @@ def run_identify(request: IdentifyRequest) -> None:
 
         save_figure(draw_residuals(result), request.plot)
     if complete is not None:
-        write_json(str(request.reconstruct), complete.to_dict())
+        write_json(str(request.reconstruct), complete.to_dict(), "--reconstruct")
     result.model.save(request.output)
-    write_json(request.json, result.as_dict())
+    write_json(request.json, result.to_dict())
     _print_identification(out, result)
     if complete is not None:
         out.print(f"complete link matrices: {complete}; wrote {request.reconstruct}")

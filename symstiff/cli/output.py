@@ -96,8 +96,8 @@ def inside(place: str | Path, folder: str | Path) -> bool:
     return Path(os.path.realpath(place)).is_relative_to(os.path.realpath(folder))
 
 
-def write_json(target: str | None, result: Any) -> None:
-    """Write a result as JSON to a file, or to standard output for ``-``."""
+def write_json(target: str | None, result: Any, option: str = "--json") -> None:
+    """Write a result as JSON to the file that an option names, or to standard output for ``-``."""
     if target is None:
         return
     ascii_only = target == "-" and not (sys.stdout.encoding or "").lower().startswith("utf")
@@ -107,7 +107,7 @@ def write_json(target: str | None, result: Any) -> None:
         return
     from symstiff.files import write_file
 
-    write_file(target, text)
+    write_file(target, text, option)
 
 
 def _finite(value: Any) -> Any:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from math import inf
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -57,7 +58,8 @@ class PlanRequest:
 def run_plan(request: PlanRequest) -> None:
     """Choose poses, write them, say what they promise."""
     from symstiff.calibration.foreseen import doubtful
-    from symstiff.calibration.plan import Goal, Load, Search, plan_for, robot_of
+    from symstiff.calibration.plan import Goal, Load, Search, robot_of
+    from symstiff.calibration.plan import plan as choose_poses
     from symstiff.calibration.planning.measurement import Measurement
     from symstiff.calibration.planning.poses import draw_plan, poses_table, save_figure, summary
     from symstiff.calibration.poses import gain_of_steps, in_steps, with_markers
@@ -94,7 +96,7 @@ def run_plan(request: PlanRequest) -> None:
             sigma[0] / gain_of_steps(request.steps) ** 0.5,
             sigma[1] / gain_of_steps(request.steps) ** 0.5,
         )
-        plan = plan_for(
+        plan = choose_poses(
             model, goal, applied, request.markers, together, _region(request),
             {j: float(v) for j, v in fixed.items()}, levels, search,
             lambda label, share: progress(f"{label} {share:.0%}"),
@@ -136,6 +138,8 @@ def _check(request: PlanRequest) -> None:
         raise UserError(f"--criterion {request.criterion}: use D, A or test")
     if not 1 <= request.steps <= MOST_STEPS:
         raise UserError(f"--steps {request.steps}: 1 to {MOST_STEPS}")
+    if request.sigma is not None and not 0 < request.sigma < inf:
+        raise UserError(f"--sigma {request.sigma:g}: a standard deviation in millimetres above 0, e.g. 0.03")
     if (request.candidates or 0) > MOST_CANDIDATES:
         raise UserError(f"--candidates {request.candidates}: up to {MOST_CANDIDATES}, which fill the memory")
     targets = {"-o": request.output, "--plot": request.plot, "--json": request.json}
@@ -299,8 +303,10 @@ def _region(request: PlanRequest) -> Region | None:
 def _print_plan(out: Console, plan: Plan, units: dict[str, str]) -> None:
     from rich.table import Table
 
+    from symstiff.display import counted
+
     table = Table(
-        title=f"{len(plan)} poses, criterion {plan.criterion}: predicted standard deviations",
+        title=f"{counted(len(plan), 'pose')}, criterion {plan.criterion}: predicted standard deviations",
         title_justify="left",
     )
     for column in ("parameter", "σ", "unit"):

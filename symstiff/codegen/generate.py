@@ -42,7 +42,7 @@ def generate(
     *,
     compile_c: bool = True,
     footprint: bool = False,
-    progress: Progress = lambda stage: None,
+    progress: Progress | None = None,
 ) -> Generated:
     """Write the folder for a model; nothing appears unless all of it does. Raises UserError.
 
@@ -52,7 +52,8 @@ def generate(
     footprint: measure code, stack and instructions too, on every machine that the tools at hand can show.
     """
     require(model, StiffnessModel, *A_MODEL)
-    require(options or Options(), Options, "options", "Options(precision='float') are some")
+    tell = progress or (lambda stage: None)
+    require(options or Options(), Options, "options", "symstiff.Options(precision='float') are some")
     options = replace(options or Options(), binaries=compile_c)
     whole, model = model, model.of_robot()
     left_out = tuple(e.effect for e in whole.effects if e not in model.effects)
@@ -64,10 +65,10 @@ def generate(
     functions = Functions(model)
     with new_folder(folder, CODE) as temporary:
         for target in options.targets:
-            progress(f"emitting {target}")
+            tell(f"emitting {target}")
             write_tree(temporary, TARGETS[target].emitter()(functions, options))
         model.save(temporary / "model.toml")
-        progress("verifying")
+        tell("verifying")
         compiler = find_compiler() if compile_c else None
         reason = why_none() if compile_c and compiler is None else ""
         proof = verify(temporary, functions, compiler, options, footprint, reason)

@@ -29,15 +29,15 @@ class Options:
     def __post_init__(self) -> None:
         for key, allowed in CHOICES.items():
             if getattr(self, key) not in allowed:
-                raise UserError(f"unknown {key} {getattr(self, key)!r}: use {' or '.join(allowed)}")
+                raise UserError(f"{key}: unknown {getattr(self, key)!r}: use {' or '.join(allowed)}")
         object.__setattr__(self, "targets", words(self.targets, "targets", "('c', 'casadi')"))
         if not self.targets:
-            raise UserError(f"no target is given: use {', '.join(TARGETS)}")
+            raise UserError(f"targets: none is given: use {', '.join(TARGETS)}")
         for target in self.targets:
             if target not in TARGETS:
-                raise UserError(f"unknown target {target!r}: use {', '.join(TARGETS)}")
+                raise UserError(f"targets: unknown {target!r}: use {', '.join(TARGETS)}")
         if "c" not in self.targets and any(TARGETS[t].needs_c for t in self.targets):
-            raise UserError("these targets build on the C sources: add c to --targets")
+            raise UserError("targets: these build on the C sources: add c")
 
     @property
     def single(self) -> bool:

@@ -64,6 +64,7 @@ class Evaluator:
         self,
         q: np.ndarray,
         w: np.ndarray,
+        *,
         values: Mapping[str, float] | None = None,
         context: Context | None = None,
         out: np.ndarray | None = None,
@@ -78,8 +79,9 @@ class Evaluator:
         self,
         q: np.ndarray,
         w: np.ndarray,
-        context: Context | None = None,
+        *,
         values: Mapping[str, float] | None = None,
+        context: Context | None = None,
         out: np.ndarray | None = None,
     ) -> np.ndarray:
         """∂Δt/∂π (N, 6, P), as ``StiffnessModel.observation``.

@@ -47,27 +47,30 @@ class Compensated:
 
 
 def compensate_online(
-    model: StiffnessModel, q: np.ndarray, w: np.ndarray, context: Mapping[str, np.ndarray] | None = None
+    model: StiffnessModel, q: np.ndarray, w: np.ndarray, *, context: Mapping[str, np.ndarray] | None = None
 ) -> np.ndarray:
     """q_cmd = q − J(q)⁺·Δt(q, W): one step, as the generated C function ``compensate`` (N, n).
 
+    q (N, n) [rad, m], w (N, 6) [N, N·m] in base axes; context: columns (N,) that a law needs, as ``deflection`` takes.
     Rows in a singular pose, or that would move a joint by more than 0.25 rad or m, keep their q. The generated code has
     no rank but the number of joints or 6: an arm that nowhere has it is singular everywhere. Raises UserError for what
     is no number.
     """
     require(model, StiffnessModel, *A_MODEL)
     model = model.of_robot()
-    q, w = _numbers(model, q, w)
+    q, w = model.poses(q, w)
     dt = for_poses(model, len(q)).deflection(q, w, context=context)
     step, regular = _step(model, q, dt, min(model.robot.dof, 6))
     return np.where((regular & _small(step))[:, None], q - step, q)
 
 
 def compensate(
-    model: StiffnessModel, q: np.ndarray, w: np.ndarray, context: Mapping[str, np.ndarray] | None = None
+    model: StiffnessModel, q: np.ndarray, w: np.ndarray, *, context: Mapping[str, np.ndarray] | None = None
 ) -> Compensated:
     """Solve T(q_cmd)·Δt(q_cmd, W) = T(q) by Newton steps with the nominal Jacobian (off-line compensation).
 
+    q (N, n) [rad, m], the poses where the tool should be without load; w (N, 6) [N, N·m], the loads at the tool centre
+    point in base axes; context: columns (N,) that a law needs, such as ``time`` [s].
     Where the robot cannot reach all six coordinates the weighted error that is left is the smallest, where joints are
     redundant the motion is. Not solved are rows in a singular pose (fewer directions of motion than the arm has
     elsewhere), rows that did not converge or whose error would grow, and rows that would move a joint by
@@ -77,7 +80,7 @@ def compensate(
     """
     require(model, StiffnessModel, *A_MODEL)
     model = model.of_robot()
-    q, w = _numbers(model, q, w)
+    q, w = model.poses(q, w)
     moment = context_columns(context, len(q))
     target = forward(model.robot, q)
     evaluator = for_poses(model, _TYPICAL_ROUNDS * len(q))
@@ -160,17 +163,6 @@ def _rank(model: StiffnessModel) -> int:
 def _weighed_jacobian(model: StiffnessModel, q: np.ndarray) -> np.ndarray:
     """Jacobians (N, 6, n) with rotations as lengths."""
     return np.asarray(joint_jacobian(model.robot, q) * _scale(model)[None, :, None])
-
-
-def _numbers(model: StiffnessModel, q: np.ndarray, w: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """q (N, n) and w (N, 6) as rows. Raises UserError for other shapes and for one that is no finite number."""
-    q, w = model.poses(q, w)
-    finite = np.isfinite(q).all(axis=1) & np.isfinite(w).all(axis=1)
-    if not finite.all():
-        raise UserError(
-            f"row {int(np.argmin(finite))} has a joint value or a load that is no finite number: correct it"
-        )
-    return q, w
 
 
 def _step(

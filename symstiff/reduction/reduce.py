@@ -180,8 +180,8 @@ def reduce(
 ) -> Reduction:
     """Reduce a robot's complete model to what a class of loads and measurements identifies.
 
-    ``fixed`` holds joints at values [rad, m]; ``prefer`` names parameters to keep first, ``avoid`` to keep last (M5b);
-    ``points`` are markers whose positions are all that is measured.
+    ``fixed`` holds joints at values [rad, m]; ``prefer`` names parameters to keep first, ``avoid`` to eliminate first
+    (M5b); ``points`` are markers whose positions are all that is measured.
     Raises UserError for an unknown class, joint or parameter.
     """
     require(robot, Robot, *A_ROBOT)

@@ -23,6 +23,10 @@ _MAX_BITS = 1024  # the greatest number is that of a double
 _MAX_EXPONENT = 300
 
 
+class _ArithmeticError(UserError):
+    """Numbers of which an operation makes none."""
+
+
 @dataclass(frozen=True)
 class Exact:
     """The number ``rational + pi·π``, both parts exact fractions."""
@@ -47,14 +51,14 @@ class Exact:
 
     def __mul__(self, other: Exact) -> Exact:
         if self.pi and other.pi:
-            raise UserError("a product of two multiples of pi is no length or angle")
+            raise _ArithmeticError("a product of two multiples of pi is no length or angle: write one pi")
         return Exact(self.rational * other.rational, self.rational * other.pi + self.pi * other.rational)
 
     def __truediv__(self, other: Exact) -> Exact:
         if other.pi:
-            raise UserError("division by a multiple of pi is no length or angle")
+            raise _ArithmeticError("division by a multiple of pi is no length or angle: write a decimal")
         if not other.rational:
-            raise UserError("division by zero")
+            raise _ArithmeticError("division by zero: write another divisor")
         return Exact(self.rational / other.rational, self.pi / other.rational)
 
     def __str__(self) -> str:
@@ -94,7 +98,7 @@ def parse_exact(value: Any) -> Exact:
     try:
         float(number)
     except OverflowError:
-        raise UserError(f"expected a finite number, found {shown(value)}") from None
+        raise _infinite(shown(value)) from None
     return number
 
 
@@ -131,21 +135,27 @@ def _read(value: Any) -> Exact:
         case float() if math.isfinite(value):
             return Exact(Fraction(repr(float(value))))
         case int() | float():
-            raise UserError(f"expected a finite number, found {shown(value)}")
+            raise _infinite(shown(value))
     raise UserError(f'expected a number or an expression like "-pi/2", found {shown(value)}')
 
 
 def _expression(text: str) -> Exact:
     if _NON_FINITE.fullmatch(text):
-        raise UserError(f"expected a finite number, found {text.strip()}")
+        raise _infinite(text.strip())
     tokens = _tokens(text)
     try:
         value = _sum(tokens)
     except (_MalformedError, RecursionError):
         raise _unreadable(text) from None
+    except _ArithmeticError as error:
+        raise UserError(f"{shown(text)}: {error}") from None
     if tokens:
         raise _unreadable(text)
     return value
+
+
+def _infinite(found: str) -> UserError:
+    return UserError(f'expected a finite number, found {found}: write one such as 0.35 or "-pi/2"')
 
 
 def _unreadable(text: str) -> UserError:

@@ -312,6 +312,12 @@ class Robot(_Frozen):
     def __hash__(self) -> int:
         return hash((self.name, len(self.joint)))
 
+    def __repr__(self) -> str:
+        kinds = "".join("P" if joint.prismatic else "R" for joint in self.joint)
+        return f"Robot({self.name}: {self.dof} joints {kinds})"
+
+    __str__ = __repr__
+
     def _repr_html_(self) -> str:
         from symstiff.robot.reading import robot_html
 
@@ -374,7 +380,9 @@ class Robot(_Frozen):
             return self
         number = self.gravity_compensator.joint
         if number > self.dof or self.joint[number - 1].prismatic:
-            raise UserError(f"gravity_compensator.joint: {number} is no revolute joint of this robot")
+            turning = ", ".join(str(k) for k, joint in enumerate(self.joint, start=1) if not joint.prismatic)
+            able = f"give one of {turning}" if turning else "it has none, leave [gravity_compensator] out"
+            raise UserError(f"gravity_compensator.joint: {number} is no revolute joint of this robot: {able}")
         return self
 
 

@@ -9,7 +9,8 @@ import argparse
 import time
 from dataclasses import replace
 
-from symstiff.calibration.plan import Goal, Load, Plan, Region, Search, plan_for
+from symstiff.calibration.plan import Goal, Load, Plan, Region, Search
+from symstiff.calibration.plan import plan as choose_poses
 from symstiff.calibration.planning import Space, above_floor, geometry
 from symstiff.calibration.planning.candidates import draw
 from symstiff.model import StiffnessModel
@@ -22,7 +23,7 @@ LOAD = Load("gravity", 2500.0)
 def timed(model: StiffnessModel, goal: Goal, search: Search) -> tuple[Plan, float]:
     """Plan above the floor, and say how long it took."""
     start = time.perf_counter()
-    plan = plan_for(model, goal, LOAD, region=Region(half_spaces=(above_floor(0.1),)), search=search)
+    plan = choose_poses(model, goal, LOAD, region=Region(half_spaces=(above_floor(0.1),)), search=search)
     return plan, time.perf_counter() - start
 
 

@@ -36,18 +36,18 @@ class Space:
     levels: Mapping[int, int] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
-        for joint in (*self.fixed, *self.levels):
-            if not 1 <= joint <= self.robot.dof:
-                raise UserError(f"joint {joint}: robot {self.robot.name} has joints 1 to {self.robot.dof}")
+        for name, joints in (("fixed", self.fixed), ("levels", self.levels)):
+            if wrong := [joint for joint in joints if not 1 <= joint <= self.robot.dof]:
+                raise UserError(f"{name}: q{wrong[0]}: {self.robot.name} has joints 1 to {self.robot.dof}")
         for joint, value in self.fixed.items():
             low, high = self.robot.limits[joint - 1]
             if not low <= value <= high:
-                raise UserError(f"fixed joint q{joint} = {value:g} is outside its limits [{low:g}, {high:g}]")
+                raise UserError(f"fixed: q{joint} = {value:g} is outside its limits [{low:g}, {high:g}]")
         for joint, count in self.levels.items():
             if joint in self.fixed:
-                raise UserError(f"joint {joint} is fixed: it cannot take {count} values")
+                raise UserError(f"levels: q{joint} is fixed: it cannot take {count} values")
             if count < 1:
-                raise UserError(f"levels of joint {joint}: {count}: use at least one value")
+                raise UserError(f"levels: q{joint}: {count}: use at least one value")
 
     @property
     def free(self) -> tuple[int, ...]:

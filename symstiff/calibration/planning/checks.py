@@ -7,6 +7,7 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from symstiff.calibration.planning.candidates import Space
+from symstiff.display import counted
 from symstiff.errors import UserError
 
 _SAMPLE = 4000  # candidates whose rows decide the rank
@@ -18,15 +19,17 @@ def check_counts(poses: int, candidates: int, parameters: int, rows: int, space:
     fewest = -(-parameters // rows)
     if poses < fewest:
         raise UserError(
-            f"{poses} poses give {poses * rows} equations at most for {parameters} parameters: "
-            f"plan at least {fewest} poses, better {2 * fewest}"
+            f"{counted(poses, 'pose')} for {parameters} parameters, {rows} equations at most from each: plan at least "
+            f"{counted(fewest, 'pose')}, better {2 * fewest}"
         )
     if candidates < max(10 * poses, 100):
-        raise UserError(f"{candidates} candidates for {poses} poses: draw at least {max(10 * poses, 100)}")
+        raise UserError(
+            f"candidates: {candidates} are too few for {poses} poses: draw at least {max(10 * poses, 100)}"
+        )
     for joint, count in space.levels.items():
         if count > poses:
             raise UserError(
-                f"{poses} poses cannot show {count} values of q{joint}: plan at least {count} poses"
+                f"{counted(poses, 'pose')} cannot show {count} values of q{joint}: plan at least {count} poses"
             )
 
 

@@ -61,7 +61,7 @@ class Goal:
     test_w: np.ndarray | None = None
 
     def __post_init__(self) -> None:
-        whole(self.poses, "number of poses", 1)
+        whole(self.poses, "poses", 1)
 
 
 @dataclass(frozen=True)
@@ -177,7 +177,7 @@ def criterion_of(goal: Goal, observation: Observation, scale: np.ndarray) -> Cri
             raise UserError(f"A-optimality needs one scale a parameter: {len(scale)} positive numbers")
         return Criterion("A", np.diag(unit**2) / len(scale))
     if goal.criterion != "test":
-        raise UserError(f"criterion {goal.criterion!r}: use D, A or test")
+        raise UserError(f"criterion: unknown {goal.criterion!r}: use D, A or test")
     if goal.test_q is None or goal.test_w is None or len(goal.test_q) == 0:
         raise UserError("criterion test needs test poses: give their joint variables and wrenches")
     matrix = np.asarray(
