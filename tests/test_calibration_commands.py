@@ -197,7 +197,8 @@ def test_a_trajectory_is_compensated_with_a_note_on_what_is_no_law_of_the_robot(
 
 @pytest.mark.slow
 def test_physical_bounds_say_what_they_cost(folder: Path) -> None:
-    printed = succeeded(folder, "identify", "kuka_kr270", "data.csv", "--physical", "-o", "again.toml")
+    succeeded(folder, "simulate", "truth.toml", "--poses", "poses.csv", "--seed", "5", "-o", "other.csv")
+    printed = succeeded(folder, "identify", "kuka_kr270", "other.csv", "--physical", "-o", "again.toml")
     words = " ".join(printed.split())
     assert "physics: " in words
     assert "noise alone makes these bounds cost as much with p = " in words

@@ -19,8 +19,8 @@ from symstiff.model import StiffnessModel
 
 _INSIDE, _OUTSIDE = 1e-6, 1e-4
 """Least part of a column outside others for it to count: of a constant of the geometry, and of a weight's effect."""
-_TURNED, _LEVER = 0.3, 0.02
-"""Rotation of a frame [rad] that no arm has, and the lever, as a share of the reach, at which it would be seen."""
+_LEVER = 0.02
+"""Lever, as a share of the reach, below which a turned frame is told by what it moves rather than by its angle."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -28,9 +28,7 @@ class AbsoluteFit:
     """A fit to absolute data: the model's parameters, then the geometry; residuals beyond the rigid robot.
 
     ``silent`` are parameters that move no row; ``untold`` (value and deviation that they would have) are compliances
-    that the geometry hides: any size that an arm may have fits, or one that no arm has; and rotations of frames whose
-    axis the measured point stands on, but for a lever at which only turns that no arm has would show. None of them is
-    part of the fit.
+    that the geometry hides: any size that an arm may have fits, or one that no arm has. Neither is part of the fit.
     """
 
     fit: Estimate
@@ -59,25 +57,10 @@ def fit_absolute(model: StiffnessModel, table: Measurements) -> AbsoluteFit:
     columns = [*_elastic(current, model), *_hidden(current, geometry), *geometry]
     untold: dict[str, tuple[float, float]] = {}
     found = _fitted(current, table, columns)
-    while more := implausible(model, found.known) or _turned(model, found):
+    while more := implausible(model, found.known):
         untold |= {name: found.known[name] for name in more}
         found = _fitted(current, table, [c for c in columns if c.name not in untold])
     return replace(found, silent=silent, untold=untold)
-
-
-def _turned(model: StiffnessModel, found: AbsoluteFit) -> tuple[str, ...]:
-    """The frame that is turned most beyond what an arm's can be, at a lever that is next to none."""
-    lever = np.linalg.norm(found.equations.A, axis=0) / np.sqrt(len(found.equations.y))
-    short = [
-        u == "rad" and arm < _LEVER * model.robot.reach for u, arm in zip(found.fit.units, lever, strict=True)
-    ]
-    turns = {
-        n: abs(found.known[n][0])
-        for n, by_little in zip(found.fit.names, short, strict=True)
-        if by_little and n in found.known and n not in model.parameters
-    }
-    beyond = {name: turn for name, turn in turns.items() if turn > _TURNED}
-    return (max(beyond, key=lambda name: beyond[name]),) if beyond else ()
 
 
 def untold(model: StiffnessModel, table: Measurements) -> tuple[str, ...]:
@@ -102,10 +85,15 @@ def _elastic(current: Current, model: StiffnessModel) -> list[_Column]:
 
 
 def _geometry(current: Current) -> list[_Column]:
-    """Constants at the links' virtual joints, as many as are independent."""
+    """Constants at the links' virtual joints, as many as are independent.
+
+    Those that would turn by much to move the point by little come last: the point stands on their axes.
+    """
     view = current.situation.view
+    lever = np.sqrt(np.mean(view.J**2, axis=0)) / view.robot.reach
     links = [k for k, v in enumerate(view.joints) if v.kind == "link"]
-    chosen = [links[k] for k in independent(view.J[:, links], _INSIDE)]
+    links.sort(key=lambda k: view.joints[k].rotational and lever[k] < _LEVER)
+    chosen = sorted(links[k] for k in independent(view.J[:, links], _INSIDE))
     return [
         _Column(f"geometry_{v.body}_{v.axis}", "rad" if v.rotational else "m", view.J[:, k], True)
         for k, v in ((k, view.joints[k]) for k in chosen)

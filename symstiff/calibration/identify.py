@@ -272,7 +272,7 @@ def _from_absolute(
     remarks: list[str],
 ) -> Identification:
     found = fit_absolute(model, table)
-    nothing = (*found.silent, *(n for n in found.untold if n in model.parameters))
+    nothing = (*found.silent, *found.untold)
     open_ones = [n for n in model.parameters if n not in found.known and n not in nothing]
     check_beside_geometry(open_ones or ([] if any(n in found.known for n in model.parameters) else nothing))
     own = {n: found.known[n] for n in model.parameters if n in found.known}

@@ -95,17 +95,13 @@ def beside_geometry(found: AbsoluteFit, model: StiffnessModel) -> list[str]:
     remarks = []
     if found.silent:
         remarks.append(f"no row shows {', '.join(found.silent)}: not determined by these data, and zero")
-    hidden = {n: v for n, v in found.untold.items() if n in model.units}
-    if hidden:
-        remarks.append(
-            f"{_with_units(hidden, model.units)}: cannot be told from geometry in these positions (the fit gives sizes "
-            "that no arm has): not determined, and zero"
+    if found.untold:
+        shown = ", ".join(
+            f"{n} ({value:.2g} ± {std:.1g} {model.units[n]})" for n, (value, std) in found.untold.items()
         )
-    turned = {n: v for n, v in found.untold.items() if n not in model.units}
-    if turned:
         remarks.append(
-            f"{_with_units(turned, dict.fromkeys(turned, 'rad'))}: the measured point stands on the axis of this turn, "
-            "so that only turns that no arm has would show: not determined, and zero"
+            f"{shown}: cannot be told from geometry in these positions (the fit gives sizes that no arm has): not "
+            "determined, and zero"
         )
     names = found.fit.names
     geometry = sum(n.startswith("geometry_") for n in names)
@@ -115,11 +111,6 @@ def beside_geometry(found: AbsoluteFit, model: StiffnessModel) -> list[str]:
         f"absolute positions: {geometry} constants of geometry and placement were fitted along{weights}"
     )
     return [*remarks, *fits(found.fit, found.equations)]
-
-
-def _with_units(found: Mapping[str, tuple[float, float]], units: Mapping[str, str]) -> str:
-    """Names with the values and deviations that they would have."""
-    return ", ".join(f"{n} ({value:.2g} ± {std:.1g} {units[n]})" for n, (value, std) in found.items())
 
 
 def of_sag(robot: Robot) -> list[str]:
