@@ -13,6 +13,7 @@ from symstiff.calibration.simulation import Truth
 from symstiff.discrepancy.finding import Task
 from symstiff.discrepancy.problem import DeviceLaw, Problem
 from symstiff.discrepancy.workflow import run
+from symstiff.report.words import sentence
 from symstiff.robot import load
 from tests.test_assemble import assemble, complete, design, measured, truth_of
 
@@ -123,3 +124,44 @@ def test_a_device_that_turned_half_way_is_no_frame_that_is_misaligned() -> None:
     assert device is not None
     assert device.place == "measuring device"
     assert device.terms[0][0].startswith("turn from 50 % of the session on")
+
+
+def leaning(table: Measurements, lean: np.ndarray, towards: np.ndarray) -> Measurements:
+    """The table under forces that lean by ``lean`` (3, 3) of their size a metre that the tool is off a point."""
+    tip = look(load("ur10"), table).found.T[:, :3, 3]
+    w = table.w.copy()
+    w[:, :3] += np.linalg.norm(w[:, :3], axis=1)[:, None] * ((towards - tip) @ lean.T)
+    return replace(table, w=w)
+
+
+@pytest.mark.parametrize("rope", [True, False])
+def test_a_load_that_leans_is_what_it_does_in_the_simulator(rope: bool) -> None:
+    table, truth, at = design("ur10", "deflection"), truth_of("ur10"), np.array([0.3, -0.2, 3.0])
+    lean = PERCENT * (np.eye(3) if rope else np.array([[1.0, -0.5, 0.0], [0.3, 0.8, 0.0], [0.0, 0.0, 0.0]]))
+    plain, made = measured(truth, table), measured(truth, leaning(table, lean, at))
+    found = assemble(complete("ur10"), plain, effects=())
+    view = found.situation.view
+    change = (made.values - plain.values)[view.state, view.component]
+    of = (
+        ("towards a point", "fx", "fy", "fz")
+        if rope
+        else ("fx by x", "fx by y", "fy by x", "fy by y", "fx", "fy")
+    )
+    sizes = [1.0, *at] if rope else [*(-lean[:2, :2] / PERCENT).ravel(), *(lean @ at)[:2] / PERCENT]
+    column = law(found.problem, "lean of the load", *of).values @ sizes
+    assert np.linalg.norm(column - change) < 0.03 * np.linalg.norm(change)
+
+
+@pytest.mark.slow
+def test_a_rope_from_a_fixed_point_is_accused_and_no_link_named_for_it() -> None:
+    """Vertical loads that follow the tool sideways: base and links have many directions proportional to the load."""
+    table = design("ur10", "deflection", poses=30)
+    vertical = table.w * np.array([0, 0, 1.0, 0, 0, 0])
+    table = replace(table, w=vertical)
+    at, lean = np.array([0.2, 0.1, 0.0]), 0.06 * np.diag([1.0, 1.0, 0.0])
+    seen = read(leaning(table, lean, at), truth_of("ur10"), 5)
+    found = run(Task(load("ur10"), replace(seen, w=vertical)))
+    assert found.verdict == "unexplained"
+    assert found.last.device_law is not None
+    assert found.last.device_law.place == "force sensor"
+    assert "a lean of the load" in sentence(found)

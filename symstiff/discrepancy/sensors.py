@@ -1,4 +1,4 @@
-"""What a force sensor and the rig do to a load, and no effect of the catalogue is: crosstalk, shear, pulls, levers."""
+"""What a force sensor and the rig do to a load, and no effect of the catalogue is: crosstalk, pulls, levers, leans."""
 
 from __future__ import annotations
 
@@ -19,7 +19,9 @@ _PAIRS = tuple((a, b) for a in range(3) for b in range(a, 3))
 
 def sensor_laws(situation: Situation) -> tuple[DeviceLaw, ...]:
     """Laws of the load as it is read; those without an influence are not left out here."""
-    return (*_crosstalk(situation), *_shears(situation), *_pulls(situation), *_beside(situation))
+    return (
+        *_crosstalk(situation), *_shears(situation), *_pulls(situation), *_beside(situation), *_leans(situation)
+    )  # fmt: skip
 
 
 def _frames(situation: Situation) -> dict[str, Array]:
@@ -112,6 +114,31 @@ def _beside(situation: Situation) -> Iterator[DeviceLaw]:
             columns = tuple(Parameter(f"{name}: {axis}", "m") for axis in "xyz")
             growth = share[view.state][:, None] if grown else 1.0
             yield DeviceLaw(SENSOR, "lever of the load", columns, growth * block)
+
+
+def _leans(situation: Situation) -> Iterator[DeviceLaw]:
+    """A rig whose force leans as the tool stands elsewhere: on a rope from a fixed point, or in a plane in any way."""
+    view = situation.view
+    size = np.linalg.norm(view.table.w[:, :3], axis=1)[:, None]
+    if not size.any():
+        return
+    tip, axes = view.found.T[:, :3, 3], np.eye(3)
+    pure = [_PERCENT * size * axes[a] for a in range(3)]
+    always = [Parameter(f"lean of the load: {_WRENCH[a]}", "%") for a in range(3)]
+    moments = np.zeros_like(tip)
+    rope = [-_PERCENT * size * tip, *pure]
+    yield DeviceLaw(
+        SENSOR, "lean of the load", (Parameter("lean of the load: towards a point", "%/m"), *always),
+        _pushed(situation, [np.hstack([force, moments]) for force in rope]),
+    )  # fmt: skip
+    for a, b in ((0, 1), (1, 2), (2, 0)):
+        along = [(k, c) for k in (a, b) for c in (a, b)]
+        forces = [*(pure[k] * tip[:, c, None] for k, c in along), pure[a], pure[b]]
+        by = [Parameter(f"lean of the load: {_WRENCH[k]} by {'xyz'[c]}", "%/m") for k, c in along]
+        yield DeviceLaw(
+            SENSOR, "lean of the load", (*by, always[a], always[b]),
+            _pushed(situation, [np.hstack([force, moments]) for force in forces]),
+        )  # fmt: skip
 
 
 def _pushed(situation: Situation, wrenches: list[Array]) -> Array:
