@@ -190,6 +190,16 @@ def test_one_pose_under_several_loads_becomes_several_only_where_its_commands_pa
     assert len(read_poses("m.toml")) == 4
 
 
+def test_a_deflection_that_moves_the_loads_levers_leaves_more_than_the_model_tells(run: Run) -> None:
+    """Of second order: its square over the reach, which a small one does not leave."""
+    arm().with_values({"c1": 2e-5, "c2": 3e-5}).save("model.toml")
+    for force, told in ((900, True), (9, False)):
+        Path("way.csv").write_text(f"q1[deg],q2[deg],fy[N]\n0,30,{force}\n")
+        said = notes(run, "compensate", "model.toml", "way.csv")
+        assert " mm by the model" in said
+        assert ("move the levers of the loads: of the order of " in said) == told
+
+
 def test_rows_without_a_correction_and_commands_beyond_the_limits_are_named_by_their_lines(run: Run) -> None:
     """No small motion answers 50 kN, and at its limit joint 1 goes beyond it against a force that turns it back."""
     arm().with_values({"c1": 2e-5, "c2": 3e-5}).save("model.toml")

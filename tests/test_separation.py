@@ -166,6 +166,10 @@ def test_poses_for_a_verdict_are_measured_as_its_data_were_unless_something_else
         ({"decide": {"components": [0, 1, 2]}}, "do not tell an experiment"),
         ({"noise": {"sigma_mm": "much"}}, "do not tell an experiment"),
         ({"model": {"loads": "all"}}, "use gravity, force or wrench"),
+        (
+            {"verdict": "nothing_missing", "effects": []},
+            "nothing to decide between: the verdict is nothing_missing",
+        ),
     ],
 )
 def test_a_verdict_that_tells_no_experiment_is_refused(tmp_path: Path, changed: dict, clue: str) -> None:

@@ -140,10 +140,16 @@ def plan(
     poses: Annotated[int, typer.Option(help="Number of poses.")],
     output: Annotated[Path, typer.Option("-o", "--output", help="Table of poses (CSV) to write.")],
     loads: Annotated[
-        str | None, typer.Option(help="Class of loads: wrench (where nobody says), force or gravity.")
+        str | None,
+        typer.Option(
+            help="Class of loads: wrench, force or gravity [default: wrench; with --separate as in the verdict]."
+        ),
     ] = None,
     measure: Annotated[
-        str | None, typer.Option(help="What is measured: pose (where nobody says) or position.")
+        str | None,
+        typer.Option(
+            help="What is measured: pose or position [default: pose; with --separate as in the verdict]."
+        ),
     ] = None,
     criterion: Annotated[
         str, typer.Option(help="D, A or test (error after compensation at --test-poses).")

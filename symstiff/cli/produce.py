@@ -95,7 +95,10 @@ def _report(out: Console, result: Generated) -> None:
     if ignored():
         note(out, f"$CC is {ignored()!r}, which is no command here: it was not used")
     if result.left_out:
-        note(out, f"without {', '.join(result.left_out)}: no law of the robot that a controller evaluates")
+        note(
+            out,
+            f"without {', '.join(result.left_out)}: no law of joints or links, which a controller evaluates",
+        )
     out.print(f"wrote {result.folder}")
 
 

@@ -157,8 +157,10 @@ def _rivals(robot: Robot, table: Mapping[str, Any], origin: str) -> list[Rival]:
             raise UserError(f"{origin}: effects: entry {k + 1} has no effect")
         sets.setdefault(entry.get("set", ("alone", k)), []).append(entry)
     if len(sets) < 2:
+        verdict = table.get("verdict")
+        told = f"the verdict is {verdict}" if isinstance(verdict, str) else f"it holds {len(sets)} of two"
         raise UserError(
-            f"{origin}: {len(sets)} explanation(s): only an ambiguous verdict needs poses that decide"
+            f"{origin}: nothing to decide between: {told}, and poses decide between two explanations"
         )
     try:
         return [_rival(robot, entries) for entries in sets.values()]

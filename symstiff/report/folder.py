@@ -75,7 +75,7 @@ def _code(finding: Finding, folder: Path) -> dict[str, Any]:
     model = finding.model.of_robot()
     left_out = [e.effect for e in finding.model.effects if e not in model.effects]
     note = (
-        f"; without {', '.join(left_out)}: no law of the robot that a controller evaluates"
+        f"; without {', '.join(left_out)}: no law of joints or links, which a controller evaluates"
         if left_out
         else ""
     )
