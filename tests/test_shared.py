@@ -141,6 +141,27 @@ def test_deviations_hold_what_joints_move_that_stop_beside_their_targets() -> No
     assert np.sqrt(np.mean(np.square(z[False]), axis=0)).max() > 1.4
 
 
+def test_a_search_that_begins_among_some_poses_ends_where_one_among_all_does(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    rng, poses = np.random.default_rng(6), 500
+    pose = np.repeat(np.arange(poses), 6)
+    moved = np.repeat(rng.normal(size=(poses, 1, 3, 2)), 2, axis=1).reshape(-1, 2)
+    blocks = Blocks.of(pose * 3 + np.tile([0, 1, 2], 2 * poses))
+    both = Blocks(blocks.labels, blocks.kind, Joints(pose[:, None], moved))
+    Q = np.linalg.qr(rng.normal(size=(len(pose), 4)))[0]
+    z = rng.normal(size=len(pose)) + rng.normal(size=3 * poses)[blocks.labels[:, 0]]
+    z += np.sum(moved * rng.normal(size=(poses, 2))[pose], axis=1)
+    found = []
+    for near in (50, 10**6):
+        monkeypatch.setattr("symstiff.calibration.shared._NEAR", near)
+        found.append(shared_error(Q, z, both))
+    assert found[0] is not None
+    assert found[1] is not None
+    assert found[0].ratios == pytest.approx(found[1].ratios, rel=1e-3)
+    assert found[0].ratios == pytest.approx((1.0, 2.0), rel=0.35)
+
+
 def test_groupings_that_say_nothing_new_are_left_out() -> None:
     pose = np.repeat([0, 1, 2], 4)
     assert Blocks.of(np.stack([pose, pose + 7, 5 - pose, np.arange(12)], axis=1)).by_kind.shape == (12, 1)

@@ -25,6 +25,8 @@ _RANGE = (-7.0, 10.0)
 _NONE = _RANGE[0] + 0.5
 _STARTS = (-2.0, 1.0, 4.0)
 """Where the search for them begins: of several errors the largest may hide the others from one start."""
+_NEAR = 200
+"""Wide blocks among which the search begins where there are many more."""
 _LEAST = 10
 """Rows beyond one a block from which they say what they share."""
 
@@ -216,14 +218,28 @@ def shared_error(
     columns = given.columns(sigma)
     problem = _Components.of(Q, z, given.wide, columns)
     count = int(columns.of.max()) + 1
-    found = [_searched(problem, np.full(count, start)) for start in _STARTS]
-    x = min(found, key=lambda x: problem.fitted(np.exp(x))[0])
+    some = _some(given.wide)
+    part = problem if some.all() else _Components.of(
+        np.linalg.qr(Q[some])[0], z[some], given.wide[some],
+        Columns(columns.labels[some], columns.weight[some], columns.of),
+    )  # fmt: skip
+    found = [_searched(part, np.full(count, start)) for start in _STARTS]
+    x = min(found, key=lambda x: part.fitted(np.exp(x))[0])
+    x = x if some.all() else _searched(problem, x)
     ratios = np.where(x < _NONE, 0.0, np.exp(x))
     deviance, variance = problem.fitted(ratios)
     p = _mixture(problem.fitted(0.0 * ratios)[0] - deviance, count)
     if p >= LEVEL or not ratios.any():
         return None
     return SharedError(variance, tuple(ratios.tolist()), p, columns, given.size(sigma), given.count)
+
+
+def _some(wide: Index) -> npt.NDArray[np.bool_]:
+    """(M,) rows of as many wide blocks as a search needs to be near what all of them say."""
+    blocks = int(wide.max()) + 1
+    if blocks <= 2 * _NEAR:
+        return np.ones(len(wide), bool)
+    return np.asarray(np.isin(wide, np.linspace(0, blocks - 1, _NEAR).astype(int)))
 
 
 def _searched(problem: _Components, start: Array) -> Array:
