@@ -132,6 +132,7 @@ def test_deviations_hold_what_joints_move_that_stop_beside_their_targets() -> No
             fit = estimate(A, y, np.full(ROWS, 1e-5), list("abcde"), blocks=blocks)
             z[known].append(fit.values / fit.std)
             assert fit.shared is not None
+            assert fit.shared.mostly_joints == known
             if known:
                 np.testing.assert_allclose(
                     fit.shared.covariance_times(np.eye(ROWS)), fit.shared.among(np.arange(ROWS)), atol=1e-9

@@ -52,6 +52,7 @@ def fits(fit: Estimate, e: Equations) -> list[str]:
     remarks = []
     if fit.shared is not None:
         told = " and ".join(_shared_sizes(fit.shared, e))
+        told += ", as if the joints had stopped beside their targets" if fit.shared.mostly_joints else ""
         remarks.append(
             f"the rows of a pose share an error of {told}: the robot's repeatability, or something that is missing "
             "(symstiff diagnose); the deviations above hold it"

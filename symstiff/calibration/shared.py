@@ -7,7 +7,7 @@ is, but its deviations are too small where rows are taken for independent.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import numpy.typing as npt
@@ -46,12 +46,14 @@ class Joints:
 @dataclass(frozen=True, eq=False)
 class Columns:
     """Errors side by side, one of each number in a column: labels (M, K), -1 for none; weight: (M, K) of the error in
-    each row, in its sigmas; of: (K,) which of the sizes the errors of a column have.
+    each row, in its sigmas; of: (K,) which of the sizes the errors of a column have; joints: (K,) whether they are a
+    joint's.
     """
 
     labels: Index
     weight: Array
     of: Index
+    joints: npt.NDArray[np.bool_]
 
 
 @dataclass(frozen=True, eq=False)
@@ -103,7 +105,8 @@ class Blocks:
     def columns(self, sigma: Array | None) -> Columns:
         """All errors that rows may share; sigma: (M,) their deviations."""
         labels, size = self.by_kind, self.size(sigma)
-        own = Columns(labels, np.where(labels >= 0, size[:, None], 0.0), np.arange(labels.shape[1]))
+        of, none = np.arange(labels.shape[1]), np.zeros(labels.shape[1], bool)
+        own = Columns(labels, np.where(labels >= 0, size[:, None], 0.0), of, none)
         moved = (
             None if self.joints is None else self.joints.moved / (1.0 if sigma is None else sigma[:, None])
         )
@@ -116,7 +119,8 @@ class Blocks:
         return Columns(
             np.hstack([own.labels, *(np.repeat(label[:, None], joints, axis=1) for label in together)]),
             np.hstack([own.weight, *(moved for _ in together)]),
-            np.concatenate([own.of, len(own.of) + np.repeat(np.arange(len(together)), joints)]),
+            np.concatenate([of, len(of) + np.repeat(np.arange(len(together)), joints)]),
+            np.concatenate([none, np.ones(len(together) * joints, bool)]),
         )
 
 
@@ -178,6 +182,12 @@ class SharedError:
         """(M,) variance of each row over the mean."""
         return (1.0 + self._of_own) / self.total
 
+    @property
+    def mostly_joints(self) -> bool:
+        """Whether more than half of what rows share is what joints move."""
+        of_joints = self.columns.weight**2 @ np.where(self.columns.joints, self._each_column, 0.0)
+        return bool(np.sum(of_joints) > 0.5 * np.sum(self._of_own))
+
     def shared_variance(self, rows: npt.NDArray[np.bool_]) -> float:
         """Mean variance of what some rows share, in units of their kind's mean square sigma."""
         return float(np.mean(self.of_rows[rows])) * self.variance
@@ -221,7 +231,7 @@ def shared_error(
     some = _some(given.wide)
     part = problem if some.all() else _Components.of(
         np.linalg.qr(Q[some])[0], z[some], given.wide[some],
-        Columns(columns.labels[some], columns.weight[some], columns.of),
+        replace(columns, labels=columns.labels[some], weight=columns.weight[some]),
     )  # fmt: skip
     found = [_searched(part, np.full(count, start)) for start in _STARTS]
     x = min(found, key=lambda x: part.fitted(np.exp(x))[0])
