@@ -141,15 +141,11 @@ def plan(
     output: Annotated[Path, typer.Option("-o", "--output", help="Table of poses (CSV) to write.")],
     loads: Annotated[
         str | None,
-        typer.Option(
-            help="Class of loads: wrench, force or gravity [default: wrench; with --separate as in the verdict]."
-        ),
+        typer.Option(help="Class of loads: wrench, force or gravity (default: wrench, or the verdict's)."),
     ] = None,
     measure: Annotated[
         str | None,
-        typer.Option(
-            help="What is measured: pose or position [default: pose; with --separate as in the verdict]."
-        ),
+        typer.Option(help="What is measured: pose or position (default: pose, or the verdict's)."),
     ] = None,
     criterion: Annotated[
         str, typer.Option(help="D, A or test (error after compensation at --test-poses).")
