@@ -5,8 +5,8 @@ from __future__ import annotations
 import re
 from collections.abc import Mapping
 
-_ARGUMENT = re.compile(r"(|unknown )([a-z_]+)(?=: | ')")
-"""How a message about an argument begins: ``max_poses: expected`` or ``unknown loads 'weight'``."""
+_ARGUMENT = re.compile(r"([a-z_]+): ")
+"""How a message about an argument begins."""
 
 
 class UserError(ValueError):
@@ -19,9 +19,9 @@ class UserError(ValueError):
     def with_options(self, options: Mapping[str, str]) -> UserError:
         """The mistake as the command line tells it: an argument that the message begins with is its option."""
         found = _ARGUMENT.match(str(self))
-        if found is None or found[2] not in options:
+        if found is None or found[1] not in options:
             return self
-        return UserError(f"{found[1]}{options[found[2]]}{str(self)[found.end() :]}")
+        return UserError(f"{options[found[1]]}: {str(self)[found.end() :]}")
 
 
 def printable(text: str, longest: int = 120) -> str:

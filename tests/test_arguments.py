@@ -82,8 +82,8 @@ def test_loads(size: dict[str, Any]) -> None:
         ({"seed": 0.5}, "seed: expected a whole number from 0 on, found 0.5"),
         ({"held_out": "a"}, "held_out: expected a share of the poses, found 'a'"),
         ({"per_level": "q2"}, "per_level: expected a whole number from 1 on, found 'q2'"),
-        ({"loads": ["gravity"]}, "unknown loads ['gravity']"),
-        ({"measure": 3}, "unknown measure 3"),
+        ({"loads": ["gravity"]}, "loads: unknown ['gravity']"),
+        ({"measure": 3}, "measure: unknown 3"),
     ],
 )
 def test_identifications(arguments: dict[str, Any], told: str) -> None:
@@ -97,7 +97,7 @@ def test_identifications(arguments: dict[str, Any], told: str) -> None:
         ({"max_effects": 0}, "max_effects: expected a whole number from 1 on, found 0"),
         ({"max_effects": 1.5}, "max_effects: expected a whole number"),
         ({"max_poses": "5"}, "max_poses: expected a whole number"),
-        ({"loads": 3}, "unknown loads 3"),
+        ({"loads": 3}, "loads: unknown 3"),
     ],
 )
 def test_diagnoses(arguments: dict[str, Any], told: str) -> None:
@@ -113,8 +113,8 @@ def test_simulations() -> None:
 @pytest.mark.parametrize(
     ("arguments", "told"),
     [
-        ({"loads": ["gravity"]}, "unknown loads ['gravity']: use"),
-        ({"measure": {"pose": 1}}, "unknown measure"),
+        ({"loads": ["gravity"]}, "loads: unknown ['gravity']: use"),
+        ({"measure": {"pose": 1}}, "measure: unknown"),
         ({"points": "p1"}, "points: expected a list of texts, found 'p1'"),
         ({"prefer": "c2"}, "prefer: expected a list of texts, found 'c2'"),
         ({"avoid": {"c2": 1}}, "avoid: expected a list of texts"),

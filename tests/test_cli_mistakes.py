@@ -51,13 +51,13 @@ def test_a_spoilt_robot_file_is_one_line_and_nothing_is_written(
 BAD_OPTIONS = [
     (("inspect", "nowhere.toml"), ("nowhere.toml", "no such robot")),
     (("inspect", "."), ("is a directory",)),
-    (("inspect", "planar2r", "--loads", "weight"), ("unknown --loads 'weight'", "wrench, force, gravity")),
+    (("inspect", "planar2r", "--loads", "weight"), ("--loads: unknown 'weight'", "wrench, force, gravity")),
     (("plan", "planar2r", "--poses", "5", "--force", "1e12", "-o", "p.csv"), ("1e+12 N", "up to 1e+07")),
     (
         ("plan", "planar2r", "--poses", "5", "--loads", "force", "--moment", "3", "-o", "p.csv"),
         ("--moment has no effect with --loads force", "--loads wrench"),
     ),
-    (("inspect", "planar2r", "--measure", "angle"), ("unknown --measure", "pose, position")),
+    (("inspect", "planar2r", "--measure", "angle"), ("--measure: unknown", "pose, position")),
     (("inspect", "planar2r", "--fixed", "q9=0"), ("cannot fix q9",)),
     (("inspect", "planar2r", "--fixed", "q1"), ("--fixed",)),
     (("inspect", "planar2r", "--fixed", "q1=__import__('os')"), ("cannot read",)),
@@ -72,7 +72,7 @@ BAD_OPTIONS = [
     (("generate", "planar2r", "--targets", "c,fortran"), ("--targets: unknown", "fortran")),
     (("generate", "planar2r", "--targets", ""), ("target",)),
     (("generate", "planar2r", "--layout", "round"), ("--layout: unknown",)),
-    (("generate", "planar2r", "--loads", "weight"), ("unknown --loads",)),
+    (("generate", "planar2r", "--loads", "weight"), ("--loads: unknown",)),
     (("generate", "planar2r", "--model", "none.toml"), ("none.toml",)),
     (("plan", "planar2r", "--poses", "0", "-o", "p.csv"), ("--poses: expected",)),
     (("plan", "scara", "--poses", "1", "-o", "p.csv"), ("1 pose for",)),
@@ -107,7 +107,7 @@ def test_a_bad_option_is_one_line_and_nothing_is_written(
         (("diagnose", "planar2r", "data.csv", "--max-poses", "0", "-o", "out"), "--max-poses: expected"),
         ((*IDENTIFY, "--per-level", "q9"), "--per-level: q9: planar2r has joints 1 to 2"),
         ((*IDENTIFY, "--held-out", "1.5"), "--held-out: 1.5 is no share"),
-        ((*IDENTIFY, "--measure", "angle"), "unknown --measure 'angle'"),
+        ((*IDENTIFY, "--measure", "angle"), "--measure: unknown 'angle'"),
     ],
 )
 def test_what_the_library_says_of_an_argument_the_command_says_of_its_option(

@@ -44,9 +44,9 @@ class Experiment:
 
     def __post_init__(self) -> None:
         if not isinstance(self.loads, str) or self.loads not in LOADS:
-            raise UserError(f"unknown loads {self.loads!r}: use {', '.join(LOADS)}")
+            raise UserError(f"loads: unknown {self.loads!r}: use {', '.join(LOADS)}")
         if not isinstance(self.measure, str) or self.measure not in MEASURES:
-            raise UserError(f"unknown measure {self.measure!r}: use {', '.join(MEASURES)}")
+            raise UserError(f"measure: unknown {self.measure!r}: use {', '.join(MEASURES)}")
 
     @property
     def rows(self) -> tuple[int, ...]:

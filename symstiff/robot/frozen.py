@@ -41,7 +41,8 @@ def frozen_numbers(values: Mapping[K, Any], what: str, least: float = -math.inf)
     require(values, Mapping, f"{what} by name", "give a dictionary")
     for name, value in values.items():
         if not isinstance(value, Real) or not math.isfinite(value):
-            raise UserError(f"{what}: {str(name)[:40]}: expected a finite number, found {str(value)[:40]!r}")
+            found = f"{str(value)[:40]!r}: correct it"
+            raise UserError(f"{what}: {str(name)[:40]}: expected a finite number, found {found}")
         if value < least:
             raise UserError(f"{what}: {str(name)[:40]}: expected {least:g} or more, found {value:g}")
     return FrozenDict({name: float(value) for name, value in values.items()})
