@@ -246,7 +246,7 @@ def test_a_verdict_with_one_explanation_needs_no_plan(
 ) -> None:
     arguments = ("plan", ROBOT, "--poses", 4, "-o", tmp_path / "poses.csv")
     assert command(*arguments, "--separate", named / "verdict.json") == 2
-    assert "ambiguous" in capsys.readouterr().err
+    assert "nothing to decide between: the verdict is named" in capsys.readouterr().err
     assert not (tmp_path / "poses.csv").exists()
 
 
