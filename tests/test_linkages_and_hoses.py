@@ -56,6 +56,23 @@ def test_a_linkage_between_two_joints_is_told_with_both_angles() -> None:
 
 
 @pytest.mark.slow
+def test_a_joint_that_runs_out_of_round_as_it_warms_up_is_told_with_time() -> None:
+    """A transmission error that is not there when the session begins has no name in the catalogue."""
+    table = experiment()
+    began, took = float(table.time.min()), float(np.ptp(table.time))
+    assert took > 0
+    angles = np.zeros_like(table.q)
+    warm = 1.0 - np.exp(-2.0 * (table.time - began) / took)
+    angles[:, 2] = 2e-4 * warm * np.sin(table.q[:, 2] + 0.4)
+    found = diagnosed(table, positions(table, angles))
+    assert found.verdict == "unexplained"
+    law = found.last.law
+    assert law is not None
+    assert law.virtual_joint == "joint 3"
+    assert "time*sin(q3)" in law.expression
+
+
+@pytest.mark.slow
 def test_a_hose_that_pulls_all_the_time_is_no_compliance() -> None:
     """From a fixed point beside the arm, the more the further away the flange is."""
     table = experiment()

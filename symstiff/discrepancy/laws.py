@@ -12,7 +12,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from symstiff.discrepancy.law import TINY, Law, largest_load, load_on
-from symstiff.discrepancy.laws_of_angle import laws_of_angle
+from symstiff.discrepancy.laws_of_angle import laws_of_angle, wave
 from symstiff.discrepancy.problem import ANGLE, CLOCK, HISTORY, Array, Candidate, Parameter, Problem, Shape
 
 EFFECT = "unnamed_law"
@@ -178,10 +178,21 @@ def _laws_of_clock(problem: Problem, v: int) -> list[Law]:
     t = problem.tau[:, v] / largest_load(problem, v)
     name, s = _clock(problem)
     out = [Law((name,), s[:, None]), Law((f"tau*{name}",), (t * s)[:, None])]
+    grows = {name: s} if name == "time" else {}
     if problem.temperature is not None and np.ptp(problem.temperature) > 0:
         warm = _unit(problem.temperature - problem.temperature.min())
         out.append(Law(("tau*temperature",), (t * warm)[:, None]))
-    return out
+        grows["temperature"] = warm
+    return [*out, *(law for text, share in grows.items() for law in _growing_wave(problem, v, text, share))]
+
+
+def _growing_wave(problem: Problem, v: int, name: str, share: Array) -> list[Law]:
+    """A joint that runs out of round as it warms up, once a turn; of absolute positions, which show such errors."""
+    j = problem.joint_of[v]
+    if problem.differences or problem.q is None or j < 0 or j in problem.slides:
+        return []
+    text, values = wave(problem.q[:, j], j + 1, 1)
+    return [Law(tuple(f"{name}*{t}" for t in text), share[:, None] * values)]
 
 
 def _by_load_case(problem: Problem, v: int) -> list[Law]:

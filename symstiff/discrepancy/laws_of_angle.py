@@ -55,10 +55,10 @@ _Series = Iterator[tuple[int, tuple[str, str], Array]]
 def _waves(angle: Array, joint: int, own: bool) -> _Series:
     """Sine and cosine of an angle and of its multiples: more of a joint's own."""
     for n in (1, 2, 3, 5) if own else (1, 2):
-        yield n, *_wave(angle, joint, n)
+        yield n, *wave(angle, joint, n)
 
 
-def _wave(angle: Array, joint: int, n: int) -> tuple[tuple[str, str], Array]:
+def wave(angle: Array, joint: int, n: int) -> tuple[tuple[str, str], Array]:
     """Sine and cosine of a multiple of an angle: names and values (M, 2)."""
     name = f"{n}*q{joint}" if n > 1 else f"q{joint}"
     return (f"sin({name})", f"cos({name})"), np.column_stack([np.sin(n * angle), np.cos(n * angle)])
@@ -121,7 +121,7 @@ def _linked(problem: Problem, mine: int, t: Array) -> list[Law]:
         if other not in range(problem.q.shape[1]) or {mine, other} & set(problem.slides):
             continue
         for n, m in ((1, 1), (2, 1), (1, 2)):
-            own, of_other = _wave(problem.q[:, mine], mine + 1, n), _wave(problem.q[:, other], other + 1, m)
+            own, of_other = wave(problem.q[:, mine], mine + 1, n), wave(problem.q[:, other], other + 1, m)
             text = tuple(f"{a}*{b}" for a in own[0] for b in of_other[0])
             values = np.einsum("ma,mb->mab", own[1], of_other[1]).reshape(problem.rows, -1)
             if not problem.differences:
