@@ -44,6 +44,7 @@ from symstiff.discrepancy.verdict import (
     NAMED,
     NO_TEST_NAMES,
     NOTHING,
+    ONE_STRATUM,
     REFUTED,
     UNEXPLAINED,
     UNTESTABLE,
@@ -97,6 +98,7 @@ def diagnose(
     )
     tell("place")
     place = localise(problem, ready.scan, outcome.found, ready.residual)
+    place = place if outcome.reason != ONE_STRATUM else replace(place, accused="")
     return _written(problem, candidates, ready, parts, allowed, outcome, place, proof, options, tell)
 
 
@@ -146,7 +148,8 @@ def _written(
     scan: Scan = ready.scan
     tell("growth")
     growth = steps(problem, ready, outcome.admissible[0] if outcome.admissible else None, outcome)
-    open_end = outcome.verdict == UNEXPLAINED and not outcome.reason.endswith(NO_TEST_NAMES)
+    nowhere = outcome.reason == ONE_STRATUM or outcome.reason.endswith(NO_TEST_NAMES)
+    open_end = outcome.verdict == UNEXPLAINED and not nowhere
     law = _law(problem, scan, outcome.found, place) if open_end else None
     device = _device(problem, scan, outcome.found, place.accused) if open_end else None
     names, D = confusion(ready, outcome)

@@ -10,7 +10,7 @@ from symstiff.discrepancy.noise import NoiseReport
 from symstiff.discrepancy.problem import Array, Shape
 from symstiff.discrepancy.proof import HeldOut, closed
 from symstiff.discrepancy.strata import Stratum
-from symstiff.discrepancy.verdict import CORRECT, NO_TEST_NAMES
+from symstiff.discrepancy.verdict import CORRECT, NO_TEST_NAMES, ONE_STRATUM
 
 
 @dataclass(frozen=True)
@@ -155,6 +155,13 @@ class Diagnosis:
     def doubtful(self) -> bool:
         """Whether the table is to be corrected before anything can be said."""
         return CORRECT in self.reason
+
+    @property
+    def stratum_alone(self) -> Stratum | None:
+        """The stratum that rejects where no test of laws does: then no place is accused."""
+        if self.reason != ONE_STRATUM:
+            return None
+        return min((s for s in self.strata if s.p_value is not None), key=lambda s: s.p_value or 0.0)
 
     @property
     def against_sigma(self) -> bool:

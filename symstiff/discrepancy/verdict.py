@@ -30,6 +30,9 @@ REFUTED = "without some of the poses another effect is in front, and it does not
 ENOUGH = "as many effects as were looked for do not account for the data, and a further one is there"
 """Reason for a verdict that names the leader as insufficient because no larger set was tried."""
 
+ONE_STRATUM = "one part of the residual alone holds more than noise, and no law at any place is seen in it"
+"""Reason for a verdict that neither names anything nor accuses a place."""
+
 CORRECT = ": correct the "
 """Between what is wrong with a table and what has to be corrected, in a reason."""
 NO_TEST_NAMES = "either that is too small, or something is missing that no test names"
@@ -103,6 +106,8 @@ def decide(
     seen = p_named < options.alpha
     if not seen and min(p_unnamed, strata_p) >= options.alpha_strata:
         return Outcome(NOTHING, "no test rejects", *tests, None, (), (), ())
+    if not seen and p_unnamed >= options.alpha_strata:
+        return Outcome(UNEXPLAINED, ONE_STRATUM, *tests, None, (), (), ())
     tried: list[Judged] = []
     weighed: list[Proposal] = []
     base = _together(shop, given)

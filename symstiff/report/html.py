@@ -246,7 +246,7 @@ def _laws(finding: Finding) -> list[dict[str, Any]]:
 
 def _unnamed(finding: Finding) -> dict[str, Any] | None:
     known = finding.verdict not in ("unexplained", "named_insufficient")
-    if known or not finding.testable or finding.last.against_sigma:
+    if known or not finding.testable or finding.last.against_sigma or finding.last.stratum_alone is not None:
         return None
     where, law, device = finding.last.localisation, finding.last.law, finding.last.device_law
     top = [] if where is None else [

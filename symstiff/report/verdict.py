@@ -53,7 +53,7 @@ def verdict_table(finding: Finding) -> dict[str, Any]:
             }
             for s in finding.steps
         ],
-        "accused": last.localisation.accused if last.localisation else None,
+        "accused": (last.localisation.accused or None) if last.localisation else None,
         "law": _law(finding),
         "device_law": _device_law(finding),
         "confusability": {

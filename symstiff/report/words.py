@@ -8,12 +8,10 @@ from typing import Any
 
 from symstiff.discrepancy.finding import Finding, Found
 from symstiff.discrepancy.numbers import milli, number, p_equals, quantity
-from symstiff.discrepancy.problem import Options
 from symstiff.discrepancy.remarks import FEW, hiding
 from symstiff.discrepancy.result import Name
 from symstiff.discrepancy.speech import named, place, spoken
-from symstiff.discrepancy.strata import Stratum
-from symstiff.discrepancy.verdict import AS_WELL, ENOUGH, INSUFFICIENT, NOT_ALONE, REFUTED, UNEXPLAINED
+from symstiff.discrepancy.verdict import AS_WELL, ENOUGH, INSUFFICIENT, NOT_ALONE, REFUTED
 from symstiff.effects.instance import EffectInstance
 from symstiff.report.deciding import deciding
 from symstiff.report.tables import shift
@@ -57,7 +55,7 @@ def headline(finding: Finding) -> str:
         return "Something is missing, and the data do not tell whether the catalogue has a name for it"
     if finding.last.against_sigma:
         return "More is left than the stated sigma allows, and no test finds anything missing"
-    if finding.verdict == UNEXPLAINED and _stratum_alone(finding) is not None:
+    if finding.last.stratum_alone is not None:
         return "More is left than independent noise leaves, and no place stands out"
     if finding.reason in (AS_WELL, REFUTED):
         return f"Something is missing, perhaps: {names(finding.named)}"
@@ -223,14 +221,10 @@ def _hardly_told(finding: Finding) -> str:
     told = {named(e.effect, e.where) for e in (*finding.named, *finding.alternatives)}
     text = ""
     for e in finding.named:
-        like = [
-            name_text(n) for n in e.confounded_with if name_text(n) not in told | set(map(name_text, e.twins))
-        ]
-        text += (
-            f" These data hardly tell {named(e.effect, e.where)} from {' or '.join(like[:2])}."
-            if like
-            else ""
-        )
+        known = told | {name_text(n) for n in e.twins}
+        like = [name_text(n) for n in e.confounded_with if name_text(n) not in known]
+        if like:
+            text += f" These data hardly tell {named(e.effect, e.where)} from {' or '.join(like[:2])}."
     return text
 
 
@@ -298,15 +292,6 @@ def _insufficient(finding: Finding) -> str:
     return f"The leading explanation is {listed(finding)}, but {why}; {gap(finding)}."
 
 
-def _stratum_alone(finding: Finding) -> Stratum | None:
-    """The stratum that rejects, where no test of laws does: then no place is accused."""
-    last = finding.last
-    if last.p_missing < Options.alpha or last.p_unnamed < Options.alpha_strata:
-        return None
-    known = [s for s in last.strata if s.p_value is not None and s.p_value < Options.alpha_strata]
-    return min(known, key=lambda s: s.p_value or 0.0, default=None)
-
-
 def _further(finding: Finding) -> str:
     """What stands out most beside the effects found."""
     step = finding.last.growth[-1]
@@ -320,7 +305,7 @@ def _unexplained(finding: Finding) -> str:
             f"No test finds anything missing, and {finding.reason} (residual {size(finding.rms.after, finding)} rms "
             f"per coordinate, noise as stated {size(finding.last.noise.stated, finding)}): check the stated sigma."
         )
-    alone = _stratum_alone(finding)
+    alone = finding.last.stratum_alone
     if alone is not None:
         p = p_equals(alone.p_value or 0.0)
         return (
