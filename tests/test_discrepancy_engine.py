@@ -13,9 +13,7 @@ from symstiff.discrepancy.noise import Noise
 from symstiff.discrepancy.prepare import prepare
 from symstiff.discrepancy.problem import Array, Candidate, Options, Parameter, Problem
 from symstiff.discrepancy.scan import evidence, explained, open_scan
-from symstiff.discrepancy.search import Proposal
 from symstiff.discrepancy.sharing import AXES, JOINTS, Sharing
-from symstiff.discrepancy.verdict import _named, decide
 from symstiff.errors import UserError
 from tests.blind import baselines
 
@@ -167,24 +165,6 @@ def test_a_softening_joint_is_named_though_the_candidates_shapes_only_resemble_i
     assert d.effects[0].confidence > 0.8
     assert len(d.growth) == 2
     assert d.rms.after < d.rms.before
-
-
-def test_a_name_that_hardly_passes_its_test_is_told_with_less_confidence() -> None:
-    """Five times the chance that noise does as well is taken off, up to all of it."""
-    a = arm()
-    problem = measured(a.problem, scaled(a.problem, saturating(a.problem, 0), 120.0))
-    ready = prepare(problem, a.candidates)
-    every = np.ones(len(ready.bank.candidates), dtype=bool)
-    found = decide(ready.scan, every, QUICK, lambda _: 0.0, (), lambda _: None)
-    assert found.chosen is not None
-    sure = []
-    for p in (0.0, 0.02, 0.1, 0.2, 0.5):
-        leader = replace(found.chosen, p_members=(p,))
-        alone = Proposal(leader.members, leader.entries, leader.score)
-        tests = (found.null, found.found, found.p_named, found.p_unnamed)
-        sure += _named([leader], [leader], [alone], tests, QUICK).confidence
-    assert sure[0] > 0.9
-    assert np.array(sure) / sure[0] == pytest.approx([1.0, 0.9, 0.5, 0.0, 0.0])
 
 
 def test_of_shapes_that_fit_almost_alike_the_one_told_beforehand_is_taken() -> None:

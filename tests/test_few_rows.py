@@ -58,3 +58,15 @@ def test_clean_tables_small_and_large_show_a_suspect_as_seldom_as_told(rows, col
         found.append((bool(fit.rows), bool(fit.poses)))
     assert np.all(np.sum(found, axis=0) <= 0.01 * tables + 2.33 * np.sqrt(0.01 * tables))
     assert np.sum(found) >= 0.004 * tables
+
+
+def test_clean_tables_of_few_rows_raise_suspicion_as_often_as_told():
+    """A scale from the median tells less than its degrees of freedom: with all of these it were twice as often."""
+    rng, rows, poses = np.random.default_rng(1), 0, 0
+    A, groups = rng.normal(size=(30, 6)), np.repeat(np.arange(10), 3)
+    for _ in range(500):
+        fit = robust_estimate(A, rng.normal(size=30), None, groups=groups, significance=0.05)
+        rows += bool(fit.rows)
+        poses += bool(fit.poses)
+    assert 12 < rows < 38
+    assert 12 < poses < 38

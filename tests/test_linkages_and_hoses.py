@@ -10,6 +10,7 @@ import pytest
 from symstiff.calibration.experiment.situation import look
 from symstiff.calibration.measurements import Measurements
 from symstiff.discrepancy.finding import Finding, Task
+from symstiff.discrepancy.localise import FittedLaw
 from symstiff.discrepancy.workflow import run
 from symstiff.report.words import sentence
 from symstiff.robot import load
@@ -41,15 +42,20 @@ def diagnosed(table: Measurements, values: np.ndarray, start: str = "joints") ->
     return run(Task(load("ur10"), replace(seen, sigma=np.where(seen.measured, NOISE, np.nan)), start=start))
 
 
+def law_of(found: Finding) -> FittedLaw:
+    """The law that describes what has no name."""
+    assert found.verdict == "unexplained"
+    assert found.last.law is not None
+    return found.last.law
+
+
 @pytest.mark.slow
 def test_a_linkage_between_two_joints_is_told_with_both_angles() -> None:
     table = experiment()
     angles = np.zeros_like(table.q)
     angles[:, 2] = 1e-4 * np.sin(2 * table.q[:, 1]) * np.cos(table.q[:, 2])
     found = diagnosed(table, positions(table, angles))
-    assert found.verdict == "unexplained"
-    law = found.last.law
-    assert law is not None
+    law = law_of(found)
     assert law.virtual_joint == "joint 3"
     assert "cos(q3)*sin(2*q2)" in law.expression
     assert "·cos(q3)·sin(2·q2)" in sentence(found)
@@ -64,10 +70,7 @@ def test_a_joint_that_runs_out_of_round_as_it_warms_up_is_told_with_time() -> No
     angles = np.zeros_like(table.q)
     warm = 1.0 - np.exp(-2.0 * (table.time - began) / took)
     angles[:, 2] = 2e-4 * warm * np.sin(table.q[:, 2] + 0.4)
-    found = diagnosed(table, positions(table, angles))
-    assert found.verdict == "unexplained"
-    law = found.last.law
-    assert law is not None
+    law = law_of(diagnosed(table, positions(table, angles)))
     assert law.virtual_joint == "joint 3"
     assert "time*sin(q3)" in law.expression
 

@@ -5,8 +5,6 @@ from __future__ import annotations
 import re
 from dataclasses import replace
 from pathlib import Path
-from types import SimpleNamespace
-from typing import Any, cast
 
 import numpy as np
 import pytest
@@ -15,10 +13,8 @@ from symstiff.calibration.rows import predict
 from symstiff.calibration.simulation.experiment import simulate
 from symstiff.calibration.simulation.truth import truth_from_table
 from symstiff.discrepancy.finding import Finding, Task
-from symstiff.discrepancy.problem import Options
 from symstiff.discrepancy.result import Name
 from symstiff.discrepancy.strata import Stratum
-from symstiff.discrepancy.verdict import _nearly
 from symstiff.discrepancy.workflow import _beyond_code, run
 from symstiff.effects.instance import EffectInstance
 from symstiff.model import StiffnessModel
@@ -77,21 +73,3 @@ def test_what_the_code_leaves_of_a_large_deflection_is_told_in_millimetres() -> 
     size = 1e3 * np.sqrt(np.mean(missed[table.measured[:, :3]] ** 2))
     assert float(re.findall(r"leave ([\d.]+) mm rms", told)[0]) == pytest.approx(size, rel=1e-3)
     assert _beyond_code(model, table) == []
-
-
-@pytest.mark.parametrize(
-    ("sufficient", "p", "rival", "nearly"),
-    [
-        (True, 0.0, 0.04, True),
-        (True, 0.0, 1.5, False),
-        (True, 0.0, -2.0, False),
-        (False, 0.0, 0.04, False),
-        (True, 0.1, 0.04, False),
-    ],
-)
-def test_a_set_that_a_law_without_a_name_equals_keeps_its_weight_beside_one_that_it_does_not(
-    sufficient: bool, p: float, rival: float, nearly: bool
-) -> None:
-    """Refused for that law alone it is still an explanation; behind it, or insufficient, or idle, it is none."""
-    judged = SimpleNamespace(sufficient=sufficient, p_members=(p,), rival=rival, rivals=-9.0, score=20.0)
-    assert _nearly(cast(Any, judged), Options()) == nearly

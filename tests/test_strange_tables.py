@@ -13,11 +13,10 @@ import pytest
 from command_line import Run, assert_users_mistake, run_command_line  # noqa: F401
 
 from symstiff.calibration.identify import identify
-from symstiff.calibration.markers import marker_hint
 from symstiff.calibration.measurements import Measurements, concatenate, measurements
 from symstiff.calibration.rows import predict
 from symstiff.calibration.simulation import Effect, Noise, Truth, nominal_truth, simulate
-from symstiff.calibration.slips import Reading, joint_hint
+from symstiff.calibration.slips import Reading, joint_hint, marker_hint
 from symstiff.discrepancy.deciding import experiments_like
 from symstiff.discrepancy.finding import Finding, Found, Task
 from symstiff.discrepancy.remarks import astray, remarked

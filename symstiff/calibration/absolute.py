@@ -10,7 +10,6 @@ import numpy as np
 from symstiff.calibration.decomposition import independent, svd
 from symstiff.calibration.estimate import Estimate, estimate
 from symstiff.calibration.experiment.current import Current, settled, sigma_of
-from symstiff.calibration.experiment.situation import View
 from symstiff.calibration.measurements import Measurements
 from symstiff.calibration.plausible import implausible
 from symstiff.calibration.residuals import ResidualTable, residual_table, sizes
@@ -115,22 +114,16 @@ def _fitted(current: Current, table: Measurements, columns: Sequence[_Column]) -
     view = current.situation.view
     known = sigma_of(view)
     e = Equations(np.column_stack([c.values for c in columns]), current.y, known, view.state, view.component)
+    joints = [k for k, v in enumerate(view.joints) if v.kind == "joint"]
     fit = estimate(
         e.A, e.y, weights(e), tuple(c.name for c in columns), units=tuple(c.unit for c in columns),
-        blocks=shared_blocks(e, table, _of_joints(view)), estimated=known is None,
+        blocks=shared_blocks(e, table, view.robot, view.J[:, joints]), estimated=known is None,
     )  # fmt: skip
     geometry = np.column_stack([c.values for c in columns if c.constant])
     before, after, alone = (
         e.spread(rows, len(table)) for rows in (e.y, e.A @ fit.values, _explained(e, geometry))
     )
     return AbsoluteFit(fit, e, replace(residual_table(before, after), geometry=sizes(before - alone)))
-
-
-def _of_joints(view: View) -> np.ndarray:
-    """(M, n) what a reading shows of an error of each joint; of one that slides for as much as the arm's reach."""
-    joints = [k for k, v in enumerate(view.joints) if v.kind == "joint"]
-    lever = np.array([view.robot.reach if j.prismatic else 1.0 for j in view.robot.joint])
-    return np.asarray(view.J[:, joints] * lever)
 
 
 def _explained(e: Equations, columns: np.ndarray) -> np.ndarray:

@@ -87,7 +87,7 @@ def _linearised(
     names = tuple(n for n in model.parameters if n not in held)
     A = without_rounding(e.A[:, free], _sizes(model, table, values)[free])
     y = e.y - e.A[:, ~free] @ model.vector(values)[~free]
-    blocks = shared_blocks(e, table, moved_by_joints(model, table, e))
+    blocks = shared_blocks(e, table, model.robot, moved_by_joints(model, table, e))
     return _fit(replace(e, A=A, y=y), table, blocks, names, [model.units[n] for n in names], robust)
 
 

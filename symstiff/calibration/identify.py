@@ -19,7 +19,6 @@ from symstiff.calibration.fitting import Fitted, fit_model
 from symstiff.calibration.kept import completed, seen_in
 from symstiff.calibration.levels import by_level
 from symstiff.calibration.loading import as_loading
-from symstiff.calibration.markers import left_by
 from symstiff.calibration.measurements import Measurements
 from symstiff.calibration.point import find_point
 from symstiff.calibration.redundant import redundant
@@ -38,7 +37,7 @@ from symstiff.calibration.remarks import (
 from symstiff.calibration.residuals import ResidualTable, places, residual_table, split
 from symstiff.calibration.robust import RobustEstimate
 from symstiff.calibration.rows import Equations, equations, predict
-from symstiff.calibration.slips import slip
+from symstiff.calibration.slips import left_by, slip
 from symstiff.calibration.soundness import (
     check_beside_geometry,
     check_determined,

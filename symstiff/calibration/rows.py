@@ -13,7 +13,8 @@ from symstiff.calibration.shared import Blocks, Joints
 from symstiff.codegen.runtime import for_poses
 from symstiff.errors import UserError
 from symstiff.model import StiffnessModel
-from symstiff.symbolic.numeric import kinematics, virtual_joints
+from symstiff.robot.schema import Robot
+from symstiff.symbolic.numeric import joint_jacobian, kinematics
 from symstiff.symbolic.passes import context_vector
 from symstiff.symbolic.terms import deflection
 
@@ -154,30 +155,28 @@ def stated_sigma(table: Measurements, row: np.ndarray, component: np.ndarray) ->
     return sigma
 
 
-def shared_blocks(e: Equations, table: Measurements, moved: np.ndarray) -> Blocks:
+def shared_blocks(e: Equations, table: Measurements, robot: Robot, moved: np.ndarray) -> Blocks:
     """Which equations an error is common to: one component of a pose, of one approach, of a point in either.
 
     The robot misses its pose, in part anew at every repeat; the reading without load is each point's own.
     Translations and rotations have errors of their own size, and so have the joints, whose errors move all components:
-    ``moved`` (R, n) is what an equation reads of each.
+    ``moved`` (R, n) is what an equation reads of a radian or a metre of each. A joint that slides is off by as much as
+    turning ones are at the arm's reach.
     """
     pose, approach, point = table.pose[e.row], table.approach[e.row], table.point[e.row]
     count, points = len(COMPONENTS), len(table.points)
     by_component = [label * count + e.component for label in (pose, approach)]
+    lever = np.array([robot.reach if joint.prismatic else 1.0 for joint in robot.joint])
     by_point = [(label * points + point) * count + e.component for label in (pose, approach)]
     return Blocks(
         np.stack([*by_component, *by_point], axis=1), np.asarray(e.component >= 3, dtype=np.intp),
-        Joints(np.stack([pose, approach], axis=1), moved),
+        Joints(np.stack([pose, approach], axis=1), moved * lever),
     )  # fmt: skip
 
 
 def moved_by_joints(model: StiffnessModel, table: Measurements, e: Equations) -> np.ndarray:
-    """(R, n) what an equation reads of an error of each joint; of one that slides for as much as the arm's reach."""
-    found = kinematics(model.robot, table.q)
-    joints = [k for k, v in enumerate(virtual_joints(model.robot)) if v.kind == "joint"]
-    lever = np.array([model.robot.reach if j.prismatic else 1.0 for j in model.robot.joint])
-    moved = at_points(model, table, found.J_theta[:, :, joints] * lever)
-    return np.asarray(moved[e.row, e.component])
+    """(R, n) what an equation reads of a radian or a metre of each joint."""
+    return np.asarray(at_points(model, table, joint_jacobian(model.robot, table.q))[e.row, e.component])
 
 
 def weights(e: Equations) -> np.ndarray | None:

@@ -4,25 +4,95 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from itertools import permutations
 
 import numpy as np
 
 from symstiff.calibration.compact import Array
-from symstiff.calibration.markers import marker_hint
 from symstiff.calibration.measurements import Measurements
+from symstiff.calibration.rows import equations
 from symstiff.model import StiffnessModel
 
-_FAR_BETTER = 0.3
-"""Part of the squares left as told up to which other readings are spoken of."""
+_EXCHANGED, _READ = 0.5, 0.3
+"""Part of the squares left as told up to which other names of points, and other readings of joints, are spoken of."""
 _SAME = 1.02
 """What is left by readings that are not told apart, over the least."""
 _FEWEST = 20
 """Degrees of freedom below which a few readings' noise is made small by chance."""
+_MOST = 4
+"""Points of which every order is tried; of more, two at a time change their names."""
 _ROWS = 3000
 """Rows of which a slip of all of them is seen."""
 
-Left = Callable[[Array], tuple[float, int]]
-"""Sum of squares that is left where the joints stand elsewhere (M, n), and degrees of freedom."""
+Squares = tuple[float, int]
+"""Sum of squares that is left of a table, and degrees of freedom."""
+
+
+def slip(
+    model: StiffnessModel,
+    table: Measurements,
+    left: Callable[[StiffnessModel, Measurements], Squares],
+) -> tuple[str, str]:
+    """What looks exchanged or read in another way, and what to correct then; empty where nothing does.
+
+    ``left`` tells what the model leaves of a table; of long ones some rows are looked at.
+    """
+    rows = np.unique(np.linspace(0, len(table) - 1, min(len(table), _ROWS)).astype(int))
+    some = table.select(rows)
+    hint = marker_hint(some.points, lambda names: left(model, replace(some, points=names)))
+    if hint:
+        return hint, "column point"
+    turns = [not joint.prismatic for joint in model.robot.joint]
+    hint = joint_hint(some.q, turns, lambda q: left(model, replace(some, q=q)))
+    return hint, "signs and zeros of the table's joints, or the robot file" if hint else ""
+
+
+def left_by(model: StiffnessModel, table: Measurements) -> Squares:
+    """Squares that the model, fitted to deflections, leaves of them [m², rad²], and degrees of freedom."""
+    e = equations(model, table)
+    size = np.linalg.norm(e.A, axis=0)
+    columns = e.A / np.where(size > 0, size, 1.0)
+    fitted, _, rank, _ = np.linalg.lstsq(columns, e.y, rcond=1e-10)
+    rest = e.y - columns @ fitted
+    return float(rest @ rest), len(e.y) - int(rank)
+
+
+def marker_hint(points: Sequence[str], left: Callable[[tuple[str, ...]], Squares]) -> str:
+    """Which points look exchanged; empty if none do, or if too little is left to tell.
+
+    ``left`` tells what is left where the points have other names, in their order.
+    """
+    told = tuple(points)
+    if len(told) < 2:
+        return ""
+    now, freedom = left(told)
+    if freedom < _FEWEST or now == 0.0:
+        return ""
+    found = {names: left(names)[0] for names in _orders(told)}
+    best = min(found, key=lambda names: found[names])
+    if found[best] > _EXCHANGED * now:
+        return ""
+    read = ", ".join(f"{a} as {b}" for a, b in zip(told, best, strict=True) if a != b)
+    share = 100.0 * float(np.sqrt(found[best] / now))
+    return f"markers look exchanged: to read {read} would leave {share:.0f} % of the residual"
+
+
+def joint_hint(q: Array, turns: Sequence[bool], left: Callable[[Array], Squares]) -> str:
+    """Which joint looks read the other way round or from another zero; empty if none does, or if too little is left.
+
+    q: (M, n) as told; turns: (n,) whether a joint turns: of one that slides the zero is not asked for;
+    ``left`` tells what is left where the joints stand elsewhere (M, n).
+    """
+    now, freedom = left(q)
+    if freedom < _FEWEST or now == 0.0:
+        return ""
+    found = {reading: left(reading.of(q))[0] for reading in _readings(turns)}
+    best = min(found, key=lambda reading: found[reading], default=None)
+    if best is None or found[best] > _READ * now:
+        return ""
+    share = 100.0 * float(np.sqrt(found[best] / now))
+    alike = " or ".join(f"{r} for q{r.joint}" for r, square in found.items() if square <= _SAME * found[best])
+    return f"a joint looks read in another way: {alike} would leave {share:.0f} % of the residual"
 
 
 @dataclass(frozen=True)
@@ -44,44 +114,17 @@ class Reading:
         return name if not self.quarters else f"{name} {('+ 90', '+ 180', '- 90')[self.quarters - 1]} deg"
 
 
-def joint_hint(q: Array, turns: Sequence[bool], left: Left) -> str:
-    """Which joint looks read the other way round or from another zero; empty if none does, or if too little is left.
-
-    q: (M, n) as told; turns: (n,) whether a joint turns: of one that slides the zero is not asked for.
-    """
-    now, freedom = left(q)
-    if freedom < _FEWEST or now == 0.0:
-        return ""
-    found = {reading: left(reading.of(q))[0] for reading in _readings(turns)}
-    best = min(found, key=lambda reading: found[reading], default=None)
-    if best is None or found[best] > _FAR_BETTER * now:
-        return ""
-    share = 100.0 * float(np.sqrt(found[best] / now))
-    alike = " or ".join(f"{r} for q{r.joint}" for r, square in found.items() if square <= _SAME * found[best])
-    return f"a joint looks read in another way: {alike} would leave {share:.0f} % of the residual"
-
-
-def slip(
-    model: StiffnessModel,
-    table: Measurements,
-    left: Callable[[StiffnessModel, Measurements], tuple[float, int]],
-) -> tuple[str, str]:
-    """What looks exchanged or read in another way, and what to correct then; empty where nothing does.
-
-    ``left`` is the sum of squares that the model leaves of a table, and degrees of freedom; of long tables some rows
-    are looked at.
-    """
-    some = (
-        table.select(np.unique(np.linspace(0, len(table) - 1, _ROWS).astype(int)))
-        if len(table) > _ROWS
-        else table
-    )
-    hint = marker_hint(some.points, lambda names: left(model, replace(some, points=names)))
-    if hint:
-        return hint, "column point"
-    turns = [not joint.prismatic for joint in model.robot.joint]
-    hint = joint_hint(some.q, turns, lambda q: left(model, replace(some, q=q)))
-    return hint, "signs and zeros of the table's joints, or the robot file" if hint else ""
+def _orders(told: tuple[str, ...]) -> list[tuple[str, ...]]:
+    """Other orders of some names."""
+    if len(told) <= _MOST:
+        return [names for names in permutations(told) if names != told]
+    out = []
+    for a in range(len(told)):
+        for b in range(a):
+            names = list(told)
+            names[a], names[b] = told[b], told[a]
+            out.append(tuple(names))
+    return out
 
 
 def _readings(turns: Sequence[bool]) -> list[Reading]:

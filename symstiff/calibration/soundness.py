@@ -25,6 +25,7 @@ _SAME = 1e-9  # m between two tool centre points that are one
 _FAR = 100.0  # times the robot file's compliance from which a unit is questioned
 _CLEAR = 0.5  # largest deviation, as a share of the value, of a compliance that is compared
 
+_SECOND_ORDER = 5e-6  # m that a deflection leaves by moving the loads' levers, from which that is spoken of
 _STILL = 1e-6  # rad, m by which a joint that stands still may be off
 
 _LOADS = {
@@ -172,6 +173,17 @@ def check_tool(model: StiffnessModel, robot: Robot) -> None:
             f"the start model's tool centre point is a point that was measured, and these tables do not tell whether "
             f"theirs is the same: give a robot file with xyz = [{xyz}] under [tool], or another start"
         )
+
+
+def of_levers(robot: Robot, deflection: float) -> list[str]:
+    """A remark where a deflection [m], rms, moves the loads' levers: its square over the reach is no longer small."""
+    left = deflection**2 / robot.reach
+    if left < _SECOND_ORDER:
+        return []
+    return [
+        f"deflections of {1e3 * deflection:.3g} mm move the levers of the loads: of the order of {1e3 * left:.2g} mm "
+        "is left by that, which no model of the unloaded arm compensates"
+    ]
 
 
 def of_tool(model: StiffnessModel) -> list[str]:

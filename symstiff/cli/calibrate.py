@@ -18,8 +18,6 @@ if TYPE_CHECKING:
 LEAST_NOISE = 1e-9
 """Noise [mm] below which no device reads."""
 
-_SECOND = 5e-6
-"""Error of second order [m] from which it is spoken of: a deflection squared over the arm's reach."""
 _TOUCH = 1e-9  # rad, m: a command at a limit, read from a file, may miss it by rounding
 _AROUND = "lower the load, or lead the path around the singularity"
 _KEPT = {
@@ -84,7 +82,7 @@ def run_compensate(model_file: Path, trajectory: Path, output: Path, json: str |
     from symstiff.calibration.remarks import of_sag
     from symstiff.calibration.rewriting import rewrite_joints
     from symstiff.calibration.rows import context_of
-    from symstiff.calibration.soundness import of_tool, outside_class, outside_fixed, usable_model
+    from symstiff.calibration.soundness import of_levers, of_tool, outside_class, outside_fixed, usable_model
     from symstiff.calibration.table import check_robot, read_trajectory
     from symstiff.compensation import compensate
 
@@ -129,21 +127,13 @@ def run_compensate(model_file: Path, trajectory: Path, output: Path, json: str |
     for warning in known:
         note(out, warning)
     if without:
-        note(
-            out,
-            f"without {', '.join(without)}: no law of joints or links, not compensated",
-        )
+        note(out, f"without {', '.join(without)}: no law of joints or links, not compensated")
     out.print(
         f"{len(table)} poses: predicted error {_millimetres(rms[0])} rms, after compensation {_millimetres(rms[1])} by "
         "the model"
     )
-    second = rms[0] ** 2 / model.robot.reach
-    if second > _SECOND:
-        note(
-            out,
-            f"deflections of {_millimetres(rms[0])} move the levers of the loads: of the order of "
-            f"{_millimetres(second)} is left by it, which no model of the unloaded arm compensates",
-        )
+    for remark in of_levers(model.robot, rms[0]):
+        note(out, remark)
     if not table.w.any() and rms[0] < 1e-12:
         note(out, "no loads at the tool: nothing that the model compensates; give columns fx[N] … mz[N*m]")
     if split:

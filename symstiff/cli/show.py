@@ -29,8 +29,7 @@ def show_robots(json: str | None) -> None:
     rows = []
     for name in library():
         robot = load(name)
-        kinds = "".join("P" if j.prismatic else "R" for j in robot.joint)
-        table.add_row(name, robot.title, f"{robot.dof} {kinds}", f"{robot.reach:.2f}", robot.source)
+        table.add_row(name, robot.title, f"{robot.dof} {robot.kinds}", f"{robot.reach:.2f}", robot.source)
         rows.append(
             {
                 "robot": name,

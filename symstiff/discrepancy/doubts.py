@@ -6,11 +6,10 @@ import numpy as np
 
 from symstiff.calibration.experiment.placement import placed
 from symstiff.calibration.experiment.situation import Laws, look
-from symstiff.calibration.markers import left_by
 from symstiff.calibration.measurements import Measurements
 from symstiff.calibration.remarks import axis_remarks
 from symstiff.calibration.rows import equations
-from symstiff.calibration.slips import slip
+from symstiff.calibration.slips import left_by, slip
 from symstiff.discrepancy.verdict import CORRECT
 from symstiff.model import StiffnessModel
 

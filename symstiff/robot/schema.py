@@ -312,9 +312,13 @@ class Robot(_Frozen):
     def __hash__(self) -> int:
         return hash((self.name, len(self.joint)))
 
+    @property
+    def kinds(self) -> str:
+        """R for a joint that turns, P for one that slides, base to tip."""
+        return "".join("P" if joint.prismatic else "R" for joint in self.joint)
+
     def __repr__(self) -> str:
-        kinds = "".join("P" if joint.prismatic else "R" for joint in self.joint)
-        return f"Robot({self.name}: {self.dof} joints {kinds})"
+        return f"Robot({self.name}: {self.dof} joints {self.kinds})"
 
     __str__ = __repr__
 
