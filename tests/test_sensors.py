@@ -13,6 +13,7 @@ from symstiff.calibration.simulation import Truth
 from symstiff.discrepancy.finding import Task
 from symstiff.discrepancy.problem import DeviceLaw, Problem
 from symstiff.discrepancy.workflow import run
+from symstiff.report.law_plots import draw_unnamed
 from symstiff.report.words import sentence
 from symstiff.robot import load
 from tests.test_assemble import assemble, complete, design, measured, truth_of
@@ -165,3 +166,12 @@ def test_a_rope_from_a_fixed_point_is_accused_and_no_link_named_for_it() -> None
     assert found.last.device_law is not None
     assert found.last.device_law.place == "force sensor"
     assert "a lean of the load" in sentence(found)
+    picture = draw_unnamed(found)  # of a virtual joint that bears a load: vertical ones leave some without
+    assert picture is not None
+    problem = found.assembly.problem
+    assert problem.tau is not None
+    (shown,) = (
+        k for k, name in enumerate(problem.virtual_joints) if f"Deflection of {name} that" in picture.caption
+    )
+    assert problem.tau[:, shown].any()
+    assert not problem.tau.any(axis=0).all()

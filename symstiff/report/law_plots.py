@@ -89,16 +89,21 @@ def _of_whole_load(finding: Finding, effect: Found) -> str:
 
 
 def draw_unnamed(finding: Finding) -> Picture | None:
-    """Where nothing of the catalogue fits: back-projection at the accused virtual joint, best smooth law."""
+    """Where nothing of the catalogue fits: back-projection at the accused virtual joint, best smooth law.
+
+    Where no virtual joint is accused it is the one that would explain most, of those that bear a load if any does.
+    """
     found, place = finding.last.law, finding.last.localisation
     problem = finding.assembly.problem
-    if place is None or problem.J is None:
+    if place is None or problem.J is None or problem.tau is None:
         return None
     name = found.virtual_joint if found is not None else place.accused
     if name not in problem.virtual_joints:
-        if not place.back_projections:
+        likely = [b.virtual_joint for b in place.back_projections]
+        bearing = [n for n in likely if problem.tau[:, problem.virtual_joints.index(n)].any()]
+        if not likely:
             return None
-        name = place.back_projections[0].virtual_joint
+        name = (bearing or likely)[0]
     v = problem.virtual_joints.index(name)
     values = found.values if found is not None else np.full(problem.rows, np.nan)
     signal = problem.J[:, v] * values if found is not None else np.zeros(problem.rows)
