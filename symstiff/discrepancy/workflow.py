@@ -50,6 +50,8 @@ from symstiff.threads import one_thread
 Tell = Callable[[str], None]
 _WORTH = 0.01
 """Load that an effect adds, against the largest, from which other laws are looked at again under it."""
+_MORE = 1.05
+"""What a model without some effects leaves, over what it leaves with them, from which that is spoken of."""
 _UNCONFIRMED = 0.75
 """Most confidence in what poses that were not used do not confirm."""
 
@@ -177,7 +179,7 @@ def _finding(
         verdict, reason = NAMED, "the links give way; beyond the complete model no test rejects"
     testable = verdict != UNTESTABLE
     remarks = [*remarks, *remarked(assembly.situation.view, last)]
-    remarks += _beyond_code(after.model, table)
+    remarks += _beyond_code(after.model, table, last.rms.after)
     held = _redundant(task, start, table)
     own = len(start.parameters) - len(held)
     remarks += _hidden(after, base) or (
@@ -218,18 +220,23 @@ def _finding(
     )  # fmt: skip
 
 
-def _beyond_code(model: StiffnessModel, table: Measurements) -> list[str]:
-    """A remark on what is found and is no law of a virtual joint: what the model and its code leave for want of it."""
+def _beyond_code(model: StiffnessModel, table: Measurements, left: float) -> list[str]:
+    """A remark on what is found and is no law of a virtual joint, where the model leaves more for want of it.
+
+    ``left`` is what is left with it, rms of a coordinate, of translations where there are any.
+    """
     lawless = [e for e, r in zip(model.effects, model.realisations, strict=True) if r.nominal and not r.terms]
     if not lawless or table.kind != "deflection":
         return []
-    rows = table.measured & (np.arange(6) < 3 if table.measured[:, :3].any() else True)
-    left = milli(float(np.sqrt(np.mean((table.values - predict(model, table))[rows] ** 2))))
-    names = ", ".join(named_at(e.effect, e.where) for e in lawless)
-    unit = "mm" if table.measured[:, :3].any() else "mrad"
+    positions = bool(table.measured[:, :3].any())
+    rows = table.measured & (np.arange(6) < 3 if positions else True)
+    without = float(np.sqrt(np.mean((table.values - predict(model, table))[rows] ** 2)))
+    if without < _MORE * left:
+        return []
+    names, unit = ", ".join(named_at(e.effect, e.where) for e in lawless), "mm" if positions else "mrad"
     return [
         f"{names}: no law at a virtual joint, so that the model's deflections, its code and compensation go without "
-        f"it: they leave {left} {unit} rms per coordinate of these data"
+        f"it: they leave {milli(without)} {unit} rms per coordinate of these data"
     ]
 
 
