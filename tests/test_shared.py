@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import tracemalloc
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -11,8 +12,15 @@ import scipy.optimize
 from symstiff.calibration.constrained import constrain
 from symstiff.calibration.decomposition import independent
 from symstiff.calibration.estimate import estimate
+from symstiff.calibration.fitting import fit_model
+from symstiff.calibration.poses import with_markers
 from symstiff.calibration.robust import robust_estimate
 from symstiff.calibration.shared import Blocks, Joints, _Components, shared_error
+from symstiff.calibration.simulation.experiment import simulate
+from symstiff.calibration.simulation.truth import truth_from_table
+from symstiff.model import StiffnessModel
+from symstiff.reduction import reduce
+from symstiff.robot import load
 
 POSES, CASES = 20, 4
 ROWS = POSES * CASES * 3
@@ -273,3 +281,33 @@ def test_one_pose_that_was_measured_often_costs_the_others_nothing() -> None:
     Q = np.linalg.qr(rng.normal(size=(len(pose), 4)))[0]
     problem = _Components.of(Q, rng.normal(size=len(pose)), blocks.wide, blocks.columns(None))
     assert sum(batch.inner.size for batch in problem.batches) < 2 * (poses * 4 + (2 * often) ** 2)
+
+
+@pytest.mark.slow
+def test_no_parameters_deviation_is_far_too_small_where_joints_stop_beside_their_targets(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """Repeated virtual experiments on a UR10: what its worst told parameter scatters by, over what is stated."""
+    robot, poses = load("ur10"), 15
+    rng = np.random.default_rng(33)
+    q = np.array([rng.uniform(*joint.range, poses) for joint in robot.joint]).T
+    w = np.zeros((poses, 3, 6))
+    w[:, :, :3] = 60.0 * (d := rng.normal(size=(poses, 1, 3))) / np.linalg.norm(d, axis=2, keepdims=True)
+    w *= np.array([0.4, 0.7, 1.0])[:, None]
+    design = with_markers(np.repeat(q, 3, axis=0), w.reshape(-1, 6), ("p1", "p2", "p3"))
+    design = replace(design, pose=np.repeat(np.arange(poses), 9), labels=tuple(f"p{k}" for k in range(poses)))
+    noise = {"sigma_mm": 0.03, "approach_mrad": 0.05}
+    truth = truth_from_table({"format": 1, "robot": "ur10", "noise": noise})
+    tables = [simulate(truth, design, seed) for seed in range(60)]
+    model = StiffnessModel.of(reduce(robot, "force", "position", points=("p1", "p2", "p3")))
+
+    def worst() -> float:
+        fits = [fit_model(model, table).estimate for table in tables]
+        values, told = (np.array([getattr(fit, what) for fit in fits]) for what in ("values", "std"))
+        return float(np.sqrt(np.mean(((values - values.mean(axis=0)) / told) ** 2, axis=0)).max())
+
+    assert worst() < 1.35
+    monkeypatch.setattr(
+        "symstiff.calibration.fitting.moved_by_joints", lambda m, t, e: np.zeros((len(e.y), 6))
+    )
+    assert worst() > 1.4

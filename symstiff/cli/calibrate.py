@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from symstiff.cli.output import check_targets, console, note, stages, write_json
+from symstiff.display import counted
 from symstiff.errors import UserError
 
 if TYPE_CHECKING:
@@ -128,10 +129,9 @@ def run_compensate(model_file: Path, trajectory: Path, output: Path, json: str |
         note(out, warning)
     if without:
         note(out, f"without {', '.join(without)}: no law of joints or links, not compensated")
-    out.print(
-        f"{len(table)} poses: predicted error {_millimetres(rms[0])} rms, after compensation {_millimetres(rms[1])} by "
-        "the model"
-    )
+    before, after = (_millimetres(error) for error in rms)
+    poses = counted(len(table), "pose")
+    out.print(f"{poses}: predicted error {before} rms, after compensation {after} by the model")
     for remark in of_levers(model.robot, rms[0]):
         note(out, remark)
     if not table.w.any() and rms[0] < 1e-12:
