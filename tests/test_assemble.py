@@ -205,9 +205,11 @@ def test_the_second_order_term_has_the_size_that_the_simulator_shows() -> None:
     assert np.linalg.norm(signal - part) < 0.35 * np.linalg.norm(signal)
 
 
-@pytest.mark.parametrize(("kind", "limit"), [("deflection", 0.25), ("absolute", 0.03)])
+@pytest.mark.parametrize(("kind", "limit"), [("deflection", 0.25), ("absolute", 0.06)])
 def test_the_second_order_term_stands_on_the_sag_of_an_arm_that_weighs(kind: str, limit: float) -> None:
-    """Without the links' weight 0.43 and 0.16 of it would be left."""
+    """Without the links' weight 0.43 and 0.16 of it would be left. Of positions a part of the sag passes for geometry,
+    from which the equations start.
+    """
     table = design("ur10", kind, poses=30)
     found = assemble(complete("ur10"), measured(truth_of("ur10"), replace(table, w=table.w * 3.0)))
     column = of(found, "large_deflection", {"robot": "all"}).columns({})

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
+from symstiff.calibration.experiment.arm import drawn
 from symstiff.calibration.experiment.placement import placed, turns_of
 from symstiff.calibration.experiment.situation import Laws, look
 from symstiff.calibration.identify import identify
@@ -74,7 +75,7 @@ def test_attitudes_are_those_of_the_tool_however_it_is_turned() -> None:
     table = measurements(
         q, np.zeros((30, 6)), pose=np.arange(30), kind="absolute", values=values, joint_units=["rad"] * 6
     )
-    _, excess = placed(look(robot, table), Laws(look(robot, table), (), {}))
+    _, excess = placed(look(robot, table), drawn(look(robot, table), Laws(look(robot, table), (), {})))
     assert np.abs(excess).max() < 1e-9
     virtual = simulate(
         Truth(

@@ -10,6 +10,7 @@ import numpy as np
 from symstiff.calibration.decomposition import independent, svd
 from symstiff.calibration.estimate import Estimate, estimate
 from symstiff.calibration.experiment.current import Current, settled, sigma_of
+from symstiff.calibration.experiment.placement import best_placed
 from symstiff.calibration.measurements import Measurements
 from symstiff.calibration.plausible import implausible
 from symstiff.calibration.residuals import ResidualTable, residual_table, sizes
@@ -113,7 +114,8 @@ def _fitted(current: Current, table: Measurements, columns: Sequence[_Column]) -
     """The fit of some columns."""
     view = current.situation.view
     known = sigma_of(view)
-    e = Equations(np.column_stack([c.values for c in columns]), current.y, known, view.state, view.component)
+    read = best_placed(view, current.y)
+    e = Equations(np.column_stack([c.values for c in columns]), read, known, view.state, view.component)
     joints = [k for k, v in enumerate(view.joints) if v.kind == "joint"]
     fit = estimate(
         e.A, e.y, weights(e), tuple(c.name for c in columns), units=tuple(c.unit for c in columns),

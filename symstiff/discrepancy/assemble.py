@@ -56,7 +56,8 @@ def assemble(
 
     ``noise`` is how the rows scatter, where more is known of it than what the table states.
     ``believed`` is the model with effects that it lacks, and with values: candidates' laws see the loads that those
-    add, and loads act on its compliances. Raises UserError where table and robot do not fit, or nothing was measured.
+    add, loads act on its compliances, and the arm stands as they say. Raises UserError where table and robot do not
+    fit, or nothing was measured.
     """
     from symstiff.calibration.checks import check_measured, check_robot
 
@@ -64,10 +65,9 @@ def assemble(
     check_measured(table)
     found = catalogue().values() if effects is None else effects
     weigh = None if noise is None else noise.weigh
-    current = settled(model, table, weigh)
-    situation = current.situation
-    if believed is not None:
-        situation = _believing(situation, settled(believed, table, weigh).situation)
+    fuller = None if believed is None else settled(believed, table, weigh)
+    current = settled(model, table, weigh, fuller.arm if fuller else None)
+    situation = _believing(current.situation, fuller.situation) if fuller else current.situation
     problem = _problem(situation, current)
     candidates = grouped(problem, tuple(candidates_of(model, situation, problem, found)))
     candidates = structural(model, situation, candidates)

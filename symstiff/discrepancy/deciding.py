@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from symstiff.calibration.experiment.placement import placement_columns
 from symstiff.calibration.experiment.situation import Laws, Situation, has_weights, look, under_weights
 from symstiff.calibration.loading import load_factor
 from symstiff.calibration.measurements import Measurements, concatenate, measurements
@@ -200,8 +201,7 @@ def _hypotheses(
         view = under_weights(view)
     situation = Situation(view, Laws(view, model.terms, dict(model.values)))
     A = situation.columns(model.terms, list(model.parameters))
-    if table.kind == "absolute":
-        A = np.hstack([A, _placement(situation)])
+    A = np.hstack([A, placement_columns(view)])
     weight = (1.0 / sigma[view.component])[:, None]
     scales, known = scales_of(view), _Laws(situation, model)
     blocks = tuple(
@@ -274,18 +274,6 @@ def _missed(signal: Array, outside: Array) -> float:
     """Squared length of a signal outside a block."""
     fitted = outside @ np.linalg.lstsq(outside, signal, rcond=1e-9)[0]
     return float(np.sum((signal - fitted) ** 2))
-
-
-def _placement(situation: Situation) -> Array:
-    """(M, 6) shifts and turns of the device about the robot's base."""
-    view = situation.view
-    point = view.found.T[:, :3, 3] + view.offset
-    twist = np.zeros((len(point), 6, 6))
-    for k in range(3):
-        twist[:, k, k] = 1.0
-        twist[:, :3, 3 + k] = np.cross(np.eye(3)[k], point)
-        twist[:, 3 + k, 3 + k] = 1.0
-    return np.asarray(twist[view.state, view.component])
 
 
 def _on_offer(model: StiffnessModel, experiment: Experiment, choice: Choice) -> Measurements:

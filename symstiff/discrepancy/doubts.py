@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from symstiff.calibration.experiment.arm import drawn
 from symstiff.calibration.experiment.placement import placed
 from symstiff.calibration.experiment.situation import Laws, look
 from symstiff.calibration.measurements import Measurements
@@ -36,7 +37,7 @@ def doubted(model: StiffnessModel, table: Measurements) -> str:
 def _excess(model: StiffnessModel, table: Measurements) -> tuple[float, int]:
     """Squares of what positions are beyond the robot at its best placement [m²]; freedom."""
     view = look(model.robot, table)
-    view, excess = placed(view, Laws(view, model.terms, model.values))
+    view, excess = placed(view, drawn(view, Laws(view, model.terms, model.values)))
     beyond = excess[view.component < 3]
     return float(beyond @ beyond), len(beyond) - _PLACEMENT
 

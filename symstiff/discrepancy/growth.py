@@ -9,7 +9,7 @@ import numpy as np
 
 from symstiff.calibration.absolute import untold
 from symstiff.calibration.decomposition import independent
-from symstiff.calibration.experiment.placement import placement_columns
+from symstiff.calibration.experiment.placement import best_placed
 from symstiff.calibration.experiment.rounding import without_rounding
 from symstiff.calibration.experiment.situation import Situation
 from symstiff.calibration.measurements import Measurements
@@ -99,7 +99,9 @@ def _linearised(
         known = model.with_values(values, deviations)
         left, before = problem.y - fitted, found.residual if found is not None else None
         absorbed = tuple(n for n in model.parameters if n not in own and n not in _nominal(model))
-        found = Fitted(known, absorbed, left, _rigid(assembly), assembly, weights)
+        found = Fitted(
+            known, absorbed, left, best_placed(assembly.situation.view, problem.y), assembly, weights
+        )
         if before is not None and _length(left - before) < _SETTLED * _length(left):
             break
     assert found is not None
@@ -148,13 +150,6 @@ def _sized(model: StiffnessModel, names: Iterable[str]) -> dict[str, tuple[float
 def _weighed(problem: Problem, noise: Noise) -> Scan:
     """The scan of a model without candidates under a noise that is known."""
     return open_scan(build(problem, (), ()), noise, problem.y, problem.A)
-
-
-def _rigid(assembly: Assembly) -> Array:
-    """(M,) what the rows read before the model: absolute positions with the rigid robot placed as well as it can be."""
-    placement = placement_columns(assembly.situation.view)
-    y = assembly.problem.y
-    return np.asarray(y - placement @ np.linalg.lstsq(placement, y, rcond=None)[0]) if placement.size else y
 
 
 def with_meaning(problem: Problem, sizes: Sequence[float]) -> list[int]:

@@ -16,6 +16,7 @@ import numpy as np
 from symstiff.arguments import require, whole
 from symstiff.calibration.checks import check_measured, check_robot
 from symstiff.calibration.experiment.readings import experiment_of
+from symstiff.calibration.experiment.situation import Laws
 from symstiff.calibration.identify import start_model
 from symstiff.calibration.kept import seen_in
 from symstiff.calibration.loading import as_loading
@@ -48,8 +49,9 @@ from symstiff.reduction.structural import Couplings
 from symstiff.threads import one_thread
 
 Tell = Callable[[str], None]
-_WORTH = 0.01
-"""Load that an effect adds, against the largest, from which other laws are looked at again under it."""
+_WORTH, _FAR = 0.01, 3e-3
+"""Load that an effect adds, against the largest, and angle [rad] by which it turns an unloaded arm, from which laws are
+looked at again with it: the square of such an angle shifts a tool by some hundredths of a millimetre."""
 _MORE = 1.05
 """What a model without some effects leaves, over what it leaves with them, from which that is spoken of."""
 _UNCONFIRMED = 0.75
@@ -106,7 +108,8 @@ def _diagnosed(
 ) -> tuple[Assembly, Diagnosis]:
     """The diagnosis of a model; where it finds loads, other laws are looked for once more under the sum.
 
-    A wrong payload or a biased sensor loads the gears too. The second look stands where it says the same with
+    A wrong payload or a biased sensor loads the gears too; what turns an arm by an angle that is no small one moves the
+    levers, and is looked at again the same way. The second look stands where it says the same with
     better shapes, does without some of the effects, or where the first did not account for the data; never without
     the effects whose loads it takes for granted, and what stood against their names in the first look still does.
     """
@@ -147,10 +150,13 @@ def _names(found: Diagnosis) -> list[str]:
 
 
 def _loads(assembly: Assembly, effect: EffectInstance, estimates: Mapping[str, Estimate]) -> bool:
-    """Whether an effect of that size adds loads worth a second look."""
-    view = assembly.situation.view
-    added = added_loads(view, effect, {name: e.value for name, e in estimates.items()})
-    return bool(np.max(np.abs(added)) > _WORTH * np.max(np.abs(view.tau)))
+    """Whether an effect of that size adds loads, or moves an unloaded arm, by what is worth a second look."""
+    view, values = assembly.situation.view, {name: e.value for name, e in estimates.items()}
+    if np.max(np.abs(added_loads(view, effect, values))) > _WORTH * np.max(np.abs(view.tau)):
+        return True
+    off = Laws(view, effect.realise(view.robot).terms, values)(np.zeros_like(view.tau))
+    turned = np.einsum("nrv,nv->nr", view.found.J_theta[:, 3:], off)
+    return view.table.kind == "absolute" and bool(np.max(np.abs(turned)) > _FAR)
 
 
 def _options(task: Task, most: int) -> Options:

@@ -37,12 +37,59 @@ class Kinematics:
         """τ_v = J_vᵀ·W: (N, V) for wrenches (N, 6)."""
         return np.asarray(np.einsum("nrv,nr->nv", self.J_theta, np.broadcast_to(w, (len(self.T), 6))))
 
+    def moved(self, theta: np.ndarray) -> Kinematics:
+        """The same chain with virtual joints that stand at ``theta`` (N, V) [m, rad] instead of 0, exactly.
+
+        Each turns or shifts, about the axis that it has at 0, all that is behind it (product of exponentials).
+        """
+        tip = self.T[:, :3, 3]
+        v, a = self.J_theta[:, :3].transpose(2, 0, 1), self.J_theta[:, 3:].transpose(2, 0, 1)
+        foot = tip - np.cross(v, a)  # (V, N, 3) of the axes
+        turn, shift = np.tile(np.eye(3), (len(tip), 1, 1)), np.zeros_like(tip)
+        axis, place, R, origin = (
+            np.empty_like(a),
+            np.empty_like(v),
+            np.empty_like(self.R),
+            np.empty_like(self.rho),
+        )
+        for k, angle in enumerate(theta.T):
+            axis[k], place[k] = _times(turn, a[k]), _times(turn, foot[k]) + shift
+            if a[k].any():
+                own = _turns(a[k] * angle[:, None])
+                shift = shift + _times(turn, foot[k] - _times(own, foot[k]))
+                turn = turn @ own
+            else:
+                shift = shift + _times(turn, v[k] * angle[:, None])
+                place[k] = _times(turn, v[k])
+            if k % 7 == 5:
+                R[:, k // 7] = turn @ self.R[:, k // 7]
+                origin[:, k // 7] = _times(turn, tip - self.rho[:, k // 7]) + shift
+        T = np.array(self.T)
+        T[:, :3, :3], T[:, :3, 3] = turn @ T[:, :3, :3], _times(turn, tip) + shift
+        turning = a.any(axis=(1, 2))[:, None, None]
+        v = np.where(turning, np.cross(axis, T[:, :3, 3] - place), place)
+        return Kinematics(
+            np.concatenate([v, axis], axis=2).transpose(1, 2, 0), T, R, T[:, None, :3, 3] - origin
+        )
+
     def point_offset(self, robot: Robot, point: str) -> np.ndarray:
         """Tool centre point to a marker, base axes (N, 3); zeros for ``tcp``."""
         if point == "tcp":
             return np.zeros((len(self.T), 3))
         local = np.array([float(x) for x in robot.marker_position(point)])
         return np.asarray(np.einsum("nij,j->ni", self.R[:, -1], local) - self.rho[:, -1])
+
+
+def _turns(vectors: np.ndarray) -> np.ndarray:
+    """Rotations (N, 3, 3) by rotation vectors (N, 3)."""
+    from scipy.spatial.transform import Rotation
+
+    return np.asarray(Rotation.from_rotvec(vectors).as_matrix())
+
+
+def _times(matrix: np.ndarray, vector: np.ndarray) -> np.ndarray:
+    """Products (N, 3) of matrices (N, 3, 3) and vectors (N, 3)."""
+    return np.asarray(np.einsum("nij,nj->ni", matrix, vector))
 
 
 def kinematics(robot: Robot, q: np.ndarray) -> Kinematics:

@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from symstiff.calibration.decomposition import svd
+from symstiff.calibration.experiment.arm import Arm, drawn, standing
 from symstiff.calibration.experiment.placement import placed, placement_columns, turns_of
 from symstiff.calibration.experiment.readings import experiment_of
 from symstiff.calibration.experiment.rounding import without_rounding
@@ -38,10 +39,14 @@ from symstiff.symbolic.terms import Term
 
 _POSES = 60
 """Random poses at which columns are compared."""
+_ROUNDS = 3
+"""Times that the device's placement and the arm's geometry are found from each other."""
 _STILL = 1e-9
 """Range [rad, m] up to which a joint never moves."""
 _COMPLIANCE = 1e-7
 """Usual size of a compliance that the model leaves out."""
+_FRAME, _LARGE = 1e-3, 10.0
+"""Usual error of a link [m, rad], and how many usual sizes are too large to be believed where data hardly tell them."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -58,26 +63,61 @@ class Current:
     A: Floats
     y: Floats
     fitted: dict[str, float]
+    arm: Arm
+    """From which ``y`` starts."""
 
 
-def settled(model: StiffnessModel, table: Measurements, weigh: Weigh | None = None) -> Current:
-    """The current model on the data; with absolute positions the device's placement settles along with it.
+def settled(
+    model: StiffnessModel, table: Measurements, weigh: Weigh | None = None, arm: Arm | None = None
+) -> Current:
+    """The current model on the data; with absolute positions placement and geometry settle along with it.
 
     Loads that effects add act on compliances that are fitted here: ``weigh`` where more is known of the noise than
     each row's sigma. A pose that was missed, or an effect that all load cases of a pose share, bends them otherwise.
+    ``arm``: one that is known, as of a better model of the same table.
     """
     view, known = look(model.robot, table), dict(model.values)
     if table.kind != "absolute":
-        view, y = placed(view, Laws(view, model.terms, known))
-        return _current(model, model.terms, (), view, y, known, weigh)
+        return _current(
+            model, model.terms, (), view, drawn(view, Laws(view, model.terms, known)), known, weigh
+        )
     view = under_weights(view)
     hidden = _hidden(model) if has_weights(model.robot) else ()
     terms = (*model.terms, *terms_of(hidden))
-    for _ in range(3):
-        view, y = placed(view, Laws(view, terms, known))
-        current = _current(model, terms, hidden, view, y, known, weigh)
-        known = current.fitted
+    first = arm or drawn(view, Laws(view, terms, known))
+    current = _current(model, terms, hidden, view, first, known, weigh)
+    for _ in range(_ROUNDS - 1 if arm is None else 0):
+        current = _current(model, terms, hidden, view, _found(model, current), current.fitted, weigh)
     return _standing(model, current) if current.hidden else current
+
+
+def _found(model: StiffnessModel, current: Current) -> Arm:
+    """The arm that the data show, by constants of all links beside the model."""
+    numbers, off = _as_found(model, current)
+    laws = current.situation.laws
+    return standing(current.situation.view, replace(laws, numbers=numbers), off)
+
+
+def _as_found(model: StiffnessModel, current: Current) -> tuple[dict[str, float], Floats]:
+    """Values of the model, and what all links are off besides (V,), as the data show them.
+
+    Each is as small as it can be where the data do not tell it from others, but for the parameters of effects.
+    """
+    view = current.situation.view
+    links = [k for k, v in enumerate(view.joints) if v.kind == "link" and v.body]
+    free = (*current.names, *(p.name for p in current.hidden))
+    count, spread = len(free), spread_of(view)[:, None]
+    placement = svd(current.A[:, count:] / spread)[0]
+    effects = {p.name for p in model.effect_parameters}
+    largest = [_LARGE if n not in effects else _LARGE**3 for n in free]
+    usual = np.concatenate([_sizes(model, free) * largest, np.full(len(links), _LARGE * _FRAME)])
+    rows = np.column_stack([current.y, np.hstack([current.A[:, :count], view.J[:, links]]) * usual]) / spread
+    rows -= placement @ (placement.T @ rows)
+    U, s, Vt = svd(rows[:, 1:])
+    value = usual * (Vt.T @ (s / (s**2 + 1.0) * (U.T @ rows[:, 0])))
+    off = np.zeros(len(view.joints))
+    off[links] = value[count:]
+    return {**current.situation.laws.numbers} | dict(zip(free, value[:count].tolist(), strict=True)), off
 
 
 def _standing(model: StiffnessModel, current: Current) -> Current:
@@ -139,11 +179,12 @@ def _current(
     terms: tuple[Term, ...],
     hidden: tuple[Compliance, ...],
     view: View,
-    y: Floats,
+    arm: Arm,
     known: dict[str, float],
     weigh: Weigh | None,
 ) -> Current:
     """Columns of the model at ``known`` values, and values that fit the data."""
+    view, y = placed(view, arm)
     nominal = {n: v for r in model.realisations for n, v in r.nominal.items()}
     named = tuple(n for n in model.parameters if n not in nominal)
     free = (*named, *(p.name for p in hidden))
@@ -172,7 +213,7 @@ def _current(
     keep = np.any(A != 0, axis=0)
     kept = [n for n, k in zip(free, keep, strict=True) if k]
     names, beside = tuple(n for n in named if n in kept), tuple(p for p in hidden if p.name in kept)
-    return Current(situation, names, beside, np.hstack([A[:, keep], extra]), target, fit | nominal)
+    return Current(situation, names, beside, np.hstack([A[:, keep], extra]), target, fit | nominal, arm)
 
 
 def _sizes(model: StiffnessModel, names: Sequence[str]) -> Floats:

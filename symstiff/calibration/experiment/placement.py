@@ -6,36 +6,35 @@ from dataclasses import replace
 
 import numpy as np
 
-from symstiff.calibration.experiment.situation import Floats, Laws, View
+from symstiff.calibration.experiment.arm import Arm, turns_between
+from symstiff.calibration.experiment.situation import Floats, View
 from symstiff.errors import UserError
 
 _NO_TURN = 1e-4
 """Angle [rad] below which a turn's Jacobian is that of none, to its square."""
 
 
-def placed(view: View, laws: Laws) -> tuple[View, Floats]:
-    """The view in the device's axes, and what its rows read beyond the rigid robot (M,).
+def placed(view: View, arm: Arm) -> tuple[View, Floats]:
+    """The view in the device's axes, and what its rows read beyond the rigid robot of the file (M,).
 
     Deflections are read in base axes and come back as they are. For absolute data the device's placement is
-    the rotation and shift that bring the predicted points closest to the measured ones (Kabsch).
+    the rotation and shift that bring the arm's points closest to the measured ones (Kabsch).
     """
     table = view.table
     if table.kind != "absolute":
         return view, np.array(table.values[view.state, view.component])
-    rigid = view.found.T[:, :3, 3] + view.offset
-    base = replace(view, turn=np.eye(3))
-    moved = np.einsum("nrv,nv->nr", base.at_point, laws(view.tau))
     complete = table.measured[:, :3].all(axis=1)
     if complete.sum() < 3:
         raise UserError(
             f"absolute positions need x, y and z together in at least three rows, {int(complete.sum())} found: "
             "without them nobody knows where the measuring device stands"
         )
-    turn, shift = closest(rigid[complete] + moved[complete, :3], table.values[complete, :3])
+    turn, shift = closest(arm.points[complete], table.values[complete, :3])
+    rigid = view.found.T[:, :3, 3] + view.offset + arm.beyond[:, :3]
     excess = np.zeros((len(table), 6))
     excess[:, :3] = table.values[:, :3] - (rigid @ turn.T + shift)
     if table.measured[:, 3:].any():
-        excess[:, 3:] = _attitudes(view, turn)
+        excess[:, 3:] = _attitudes(view, turn) - arm.beyond[:, 3:] @ turn.T
     turned = replace(view, turn=turn)
     return turned, np.array(excess[view.state, view.component])
 
@@ -56,9 +55,7 @@ def _attitudes(view: View, turn: Floats) -> Floats:
     from scipy.spatial.transform import Rotation
 
     values = np.nan_to_num(view.table.values[:, 3:])
-    seen = Rotation.from_rotvec(values).as_matrix()
-    rigid = turn @ view.found.T[:, :3, :3]
-    return np.asarray(Rotation.from_matrix(seen @ rigid.transpose(0, 2, 1)).as_rotvec())
+    return turns_between(turn @ view.found.T[:, :3, :3], Rotation.from_rotvec(values).as_matrix())
 
 
 def turns_of(vectors: Floats) -> Floats:
@@ -73,13 +70,16 @@ def turns_of(vectors: Floats) -> Floats:
 
 
 def placement_columns(view: View) -> Floats:
-    """(M, 6) small shifts and turns of the device; none (M, 0) for deflections."""
+    """(M, 6) small shifts and turns of the device about the arm of the file; none (M, 0) for deflections."""
     if view.table.kind != "absolute":
         return np.zeros((len(view.state), 0))
-    seen = np.nan_to_num(view.table.values[:, :3])
-    twist = np.zeros((len(view.table), 6, 6))
-    for k in range(3):
-        twist[:, k, k] = 1.0
-        twist[:, :3, 3 + k] = np.cross(np.eye(3)[k], seen - seen.mean(axis=0))
-        twist[:, 3 + k, 3 + k] = 1.0
+    points = (view.found.T[:, :3, 3] + view.offset) @ view.turn.T
+    twist = np.tile(np.eye(6), (len(points), 1, 1))
+    twist[:, :3, 3:] = np.cross(np.eye(3), (points - points.mean(axis=0))[:, None]).transpose(0, 2, 1)
     return np.asarray(twist[view.state, view.component])
+
+
+def best_placed(view: View, y: Floats) -> Floats:
+    """(M,) what rows read beyond the rigid robot where that is placed as well as it can be."""
+    columns = placement_columns(view)
+    return np.asarray(y - columns @ np.linalg.lstsq(columns, y, rcond=None)[0]) if columns.size else y

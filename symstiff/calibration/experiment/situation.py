@@ -157,12 +157,13 @@ def loads_of(view: View, terms: Iterable[Term]) -> dict[str, Floats]:
     return loads
 
 
-def look(robot: Robot, table: Measurements, turn: Floats | None = None) -> View:
-    """Geometry and external loads of a table's states."""
+def look(robot: Robot, table: Measurements, turn: Floats | None = None, stand: Floats | None = None) -> View:
+    """Geometry and external loads of a table's states, of an arm whose virtual joints ``stand`` (N, V) off."""
     poses, back = np.unique(table.q, axis=0, return_inverse=True)
     back = back.reshape(-1)
     once = kinematics(robot, poses)
     found = Kinematics(once.J_theta[back], once.T[back], once.R[back], once.rho[back])
+    found = found if stand is None else found.moved(stand)
     offset = np.zeros((len(table), 3))
     for k, name in enumerate(table.points):
         hit = table.point == k
