@@ -33,6 +33,13 @@ def test_the_way_up_may_go_to_negative_loads() -> None:
     assert as_loading(table).branch == pytest.approx([-1, -1, 1, 1, -1, 1, 1])
 
 
+def test_an_arm_that_had_no_load_is_loaded_before_its_load_runs_to_and_fro() -> None:
+    table = driven(0.5, 1, 0.5, -0.5, -1, -0.5, 0.5, 1, branch=(1, 1, -1, -1, -1, 1, 1, 1))
+    found = as_loading(table)
+    assert found.branch == pytest.approx([1, 1, -1, 1, 1, -1, 1, 1])
+    assert as_loading(found) is found
+
+
 @pytest.mark.parametrize(
     ("factors", "branch"),
     [

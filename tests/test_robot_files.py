@@ -18,6 +18,7 @@ from hypothesis import strategies as st
 
 from symstiff.errors import UserError
 from symstiff.model import joints_only
+from symstiff.reduction.reduce import reduce
 from symstiff.robot import from_table, library, load, parse, parse_exact
 
 GOOD = """
@@ -48,6 +49,19 @@ xyz = [0.1, 0, 0]
 [gravity_compensator]
 joint = 1
 """
+
+
+def test_the_rounding_of_a_beams_direction_is_no_component_and_its_length_says_nothing() -> None:
+    """As d·cos(alpha) in floating point: an oblique axis would keep combinations that no data show."""
+    plain = GOOD.replace('beam_axis = "x"', "beam_axis = [0.33, -0.3, 0.0]")
+    rounded = plain.replace("-0.3, 0.0]", "-0.3, 1.8369701987210297e-17]")
+    assert parse(rounded.encode(), "robot.toml") == parse(plain.encode(), "robot.toml")
+    sizes = []
+    for direction in ("[1e-20, 0, 2e-20]", "[1e150, 0, 2e150]", "[1, 0, 2]"):
+        robot = parse(GOOD.replace('"x"', direction).encode(), "robot.toml")
+        sizes.append(len(reduce(robot).parameters))
+    assert len(set(sizes)) == 1
+
 
 # --- mistakes --------------------------------------------------------------------------------------------
 

@@ -27,6 +27,7 @@ from symstiff.symbolic.terms import actuated_joint, q
 
 SIGMA = 2e-5
 STEP = 1e-6
+KNEE = {"c": 1.5e-5, "knee": 90.0}
 LOADS = {"backlash": (0.33, 0.67, 1.0), "nonlinear_stiffness": (0.33, 0.67, 1.0)}
 UP_AND_DOWN = (0.33, 0.67, 1.0, 0.67, 0.33)
 
@@ -311,3 +312,11 @@ def test_what_is_assumed_is_said_once_and_of_what_the_verdict_counts(monkeypatch
         "named": ["backlash at joint 2"],
         "ambiguous": ["backlash at joint 2", "backlash at joint 3"],
     }
+
+
+@pytest.mark.slow
+def test_a_gear_may_bend_where_only_load_and_weight_together_reach() -> None:
+    """The file tells the masses: the joint bears three times what the load alone puts on it."""
+    found = run(Task(load("ur10"), experiment("nonlinear_stiffness", 2, "two_slope", KNEE, force=50.0)))
+    assert_named(found, "nonlinear_stiffness", 2)
+    assert found.named[0].shape["load"] == pytest.approx(KNEE["knee"], rel=0.1)

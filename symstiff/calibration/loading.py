@@ -52,6 +52,7 @@ def _through_zero(share: Floats, branch: Floats, step: Floats) -> float:
     """+1 or -1: which way the load goes on the branch up where it runs through zero; 0 where it does not.
 
     One load to each side tells no way where one falls between them (push and pull), or falls the same way after them.
+    Loads on the branch up before the first one down may be those of an arm that had none yet.
     """
     told = np.flatnonzero(np.isfinite(branch) & (branch != 0.0))
     if np.isfinite(step[told]).all():
@@ -60,6 +61,9 @@ def _through_zero(share: Floats, branch: Floats, step: Floats) -> float:
     load = share[told]
     if not len(down) or not (np.any(load[up] > 0) and np.any(load[up] < 0)):
         return 0.0
+    later = up[up > down[0]]
+    if np.any(load[later] > 0) and np.any(load[later] < 0):
+        up = later
     change = np.diff(load[up])
     way = 1.0 if np.all(change >= 0) else (-1.0 if np.all(change <= 0) else 0.0)
     if np.any((down > up[0]) & (down < up[-1])):

@@ -29,8 +29,9 @@ def implausible(model: StiffnessModel, found: Mapping[str, tuple[float, float]])
 
 
 def _impossible(p: Parameter, value: float, std: float, model: StiffnessModel) -> bool:
-    """Entries of a link stand for sums with those that were eliminated, and may be negative; a joint's may not."""
-    return abs(value) > _largest(p, model) or (p.is_joint and value < -_CLEARLY * std)
+    """Beside links' compliances a joint's stands for a sum with what was eliminated; alone it is not negative."""
+    alone = all(other.is_joint for other in model.compliances)
+    return abs(value) > _largest(p, model) or (alone and value < -_CLEARLY * std)
 
 
 def _largest(p: Parameter, model: StiffnessModel) -> float:

@@ -131,10 +131,10 @@ def equations(
     evaluator = for_poses(model, len(table.q))
     at_tool = evaluator.observation(table.q, table.w, values=values, context=context_of(model, table))
     matrix = at_points(model, table, at_tool, values)
-    turns = _turns(model) if table.points != ("tcp",) else {}
-    for name, turn in turns.items():
-        turned = np.cross(_at_tool(model, table, values)[:, 3:], _offsets(model, table) @ turn.T)
-        matrix[:, :3, model.parameters.index(name)] += turned
+    if turns := _turns(model) if table.points != ("tcp",) else {}:
+        angle, offset = _at_tool(model, table, values)[:, 3:], _offsets(model, table)
+        for name, turn in turns.items():
+            matrix[:, :3, model.parameters.index(name)] += np.cross(angle, offset @ turn.T)
     row, component = np.nonzero(table.measured)
     A, y = matrix[row, component], table.values[row, component]
     if not model.is_linear:

@@ -71,7 +71,8 @@ class Evaluator:
     ) -> np.ndarray:
         """Deflections (N, 6) [m, rad] for q (N, n) and W (N, 6) or (6,), as ``StiffnessModel.deflection``.
 
-        out: a contiguous array (N, 6) of doubles to write to; a new one costs as much as its numbers.
+        Poses that are no finite numbers give NaN; they are not looked for. out: a contiguous array (N, 6) of doubles
+        to write to; a new one costs as much as its numbers.
         """
         return self._deflection(q, w, self.model.vector(values), context, out)
 

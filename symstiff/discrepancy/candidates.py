@@ -9,7 +9,14 @@ import numpy as np
 
 from symstiff.calibration.experiment.current import sigma_of, spread_of
 from symstiff.calibration.experiment.placement import placement_columns
-from symstiff.calibration.experiment.situation import Situation, View, linear_columns, look, under_weights
+from symstiff.calibration.experiment.situation import (
+    Situation,
+    View,
+    has_weights,
+    linear_columns,
+    look,
+    under_weights,
+)
 from symstiff.calibration.measurements import Measurements
 from symstiff.discrepancy.problem import (
     ANGLE,
@@ -27,7 +34,7 @@ from symstiff.effects.base import Effect, Move, Realisation, Scales, Where
 from symstiff.effects.lawful import check_laws
 from symstiff.model import StiffnessModel
 from symstiff.robot.schema import Robot
-from symstiff.symbolic.terms import BRANCH, TEMPERATURE, TIME, q, up
+from symstiff.symbolic.terms import BRANCH, TEMPERATURE, TIME, VirtualJoint, q, up
 
 _LEFT = 1e-9
 """Share of a column's squared length below which nothing of it is outside the model."""
@@ -286,9 +293,10 @@ def _equal(a: Array, b: Array) -> bool:
 def scales_of(view: View) -> Scales:
     """The experiment's sizes, over which shapes are profiled."""
     table = view.table
-    largest = np.max(np.abs(view.tau), axis=0)
-    largest[largest < _UNLOADED * np.max(largest)] = 0.0
-    load = {v: float(largest[k]) for k, v in enumerate(view.joints) if v.kind == "joint"}
+    load, total = _largest(view, view.tau), {}
+    if table.kind == "deflection" and has_weights(view.robot):
+        both = _largest(view, under_weights(view).tau)
+        total = {v: size for v, size in both.items() if load[v]}
     angles = []
     poses = len(np.unique(table.pose))
     for j in range(table.dof):
@@ -305,7 +313,14 @@ def scales_of(view: View) -> Scales:
             context[name] = high - lowest[name]
             if np.nanmax(values) == np.nanmin(values):
                 del context[name]
-    return Scales(table.kind, load, tuple(angles), context, lowest)
+    return Scales(table.kind, load, tuple(angles), context, lowest, total)
+
+
+def _largest(view: View, tau: Array) -> dict[VirtualJoint, float]:
+    """Largest loads on the joints, 0 for those that hardly bear any."""
+    largest = np.max(np.abs(tau), axis=0)
+    largest[largest < _UNLOADED * np.max(largest)] = 0.0
+    return {v: float(largest[k]) for k, v in enumerate(view.joints) if v.kind == "joint"}
 
 
 def _missing(effect: Effect, table: Measurements) -> str:

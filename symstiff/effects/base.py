@@ -73,7 +73,8 @@ class Scales:
     """The sizes that shapes are profiled over: of an experiment, or plausible ones where there is none.
 
     kind: ``deflection`` or ``absolute``; load: largest \\|τ\\| by virtual joint [N, N·m]; angles: the
-    distinct values of every joint variable, ascending [rad, m]; context: largest span of ``time`` [s] and
+    distinct values of every joint variable, ascending [rad, m]; total: as load, with the weight of the links that the
+    robot file tells; context: largest span of ``time`` [s] and
     ``temperature`` [K] where known; lowest: their smallest values.
     """
 
@@ -82,11 +83,17 @@ class Scales:
     angles: tuple[tuple[float, ...], ...] = ()
     context: Mapping[str, float] = field(default_factory=dict)
     lowest: Mapping[str, float] = field(default_factory=dict)
+    total: Mapping[VirtualJoint, float] = field(default_factory=dict)
 
     def of(self, joint: VirtualJoint, otherwise: float = 1000.0) -> float:
         """Largest load on a virtual joint, to three digits so that equal data give equal names."""
         found = self.load.get(joint, 0.0)
         return float(f"{found:.3g}") if found > 0 else otherwise
+
+    def of_total(self, joint: VirtualJoint) -> float:
+        """The same with the links' weight, as far as the robot file tells it."""
+        found = self.total.get(joint, 0.0)
+        return float(f"{found:.3g}") if found > 0 else self.of(joint)
 
 
 @dataclass(frozen=True, eq=False)

@@ -87,17 +87,20 @@ def _bend(x: sp.Expr, shape: Shape) -> sp.Expr:
 
 def _shapes(robot: Robot, where: Where, scales: Scales) -> tuple[Shape, ...]:
     joint = int(where["joint"])
-    top = scales.of(actuated_joint(joint))
-    found = [{"load": top, "power": p} for p in POWERS]
-    found += [{"load": float(f"{f * top:.3g}"), "knee": 1.0} for f in KNEES]
-    found += [{"load": float(f"{f * top:.3g}"), "saturation": 1.0} for f in SATURATIONS]
-    readings = [weighed(scales.kind)]
+    at = actuated_joint(joint)
+    readings = [(weighed(scales.kind), scales.of_total(at))]
     if scales.kind == "deflection" and weight_load(robot, joint) != 0:
-        readings.append(
-            {"weights": 0.0}
-        )  # a balancer may carry the weight: the gear then sees the load alone
-    known = tuple({**shape, **reading} for reading in readings for shape in found)
+        # a balancer may carry the weight: the gear then sees the load alone
+        readings.append(({"weights": 0.0}, scales.of(at)))
+    known = tuple({**shape, **reading} for reading, top in readings for shape in _bends(top))
     return known + tuple(s for arm in assumed_arms(robot, joint, scales) for s in _under(*arm))
+
+
+def _bends(top: float) -> list[Shape]:
+    """The shapes of a gear whose largest load is ``top``."""
+    found: list[Shape] = [{"load": top, "power": p} for p in POWERS]
+    found += [{"load": float(f"{f * top:.3g}"), "knee": 1.0} for f in KNEES]
+    return found + [{"load": float(f"{f * top:.3g}"), "saturation": 1.0} for f in SATURATIONS]
 
 
 def _under(arm: Shape, most: float) -> tuple[Shape, ...]:

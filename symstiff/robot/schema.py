@@ -29,6 +29,10 @@ LONGEST = 20.0  # m; anything beyond is a length in millimetres
 WIDEST = 8 * math.pi  # rad; joint limits beyond four turns are degrees
 _HEAVIEST = 100_000.0  # kg
 _DIGITS = 1e-9  # rad; a decimal closer to such a multiple is this multiple, written with all its digits
+_RESIDUE, _TENS = (
+    1e-9,
+    6,
+)  # a beam's direction: rounding beside its largest component, and powers of ten that it keeps
 _SOFTEST = 1000.0  # rad/(N·m) or m/N; anything beyond is a stiffness
 
 Triple = tuple[Exact, Exact, Exact]
@@ -121,7 +125,10 @@ def _beam_axis(value: Any) -> Any:
     direction = tuple(parse_exact(component) for component in value)
     if not any(direction):
         raise UserError('a beam\'s direction cannot be the zero vector: use "x", "y", "z" or a direction')
-    return direction
+    sizes = [abs(float(component)) for component in direction]
+    cut = tuple(x if size > _RESIDUE * max(sizes) else ZERO for x, size in zip(direction, sizes, strict=True))
+    tens = round(math.log10(max(sizes)))
+    return cut if abs(tens) <= _TENS else tuple(x * Exact(Fraction(10) ** -tens) for x in cut)
 
 
 def _readable(value: str) -> str:
