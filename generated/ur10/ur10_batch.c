@@ -851,8 +851,8 @@ int ur10_observation_tiles(size_t n, const double *q, const size_t q_stride[2], 
     }
     if ((q == NULL) || (w == NULL) || (q_stride == NULL) || (w_stride == NULL)) {
         const size_t stride[2] = {1, 1};
-        const size_t whole = ((n / OBSERVATION_BLOCK) + (((n % OBSERVATION_BLOCK) != 0U) ? 1U : 0U)) * OBSERVATION_BLOCK;
-        clear(A, whole * 186U, stride, 1);
+        const size_t padded = ((n / OBSERVATION_BLOCK) + (((n % OBSERVATION_BLOCK) != 0U) ? 1U : 0U)) * OBSERVATION_BLOCK;
+        clear(A, padded * 186U, stride, 1);
         return UR10_E_NULL;
     }
     for (begin = 0; begin < n; begin += OBSERVATION_BLOCK) {

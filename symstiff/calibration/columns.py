@@ -119,8 +119,8 @@ def _suggest(name: str) -> str:
         return f"write {bracketed[1]}[{printable(bracketed[2], SHOWN)}]"
     known = ["pose", "q1", "point", *_LOADS, *_DEFLECTIONS, *_MEASURED, *_SIGMAS, *CONTEXT]
     close = difflib.get_close_matches(name.lower(), known, 1)
-    hint = f"did you mean {close[0]!r}? " if close else ""
-    return f"{hint}known are pose, point, q1…, fx…mz, dx…drz or x…rz, sigma_x…, {', '.join(CONTEXT)}"
+    hint = f"did you mean {close[0]!r}? Else " if close else ""
+    return f"{hint}leave it out: known are pose, point, q1…, fx…mz, dx…drz or x…rz, sigma_x…, {', '.join(CONTEXT)}"
 
 
 def _plausible(name: str, quantity: str, unit: str) -> tuple[float, str]:

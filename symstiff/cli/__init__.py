@@ -32,10 +32,11 @@ def main() -> None:
 
 
 def _run() -> None:
-    from symstiff.cli.app import app
     from symstiff.errors import UserError
 
     try:
+        from symstiff.cli.app import app
+
         code = app(prog_name="symstiff", standalone_mode=False) or 0  # typer makes 130 of an interrupt
         if sys.stdout is not None:
             sys.stdout.flush()  # what fails now would fail unseen at exit

@@ -44,6 +44,9 @@ from symstiff.symbolic.algebras import count
 from symstiff.symbolic.passes import parameter_symbol
 from symstiff.symbolic.program import Program
 
+_IN_A_ROW = 6
+"""Numbers of a row of the self-test: compilers need not take lines of more than 4095 characters (C99 5.2.4.1)."""
+
 
 @cache
 def templates() -> Path:
@@ -332,8 +335,9 @@ def _selftest(functions: Functions, options: Options) -> dict[str, Any]:
     parameters = [algebra.literal(values[n]) for n in model.parameters]
 
     def literals(values: Sequence[Any]) -> str:
-        inside = ", ".join(algebra.literal(float(x)) for x in values)
-        return f"{{{inside}}}"
+        written = [algebra.literal(float(x)) for x in values]
+        rows = (", ".join(written[k : k + _IN_A_ROW]) for k in range(0, len(written), _IN_A_ROW))
+        return "{" + ",\n         ".join(rows) + "}"
 
     def members(c: Case) -> list[str]:
         condition = algebra.literal(round(c.condition) + 1.0 if c.K is not None else c.condition)

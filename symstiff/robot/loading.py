@@ -32,6 +32,10 @@ def load(robot: str | Path) -> Robot:
     """Read a robot from the library by name, or from a file by path. Raises UserError."""
     require_path(robot, "a robot file")
     name = str(robot)
+    if not name:
+        raise UserError(
+            "the robot's name is empty: give a path to a robot file, or one of " + ", ".join(library())
+        )
     if name in library():
         return _library_robot(name)
     return parse(_read(Path(robot)), name)

@@ -66,7 +66,7 @@ class Kinematics:
                 origin[:, k // 7] = _times(turn, tip - self.rho[:, k // 7]) + shift
         T = np.array(self.T)
         T[:, :3, :3], T[:, :3, 3] = turn @ T[:, :3, :3], _times(turn, tip) + shift
-        turning = a.any(axis=(1, 2))[:, None, None]
+        turning = np.asarray(a.any(axis=(1, 2)))[:, None, None]
         v = np.where(turning, np.cross(axis, T[:, :3, 3] - place), place)
         return Kinematics(
             np.concatenate([v, axis], axis=2).transpose(1, 2, 0), T, R, T[:, None, :3, 3] - origin
