@@ -11,7 +11,8 @@ from symstiff.display import counted
 from symstiff.errors import UserError
 
 _SAMPLE = 4000  # candidates whose rows decide the rank
-_RANK = 1e-9  # singular value, of the largest one, below which a direction counts as not excited
+_RANK = 1e-7  # singular value, of the largest one, below which a direction counts as not excited: variances are of
+# squares, and hold no smaller one
 
 
 def check_counts(poses: int, candidates: int, parameters: int, rows: int, space: Space) -> None:
