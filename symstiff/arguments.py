@@ -6,9 +6,12 @@ import math
 from collections.abc import Iterable, Mapping
 from numbers import Integral, Real
 from os import PathLike
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from symstiff.errors import UserError
+
+if TYPE_CHECKING:
+    import numpy as np
 
 A_ROBOT = ("a robot", "load('kuka_kr270') gives one")
 A_TABLE = ("a measurement table", "read_table('data.csv') gives one")
@@ -47,6 +50,20 @@ def number(value: Any, name: str, what: str = "a finite number", above: float = 
     if not above < real(value, name, what) < math.inf:
         raise UserError(f"{name}: expected {what}, found {_shown(value)}")
     return float(value)
+
+
+def reals(given: Any, name: str, shape: str) -> np.ndarray:
+    """An array of real numbers, of which the caller checks the shape. Raises UserError; what is masked is no number."""
+    import numpy as np
+
+    try:
+        if np.iscomplexobj(given):
+            raise TypeError("found complex ones")
+        if isinstance(given, np.ma.MaskedArray):
+            given = np.ma.filled(given.astype(float), np.nan)
+        return np.asarray(given, dtype=float)
+    except (TypeError, ValueError) as error:
+        raise UserError(f"{name}: expected numbers of shape {shape}: {error}") from error
 
 
 def words(values: Any, name: str, example: str) -> tuple[str, ...]:

@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import numpy.typing as npt
 
-from symstiff.arguments import A_ROBOT, require
+from symstiff.arguments import A_ROBOT, reals, require
 from symstiff.display import html_table
 from symstiff.effects.base import EffectParameter, Realisation
 from symstiff.effects.instance import EffectInstance, realise_all
@@ -345,10 +345,7 @@ def bilinear(term: Term) -> bool:
 
 def _rows(name: str, given: npt.ArrayLike, width: int) -> np.ndarray:
     """An array (N, width); one row may come without its outer brackets. Raises UserError."""
-    try:
-        array = np.atleast_2d(np.asarray(given, dtype=float))
-    except (TypeError, ValueError) as error:
-        raise UserError(f"{name}: expected numbers of shape (N, {width}): {error}") from error
+    array = np.atleast_2d(reals(given, name, f"(N, {width})"))
     if array.ndim != 2 or array.shape[1] != width:
         raise UserError(f"{name}: expected an array of shape (N, {width}), found {np.shape(given)}")
     finite = np.isfinite(array).all(axis=1)

@@ -190,6 +190,14 @@ def test_one_pose_under_several_loads_becomes_several_only_where_its_commands_pa
     assert len(read_poses("m.toml")) == 4
 
 
+def test_a_path_with_labels_may_come_to_a_point_again(run: Run) -> None:
+    arm().save("model.toml")
+    Path("way.csv").write_text("pose,q1[deg],q2[deg],fy[N]\nhome,10,40,50\naway,20,40,50\nhome,10,40,50\n")
+    notes(run, "compensate", "model.toml", "way.csv")
+    home, _, again = list(csv.reader(Path("m.toml").read_text().splitlines()))[1:]
+    assert home == again
+
+
 def test_a_deflection_that_moves_the_loads_levers_leaves_more_than_the_model_tells(run: Run) -> None:
     """Of second order: its square over the reach, which a small one does not leave."""
     arm().with_values({"c1": 2e-5, "c2": 3e-5}).save("model.toml")

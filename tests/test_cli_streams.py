@@ -30,6 +30,14 @@ def test_characters_that_an_encoding_lacks_stop_no_command(command: tuple[str, .
     assert json.loads(done.stdout)  # the last one: whole in any encoding
 
 
+def test_what_is_printed_to_a_closed_output_goes_nowhere() -> None:
+    for extra in ("", "--json -"):
+        command = f"exec '{sys.executable}' -m symstiff robots {extra} >&-"
+        done = subprocess.run(["sh", "-c", command], capture_output=True, text=True, check=False)
+        assert done.returncode == 0
+        assert ("planar2r" in done.stderr) == bool(extra)  # the table makes room for JSON
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize("encoding", ["ascii", "cp1252", "cp437", "latin-1"])
 def test_signs_and_exponents_are_told_in_every_encoding(encoding: str) -> None:
@@ -48,7 +56,9 @@ def test_signs_and_exponents_are_told_in_every_encoding(encoding: str) -> None:
     assert written.endswith("Gr??e" if encoding == "ascii" else "Größe")
 
 
-@pytest.mark.parametrize(("number", "code"), [(signal.SIGINT, 130), (signal.SIGTERM, 143)])
+@pytest.mark.parametrize(
+    ("number", "code"), [(signal.SIGINT, 130), (signal.SIGTERM, 143), (signal.SIGHUP, 129)]
+)
 def test_a_stopped_command_leaves_nothing_behind(tmp_path: Path, number: signal.Signals, code: int) -> None:
     program = (
         "import signal, sys, time\nsignal.signal(signal.SIGINT, signal.default_int_handler)\n"  # a shell's background

@@ -30,6 +30,8 @@ def small() -> StiffnessModel:
         ([[0.1, 0.2], [0.1]], [[0] * 6], "q: expected numbers of shape (N, 2)"),
         ([["a", "b"]], [[0] * 6], "q: expected numbers of shape (N, 2)"),
         ([[0.1, 0.2]], None, "w: expected an array of shape (N, 6), found ()"),
+        (np.array([[0.1, 0.2j]]), [0] * 6, "q: expected numbers of shape (N, 2): found complex ones"),
+        (np.ma.array([[1, 2]], mask=[[False, True]]), [0] * 6, "q: row 0 holds what is no finite number"),
     ],
 )
 def test_arrays_of_another_shape_are_a_users_mistake(q: Any, w: Any, expected: str) -> None:

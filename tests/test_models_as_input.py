@@ -7,6 +7,7 @@ from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
+import pandas as pd
 import pytest
 import tomli_w
 from command_line import OBLIQUE, Run, assert_users_mistake, run_command_line  # noqa: F401
@@ -234,6 +235,8 @@ PLANAR = load("planar2r")
         lambda: symstiff.load_model(None),
         lambda: symstiff.load_truth(None),
         lambda: symstiff.read_table(3),
+        lambda: symstiff.read_table(pd.DataFrame({"q1[rad]": [0.0]})),
+        lambda: symstiff.observation_matrix(symstiff.ElasticChain(PLANAR), W=[0, 0, -1]),
         lambda: symstiff.identify("planar2r", "data.csv"),
         lambda: symstiff.identify(PLANAR, "data.csv"),
         lambda: symstiff.diagnose("planar2r"),

@@ -22,13 +22,15 @@ _CHANCE = 0.1  # share of the equal rows that coarse readings explain, above whi
 _APART = 1e6  # the largest sigma over the smallest; beyond it the weights of rows drown each other's digits
 
 
-def check_rows(table: Measurements) -> None:
+def check_rows(table: Measurements, path: bool = False) -> None:
     """Refuse duplicate rows, one label for two configurations, and numbers that nothing can be computed with.
 
-    These are deflections under no load at all, loads that nothing feels, and sigmas that differ beyond measure.
+    These are deflections under no load at all, loads that nothing feels, and sigmas that differ beyond measure. A
+    ``path`` may come to the same point again.
     """
     _one_configuration_a_label(table)
-    _no_duplicates(table)
+    if not path:
+        _no_duplicates(table)
     check_sigmas(table)
     size = np.abs(table.w).max(axis=1, initial=0.0)
     unfelt = (size > 0.0) & (size < _LEAST_LOAD)

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from symstiff.arguments import reals
 from symstiff.errors import UserError
 
 if TYPE_CHECKING:
@@ -143,7 +144,7 @@ def measurements(
     ``q`` is (M, n); without ``pose`` equal rows of ``q`` are one pose, labelled p1, p2, … in order of
     appearance; ``joint_units`` are "rad" where not given.
     """
-    q = np.atleast_2d(np.asarray(q, dtype=float))
+    q = np.atleast_2d(reals(q, "q", "(M, n)"))
     rows, dof = q.shape
     if pose is None:
         seen: dict[bytes, int] = {}

@@ -10,7 +10,7 @@ from __future__ import annotations
 import csv
 import io
 import re
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from os import PathLike
 from pathlib import Path
 from typing import Literal
@@ -73,9 +73,9 @@ def read_poses(paths: Paths) -> Measurements:
 def _read(paths: Paths, purpose: Literal["measured", "poses"]) -> Measurements:
     if isinstance(paths, str | PathLike):
         paths = [Path(paths)]
+    require(paths, Sequence, "a table's path, or several", "name at least one CSV file")
     if not paths:
         raise UserError("no table given: name at least one CSV file")
-    require(paths, Iterable, "a table's path, or several", "name at least one CSV file")
     for k, path in enumerate(paths):
         require_path(path, "a table")
         if Path(path).resolve() in [Path(other).resolve() for other in paths[:k]]:
@@ -115,7 +115,7 @@ def read_trajectory(path: Path) -> tuple[Measurements, Cells]:
     """Read a trajectory with its cells as text, at once: a pipe can be read no second time. Raises UserError."""
     cells = cells_of(path)
     table = _table(*cells, str(path), "poses")
-    check_rows(table)
+    check_rows(table, path=True)
     return table, cells
 
 

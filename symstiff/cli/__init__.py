@@ -78,7 +78,7 @@ def _discard() -> None:
 
 
 def _prepare() -> None:
-    """Write what the terminal's encoding lacks in plain characters, and let SIGTERM clean up as an error does.
+    """Write what the terminal's encoding lacks in plain characters; let SIGTERM and SIGHUP clean up as an error does.
 
     Where matplotlib keeps its caches is nobody's concern here.
     """
@@ -93,6 +93,9 @@ def _prepare() -> None:
             setattr(sys, name, PlainStream(stream))
     if threading.current_thread() is threading.main_thread():
         signal.signal(signal.SIGTERM, _terminated)
+        hangup = getattr(signal, "SIGHUP", None)  # nohup ignores it, and goes on
+        if hangup is not None and signal.getsignal(hangup) is signal.SIG_DFL:
+            signal.signal(hangup, _terminated)
         if signal.getsignal(signal.SIGINT) is signal.default_int_handler:
             signal.signal(signal.SIGINT, _interrupted)
 

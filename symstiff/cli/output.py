@@ -100,6 +100,8 @@ def write_json(target: str | None, result: Any, option: str = "--json") -> None:
     """Write a result as JSON to the file that an option names, or to standard output for ``-``."""
     if target is None:
         return
+    if target == "-" and sys.stdout is None:  # closed by the shell: as what is printed, it goes nowhere
+        return
     ascii_only = target == "-" and not (sys.stdout.encoding or "").lower().startswith("utf")
     text = json.dumps(_finite(result), indent=2, ensure_ascii=ascii_only, default=float) + "\n"
     if target == "-":

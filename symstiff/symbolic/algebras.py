@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 import sympy as sp
 
-from symstiff.arguments import require
+from symstiff.arguments import reals, require
 from symstiff.errors import UserError
 from symstiff.symbolic.program import Constant, Program, evaluate
 
@@ -161,10 +161,7 @@ def context_columns(context: Mapping[str, Any] | None, n: int, needed: str = "")
     require(context or {}, Mapping, "a context", "{'time': seconds} is one, with a number a row")
     found = {}
     for name, given in (context or {}).items():
-        try:
-            column = np.asarray(given, dtype=float)
-        except (TypeError, ValueError) as error:
-            raise UserError(f"context: {name}: expected numbers of shape ({n},): {error}") from error
+        column = reals(given, f"context: {name}", f"({n},)")
         if column.shape not in ((), (1,), (n,)):
             raise UserError(f"context: {name}: expected an array of shape ({n},), found {column.shape}")
         found[name] = np.broadcast_to(column, n)

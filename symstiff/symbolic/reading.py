@@ -50,10 +50,15 @@ def observation_matrix(
 
     ``W`` is the wrench at the tool centre point in base axes, w_1 … w_6 where not given [N, N·m]. ``terms`` default to
     those of the original model: all joints, 36 parameters a link. Parameters stand in the order of the terms.
-    Raises UserError for a term of the load, of the measuring device or of a weight, which is at no column of J.
+    Raises UserError for other than six components, and for a term of the load, of the measuring device or of a weight,
+    which is at no column of J.
     """
     J = virtual_jacobian(chain)
     wrench = sp.Matrix([w(c) for c in AXES] if W is None else list(W))
+    if len(wrench) != len(AXES):
+        raise UserError(
+            f"W: expected six components, forces first, found {len(wrench)}: [0, 0, -F, 0, 0, 0] is a vertical force"
+        )
     column = {v: J[:, k] for k, v in enumerate(chain.virtual_joints)}
     loads = {tau(v): (j.T * wrench)[0] for v, j in column.items()}
     columns: dict[str, sp.Matrix] = {}
