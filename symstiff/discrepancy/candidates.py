@@ -270,11 +270,9 @@ def _elsewhere(robot: Robot, situation: Situation) -> Situation:
     poses, back = np.unique(view.table.pose, return_inverse=True)
     limits = np.array([j.range for j in robot.joint])
     q = np.random.default_rng(0).uniform(limits[:, 0], limits[:, 1], (len(poses), len(limits)))
-    moved = look(robot, replace(view.table, q=q[back.reshape(-1)]), view.turn)
+    moved = replace(look(robot, replace(view.table, q=q[back.reshape(-1)]), view.turn), shift=view.shift)
     if view.table.kind == "absolute":
-        values = np.array(view.table.values)
-        values[:, :3] = (moved.found.T[:, :3, 3] + moved.offset) @ view.turn.T
-        moved = under_weights(replace(moved, table=replace(moved.table, values=values)))
+        moved = under_weights(moved)
     return Situation(moved, replace(situation.laws, view=moved))
 
 

@@ -245,8 +245,7 @@ def _turns(situation: Situation) -> Array:
     """(M, 3) what turns of the device about its axes change of the readings."""
     view = situation.view
     if view.table.kind == "absolute":
-        seen = np.nan_to_num(view.table.values[:, :3])
-        return np.column_stack([_read(view, np.cross(axis, seen)) for axis in np.eye(3)])
+        return np.column_stack([_read(view, np.cross(axis, view.points)) for axis in np.eye(3)])
     return situation.columns([term for k, name in enumerate(XYZ) for term in turned(name, k)], list(XYZ))
 
 
@@ -255,7 +254,7 @@ def _readings(view: View) -> Iterator[DeviceLaw]:
 
     Its z axis is taken for the one that it turns about.
     """
-    seen = np.nan_to_num(view.table.values[:, :3])
+    seen = view.points
     distance = np.maximum(np.linalg.norm(seen, axis=1), 1e-9)
     across = np.maximum(np.linalg.norm(seen[:, :2], axis=1), 1e-9)
     x, y, z = seen.T
@@ -289,7 +288,7 @@ def _bent(view: View) -> Iterator[DeviceLaw]:
 
     Rays bend by the square of their way; the base's z axis is up.
     """
-    seen = np.nan_to_num(view.table.values[:, :3])
+    seen = view.points
     pairs = [(a, b) for a in range(3) for b in range(a, 3)]
     names = tuple(Parameter(f"scale error along a direction: {'xyz'[a]}{'xyz'[b]}", "ppm") for a, b in pairs)
     one = _MILLIONTH * np.eye(3)

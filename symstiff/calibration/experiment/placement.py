@@ -30,13 +30,11 @@ def placed(view: View, arm: Arm) -> tuple[View, Floats]:
             "without them nobody knows where the measuring device stands"
         )
     turn, shift = closest(arm.points[complete], table.values[complete, :3])
-    rigid = view.found.T[:, :3, 3] + view.offset + arm.beyond[:, :3]
-    excess = np.zeros((len(table), 6))
-    excess[:, :3] = table.values[:, :3] - (rigid @ turn.T + shift)
+    view, excess = replace(view, turn=turn, shift=shift), np.zeros((len(table), 6))
+    excess[:, :3] = table.values[:, :3] - view.points - arm.beyond[:, :3] @ turn.T
     if table.measured[:, 3:].any():
         excess[:, 3:] = _attitudes(view, turn) - arm.beyond[:, 3:] @ turn.T
-    turned = replace(view, turn=turn)
-    return turned, np.array(excess[view.state, view.component])
+    return view, np.array(excess[view.state, view.component])
 
 
 def closest(points: Floats, seen: Floats) -> tuple[Floats, Floats]:
@@ -73,9 +71,9 @@ def placement_columns(view: View) -> Floats:
     """(M, 6) small shifts and turns of the device about the arm of the file; none (M, 0) for deflections."""
     if view.table.kind != "absolute":
         return np.zeros((len(view.state), 0))
-    points = (view.found.T[:, :3, 3] + view.offset) @ view.turn.T
+    points = view.points - view.points.mean(axis=0)
     twist = np.tile(np.eye(6), (len(points), 1, 1))
-    twist[:, :3, 3:] = np.cross(np.eye(3), (points - points.mean(axis=0))[:, None]).transpose(0, 2, 1)
+    twist[:, :3, 3:] = np.cross(np.eye(3), points[:, None]).transpose(0, 2, 1)
     return np.asarray(twist[view.state, view.component])
 
 

@@ -7,7 +7,7 @@ component.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Any
 
@@ -49,8 +49,8 @@ _STEP = 1e-4
 class View:
     """N states and the M data rows that are read from them.
 
-    ``turn`` (3, 3) takes base axes to the device's; ``state`` and ``component`` (M,) say what each row
-    reads.
+    ``turn`` (3, 3) and ``shift`` (3,) take base axes to the device's; ``state`` and ``component`` (M,) say what each
+    row reads.
     """
 
     robot: Robot
@@ -63,6 +63,7 @@ class View:
     tau: Floats
     """(N, V) by the wrenches of the table, in absolute data by the links' weight as well."""
     turn: Floats
+    shift: Floats = field(default_factory=lambda: np.zeros(3))
     more: Floats | float = 0.0
     """(N, V) loads that the model's effects add by their fitted values: every law but a compliance's sees them."""
 
@@ -81,6 +82,11 @@ class View:
         """(N, 6, V) twists of the measured points for unit deflections, in the device's axes."""
         J = at_lever(self.found.J_theta, self.offset)
         return np.concatenate([self.turn @ J[:, :3], self.turn @ J[:, 3:]], axis=1)
+
+    @cached_property
+    def points(self) -> Floats:
+        """(N, 3) where the device would read the measured points of the arm of the file: no noise is in them."""
+        return np.asarray((self.found.T[:, :3, 3] + self.offset) @ self.turn.T + self.shift)
 
     @cached_property
     def J(self) -> Floats:
