@@ -1,4 +1,4 @@
-"""When the complete model takes the place of the joints-only one."""
+"""When the complete model takes the place of the joints-only one, and an arm whose frames are off that of the drawn."""
 
 from __future__ import annotations
 
@@ -7,13 +7,16 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from symstiff.discrepancy.climb import leaves_less
+from symstiff.calibration.simulation.truth import Effect
+from symstiff.discrepancy.climb import Wider, frames_of, leaves_less
 from symstiff.discrepancy.finding import Task
 from symstiff.discrepancy.localise import FittedDevice
 from symstiff.discrepancy.result import Diagnosis, Estimate, Name, Rms
 from symstiff.discrepancy.workflow import run
+from symstiff.model import joints_only
 from symstiff.robot import load
 from tests.diagnosis_data import ROBOT, measured
+from tests.test_arm_as_it_is import NOISE, positions
 
 ROWS = 400
 
@@ -85,3 +88,45 @@ def test_links_that_were_named_give_way_to_what_is_significantly_more(
     )
     wide = replace(some, growth=(whole,), rms=Rms(1.0, 1.0, held_out, held_out, 0.9))
     assert leaves_less(wide, narrow, np.zeros(ROWS, dtype=np.intp)) is better
+
+
+@pytest.mark.parametrize(
+    ("left_by_frames", "law", "held_out", "better"),
+    [(0.3, 0.0, 0.9, True), (0.9, 0.0, 0.9, False), (0.3, 0.6, 0.9, False), (0.3, 0.0, 1.1, False)],
+)
+def test_all_frames_have_to_explain_far_more_than_few_or_a_law_without_a_name(
+    some: Diagnosis, left_by_frames: float, law: float, held_out: float, better: bool
+) -> None:
+    """400 rows: 20 constants more cost 20·log 400 = 120 by Schwarz, twice that is asked; 0.3 of the squares is 482."""
+    step, left = some.growth[0], np.full(ROWS, some.noise.by_component()[0])
+    fitted = FittedDevice("measuring device", (("scale error", 80.0, 5.0, "ppm"),), law)
+    narrow = replace(
+        some, verdict="unexplained", device_law=fitted, law=None, rms=Rms(2.0, 1.0, 2.1, 1.0, 0.9),
+        growth=(replace(step, residual=left, model_std=np.ones(6)),),
+    )  # fmt: skip
+    whole = replace(step, residual=left * np.sqrt(left_by_frames), model_std=np.ones(26))
+    wide = replace(some, growth=(whole,), rms=Rms(1.0, 1.0, held_out, held_out, 0.9))
+    robot = load("kuka_kr270")
+    frames = Wider(joints_only(robot), "frames", "", "", frames_of(robot))
+    assert [dict(e.where) for e in frames.parts] == [{"link": i} for i in range(1, 7)]
+    assert frames.leaves_less(wide, narrow, np.zeros(ROWS, dtype=np.intp)) is better
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", ["kuka_kr270", "ur10"])
+def test_a_gap_is_named_behind_errors_of_all_frames(name: str) -> None:
+    """An arm that nobody calibrated, three tenths of a millimetre and of a milliradian off at every link."""
+    robot, rng = load(name), np.random.default_rng(2)
+    off = [
+        Effect("geometric_error", {"link": i}, "constant", {"shift": (3e-4 * rng.normal(size=6)).tolist()})
+        for i in range(1, robot.dof + 1)
+    ]
+    gap = Effect("backlash", {"joint": 2}, "tanh", {"gap": 8e-4})
+    found = run(Task(robot, positions(name, (*off, gap), 2, 60), "joints"))
+    assert found.verdict == "named"
+    places = [(e.effect, dict(e.where)) for e in found.named]
+    assert places == [*(("geometric_error", {"link": i}) for i in range(1, 7)), ("backlash", {"joint": 2})]
+    assert found.model.values["backlash_2_gap"] == pytest.approx(8e-4, abs=6e-5)
+    assert [s.title for s in found.steps[:2]] == ["start model", "frames of all links"]
+    assert found.rms.after < 1.1 * NOISE
+    assert 0.8 < found.last.noise.ratio < 1.2  # type: ignore[operator]

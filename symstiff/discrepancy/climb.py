@@ -1,9 +1,13 @@
-"""The ladder from rigid links to the complete model, where no few links account for what the joints leave."""
+"""The ladder: where no few effects account for what a model leaves, all of their kind join it at once.
+
+Rigid links give way to the complete model, the arm as it is drawn to one whose frames are all off. What is missing
+besides comes out of the data only then.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
-from dataclasses import replace
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -11,54 +15,218 @@ from scipy import stats
 
 from symstiff.calibration.experiment.readings import ExperimentClass
 from symstiff.calibration.identify import start_model
-from symstiff.discrepancy.finding import Found, Task
-from symstiff.discrepancy.problem import Index
-from symstiff.discrepancy.result import Diagnosis, Estimate
+from symstiff.discrepancy.finding import Found, Rung, Task
+from symstiff.discrepancy.growth import Fitted
+from symstiff.discrepancy.problem import Index, key_of
+from symstiff.discrepancy.result import Diagnosis, Estimate, Step
 from symstiff.discrepancy.verdict import AMBIGUOUS, INSUFFICIENT, NAMED, UNEXPLAINED
+from symstiff.effects.common import link_axes
 from symstiff.effects.instance import EffectInstance
 from symstiff.effects.registry import catalogue
 from symstiff.model import StiffnessModel
 from symstiff.reduction.physical import physical_stages
 from symstiff.robot.schema import Robot
+from symstiff.symbolic.terms import Term
 
 _SIGNIFICANT = 1e-3
 """Chance below which the complete model takes the place of few links that were named."""
+_DEAR = 2.0
+"""What all frames have to be worth, in Schwarz' prices of their constants."""
+
+
+@dataclass(frozen=True, eq=False)
+class Wider:
+    """A model that may take the place of a narrower one."""
+
+    model: StiffnessModel
+    title: str
+    """Of the step of growth."""
+    reason: str
+    """Of the verdict, where nothing else is missing."""
+    remark: str
+    parts: tuple[EffectInstance, ...] = ()
+    """The effects that joined it; none where elastic links did."""
+
+    def of_verdict(self, found: Diagnosis, fitted: StiffnessModel) -> tuple[Found, ...]:
+        """What the narrower model lacked, as effects of the verdict."""
+        if not self.parts:
+            return tuple(_of_links(found, fitted))
+        known = _estimates(fitted)
+        held = [(e, {p.name: known[p.name] for p in e.realise(fitted.robot).parameters}) for e in self.parts]
+        told = [(e, own) for e, own in held if any(np.isfinite(size.std) for size in own.values())]
+        return tuple(_joined(found, e, own) for e, own in told)
+
+    def leaves_less(self, wide: Diagnosis, narrow: Diagnosis, component: Index) -> bool:
+        """Whether it takes the narrower one's place, by the diagnoses of both; component: (M,) 0 … 5 of each row."""
+        return (_dearly if self.parts else leaves_less)(wide, narrow, component)
+
+
+@dataclass(frozen=True, eq=False)
+class Ladder:
+    """From the start model to the one that the diagnosis ended with, and what joined on the way."""
+
+    start: StiffnessModel
+    models: tuple[Wider, ...] = ()
+    rungs: tuple[Rung, ...] = ()
+    """The models that were left, narrowest first."""
+    effects: tuple[Found, ...] = ()
+    idle: frozenset[str] = frozenset()
+    """Parameters of what joined whose part others bear."""
+
+    @property
+    def base(self) -> StiffnessModel:
+        """The widest model, to which effects are added one by one."""
+        return self.models[-1].model if self.models else self.start
+
+    @property
+    def title(self) -> str:
+        """Of the widest model, in the growth path."""
+        return self.models[-1].title if self.models else "start model"
+
+    @property
+    def reason(self) -> str:
+        """Of the verdict, where nothing is missing beside what joined."""
+        return self.models[-1].reason if self.models else ""
+
+    @property
+    def remarks(self) -> list[str]:
+        """Why models took the place of narrower ones."""
+        return [wider.remark for wider in self.models]
+
+    @property
+    def count(self) -> int:
+        """Parameters of the base but those that others stand for."""
+        return len(self.base.parameters) - len(self.idle)
+
+    @property
+    def joined(self) -> frozenset[str]:
+        """Parameters of the effects that joined."""
+        parts = [e.realise(self.start.robot) for wider in self.models for e in wider.parts]
+        return frozenset(p.name for part in parts for p in part.parameters)
+
+    def climbed(self, wider: Wider, left: Diagnosis, fitted: Fitted) -> Ladder:
+        """With one model more, as fitted; ``left`` is the diagnosis of the base."""
+        first = left.growth[0]
+        rung = Rung(self.title, self.count, first.residual, first.strata, left.p_missing)
+        found = wider.of_verdict(left, fitted.model)
+        more = Ladder(self.start, (*self.models, wider), (*self.rungs, rung), (*self.effects, *found))
+        return replace(more, idle=more.joined & set(fitted.absorbed))
 
 
 def wider_model(
     model: StiffnessModel, found: Diagnosis, task: Task, experiment: ExperimentClass
-) -> StiffnessModel | None:
-    """The complete model, where links are rigid in this one and elastic links are what is missing, few or not."""
-    rigid = all(p.is_joint for p in model.compliances) and not model.effects
-    if not rigid or task.max_effects < 2:
+) -> Wider | None:
+    """The model that may take a model's place by what its diagnosis found missing; None where there is none."""
+    if task.max_effects < 2:
         return None
+    frames = frames_of(task.robot) if task.table.kind == "absolute" else ()
+    return _of_all_frames(model, found, frames) or _of_all_links(model, found, task, experiment, frames)
+
+
+def _of_all_frames(
+    model: StiffnessModel, found: Diagnosis, frames: tuple[EffectInstance, ...]
+) -> Wider | None:
+    """The model of an arm whose frames are all off, where some are missing and few do not do."""
+    there = [key_of(e.effect, e.where) for e in model.effects]
+    more = tuple(e for e in frames if key_of(e.effect, e.where) not in there)
+    if not more or found.verdict not in (INSUFFICIENT, UNEXPLAINED) or found.doubtful:
+        return None
+    off = [key_of(e.effect, e.where) for e in more]
+    keys = [key_of(name.effect, name.where) for name, *_ in found.leading]
+    keys = keys or [key_of(c.effect, c.where) for c in found.candidates if c.testable][:1]
+    if not set(keys) & set(off):
+        return None
+    return Wider(
+        model.with_effects((*model.effects, *more)),
+        "frames of all links",
+        "the frames of the links are off; beyond them no test rejects",
+        "no few links whose frames are off account for what is left as well as all of them do: an arm whose frames are "
+        "all where the data show them takes the place of the drawn one, and the diagnosis goes on from there. Its "
+        "constants that nothing tells apart are zero, others bear what they would",
+        more,
+    )
+
+
+def _of_all_links(
+    model: StiffnessModel, found: Diagnosis, task: Task, experiment: ExperimentClass,
+    frames: tuple[EffectInstance, ...],
+) -> Wider | None:  # fmt: skip
+    """The complete model, where links are rigid in this one and elastic links are what is missing, few or not."""
+    rigid = all(p.is_joint for p in model.compliances) and all(e in frames for e in model.effects)
     tested = [c.parameters for c in found.candidates if c.testable][:1]
     parts = {NAMED: [sizes for *_, sizes in found.leading], UNEXPLAINED: tested, INSUFFICIENT: tested}
     parts[AMBIGUOUS] = parts[NAMED]
     missing = parts.get(found.verdict, [])
-    if not missing or not all(_is_compliance(task.robot, sizes) for sizes in missing):
+    if not rigid or not missing or not all(_is_compliance(task.robot, sizes) for sizes in missing):
         return None
-    wider = start_model(model.robot, "complete", experiment)[
-        0
-    ]  # whose tool is where the measured point was found
-    return replace(wider, file_tool=model.file_tool)
+    complete = start_model(model.robot, "complete", experiment)[0]  # the tool is where the point was found
+    return Wider(
+        replace(complete, file_tool=model.file_tool).with_effects(model.effects),
+        "complete model (all links elastic)",
+        "the links give way; beyond the complete model no test rejects",
+        "no few links account for what the joints leave as well as all of them do: the complete model takes the place "
+        "of the joints-only model, and the diagnosis goes on from there",
+    )
+
+
+def frames_of(robot: Robot) -> tuple[EffectInstance, ...]:
+    """The effects of the catalogue that set a link's six virtual joints off by constants, of all links."""
+    return tuple(
+        EffectInstance(name, {"link": i})
+        for name, effect in catalogue().items()
+        for i in range(1, robot.dof + 1)
+        if effect.columns is None and {"link": i} in [dict(place) for place in effect.places(robot)]
+        and _is_frame(EffectInstance(name, {"link": i}).realise(robot).terms, i)
+    )  # fmt: skip
+
+
+def _is_frame(terms: Sequence[Term], link: int) -> bool:
+    """Whether terms are one constant for each virtual joint of a link."""
+    return [t.at for t in terms] == list(link_axes(link)) and all(t.factor.is_number for t in terms)
 
 
 def leaves_less(wide: Diagnosis, narrow: Diagnosis, component: Index) -> bool:
     """Whether the complete model leaves less than the narrow one, also on poses left out where there are any.
 
     Of a narrow one with links that were named it has to leave significantly less: few links are the simpler account.
-    component: (M,) 0 … 5 of each row.
     """
-    one, other = wide.rms, narrow.rms
-    own, others = one.held_out_before, other.held_out_before
+    others = narrow.rms.held_out_before
     if narrow.verdict in (NAMED, AMBIGUOUS):
-        others = other.held_out_after
+        others = narrow.rms.held_out_after
         if not _chance(wide, narrow, component) < _SIGNIFICANT:
             return False
-    elif not one.before < other.before or _told_by_a_law(wide, narrow, component):
+    elif not wide.rms.before < narrow.rms.before or _told_by_a_law(wide, narrow, component):
         return False
-    return own is None or others is None or own < others
+    return _predicts(wide, others)
+
+
+def _dearly(wide: Diagnosis, narrow: Diagnosis, component: Index) -> bool:
+    """Whether all frames are worth several times Schwarz' price of their constants, also on poses left out.
+
+    They bend to almost anything: an error that nobody drew is told from them by what an arm's own frames explain.
+    """
+    law = max((f.explained for f in (narrow.device_law, narrow.law) if f is not None), default=0.0)
+    less, named, plain = _squares(wide, component, wide.growth[0], narrow.growth[-1], narrow.growth[0])
+    gain = len(component) * np.log(min(named, (1.0 - law) * plain) / less)
+    price = (_known(wide) - _known(narrow)) * np.log(len(component))
+    return bool(gain > _DEAR * price) and _predicts(wide, narrow.rms.held_out_after)
+
+
+def _predicts(wide: Diagnosis, other: float | None) -> bool:
+    """Whether a model leaves less on poses left out than another does, where there are any."""
+    own = wide.rms.held_out_before
+    return own is None or other is None or own < other
+
+
+def _squares(wide: Diagnosis, component: Index, *steps: Step) -> list[float]:
+    """Squares that steps of growth leave, in units of the noise that the wider model leaves."""
+    spread = wide.noise.by_component()[component]
+    return [float(np.sum((step.residual / spread) ** 2)) for step in steps]
+
+
+def _known(found: Diagnosis) -> int:
+    """Parameters of a start model that the data determine."""
+    return int(np.isfinite(found.growth[0].model_std).sum())
 
 
 def _told_by_a_law(wide: Diagnosis, narrow: Diagnosis, component: Index) -> bool:
@@ -66,40 +234,43 @@ def _told_by_a_law(wide: Diagnosis, narrow: Diagnosis, component: Index) -> bool
     law = narrow.device_law
     if law is None:
         return False
-    spread = wide.noise.by_component()[component]
-    last, first = narrow.growth[0], wide.growth[0]
-    left, less = (float(np.sum((step.residual / spread) ** 2)) for step in (last, first))
-    more = int(np.isfinite(first.model_std).sum() - np.isfinite(last.model_std).sum()) - len(law.terms)
+    left, less = _squares(wide, component, narrow.growth[0], wide.growth[0])
+    more = _known(wide) - _known(narrow) - len(law.terms)
     rows = len(component)
     return bool(rows * np.log(less / (left * (1.0 - law.explained))) + more * np.log(rows) > 0)
 
 
 def _chance(wide: Diagnosis, narrow: Diagnosis, component: Index) -> float:
     """p-value of what the complete model explains beyond links that were named, an F test of nested models."""
-    spread = wide.noise.by_component()[component]
-    last, first = narrow.growth[-1], wide.growth[0]
-    left, less = (float(np.sum((step.residual / spread) ** 2)) for step in (last, first))
-    known = int(np.isfinite(first.model_std).sum())
-    fewer = int(np.isfinite(narrow.growth[0].model_std).sum()) + last.gained
+    last = narrow.growth[-1]
+    left, less = _squares(wide, component, last, wide.growth[0])
+    known, fewer = _known(wide), _known(narrow) + last.gained
     freedom = len(component) - known
     if known <= fewer or freedom <= 0:
         return 1.0
     return float(stats.f.sf((left - less) / (known - fewer) / (less / freedom), known - fewer, freedom))
 
 
-def links_of(found: Diagnosis, wider: StiffnessModel) -> tuple[Found, ...]:
-    """The links of the complete model, fitted, as effects of the verdict."""
-    estimates = {
-        n: Estimate(value, wider.deviations.get(n, np.inf), wider.units[n])
-        for n, value in wider.values.items()
-    }
-    out = []
-    for link in sorted({p.body for p in wider.compliances if not p.is_joint}):
-        own = {n: e for n, e in estimates.items() if n.startswith(f"k{link}_")}
-        effect = that_has(wider.robot, {"link": link}, own)
+def _of_links(found: Diagnosis, fitted: StiffnessModel) -> Iterator[Found]:
+    """The links of the complete model as effects of the verdict."""
+    for link in sorted({p.body for p in fitted.compliances if not p.is_joint}):
+        own = {n: e for n, e in _estimates(fitted).items() if n.startswith(f"k{link}_")}
+        effect = that_has(fitted.robot, {"link": link}, own)
         if own and effect:
-            out.append(Found(effect, {"link": link}, {}, own, found.p_missing, _certain(found.p_missing), ()))
-    return tuple(out)
+            yield _joined(found, EffectInstance(effect, {"link": link}), own)
+
+
+def _joined(found: Diagnosis, effect: EffectInstance, parameters: Mapping[str, Estimate]) -> Found:
+    """An effect of the verdict that joined the model with others of its kind."""
+    p = found.p_missing
+    return Found(effect.effect, dict(effect.where), {}, parameters, p, _certain(p), ())
+
+
+def _estimates(fitted: StiffnessModel) -> dict[str, Estimate]:
+    return {
+        n: Estimate(value, fitted.deviations.get(n, np.inf), fitted.units[n])
+        for n, value in fitted.values.items()
+    }
 
 
 def that_has(robot: Robot, where: Mapping[str, Any], parameters: Iterable[str]) -> str:

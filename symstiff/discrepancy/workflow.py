@@ -1,8 +1,9 @@
 """The whole workflow on a table: start model, diagnosis, growth, joint identification.
 
-A start of rigid links climbs a ladder: where no few effects account for the data and what is missing is the
-robot's own compliances, the complete model (reduced for the experiment) takes its place, and the diagnosis goes
-on from there. So joints → links → what is missing from both comes out of the data (the seed's J1 → C1 → C2).
+A start model climbs a ladder: where no few effects account for the data and what is missing is the robot's own
+compliances, the complete model (reduced for the experiment) takes the place of rigid links, and the diagnosis goes
+on from there. So joints → links → what is missing from both comes out of the data (the seed's J1 → C1 → C2). In
+absolute positions an arm whose frames are all off takes the place of the drawn one in the same way.
 """
 
 from __future__ import annotations
@@ -26,7 +27,7 @@ from symstiff.calibration.redundant import redundant
 from symstiff.calibration.rows import predict
 from symstiff.calibration.soundness import outside_class, outside_fixed
 from symstiff.discrepancy.assemble import Assembly, added_loads, assemble
-from symstiff.discrepancy.climb import leaves_less, links_of, wider_model
+from symstiff.discrepancy.climb import Ladder, wider_model
 from symstiff.discrepancy.diagnose import diagnose
 from symstiff.discrepancy.doubts import doubted
 from symstiff.discrepancy.finding import Finding, Found, Rung, Task
@@ -83,19 +84,15 @@ def run(task: Task, tell: Tell = lambda stage: None) -> Finding:
     remarks += [remark] if remark else []
     doubt = doubted(model, table)
     assembly, first = _diagnosed(model, table, _options(task, task.max_effects), tell, doubt)
-    wider = wider_model(model, first, task, experiment)
-    if wider is None:
-        return _finding(task, table, told, model, model, assembly, first, first, (), remarks, tell)
-    tell("complete model")
-    grown, last = _diagnosed(wider, table, _options(task, max(task.max_effects - 1, 1)), tell)
-    if last.verdict == UNTESTABLE or not leaves_less(last, first, grown.problem.axis):
-        return _finding(task, table, told, model, model, assembly, first, first, (), remarks, tell)
-    climbed = links_of(first, fit(wider, table).model)
-    remarks.append(
-        "no few links account for what the joints leave as well as all of them do: the complete model takes the place "
-        "of the joints-only model, and the diagnosis goes on from there"
-    )
-    return _finding(task, table, told, model, wider, grown, first, last, climbed, remarks, tell)
+    ladder, last = Ladder(model), first
+    while (wider := wider_model(ladder.base, last, task, experiment)) is not None:
+        tell(wider.title)
+        grown, found = _diagnosed(wider.model, table, _options(task, task.max_effects - 1), tell)
+        if found.verdict == UNTESTABLE or not wider.leaves_less(found, last, grown.problem.axis):
+            break
+        ladder = ladder.climbed(wider, last, fit(wider.model, table))
+        assembly, last = grown, found
+    return _finding(task, table, told, ladder, assembly, first, last, remarks, tell)
 
 
 def first_assembly(model: StiffnessModel, table: Measurements) -> Assembly:
@@ -164,9 +161,10 @@ def _options(task: Task, most: int) -> Options:
 
 
 def _finding(
-    task: Task, table: Measurements, told: StiffnessModel, start: StiffnessModel, base: StiffnessModel,
-    assembly: Assembly, first: Diagnosis, last: Diagnosis, climbed: tuple[Found, ...], remarks: list[str], tell: Tell,
+    task: Task, table: Measurements, told: StiffnessModel, ladder: Ladder, assembly: Assembly, first: Diagnosis,
+    last: Diagnosis, remarks: list[str], tell: Tell,
 ) -> Finding:  # fmt: skip
+    start, base, climbed = ladder.start, ladder.base, ladder.effects
     named = tuple(
         Found(e.effect, e.where, e.shape, e.parameters, e.p_value, e.confidence, e.confounded_with, e.set_number,
               e.twins)
@@ -178,18 +176,17 @@ def _finding(
     extent = extent_of(assembly.situation.view)
     if astray([_as_identified(e, after) for e in named if e.set_number == 0], task.robot, extent):
         last = _taken_back(last)
-        return _finding(task, table, told, start, base, assembly, first, last, climbed, remarks, tell)
+        return _finding(task, table, told, ladder, assembly, first, last, remarks, tell)
     before = after if grown is start else fit_told(start, table, after.noise, after)
     verdict, reason = last.verdict, last.reason
     if climbed and verdict == NOTHING:
-        verdict, reason = NAMED, "the links give way; beyond the complete model no test rejects"
+        verdict, reason = NAMED, ladder.reason
     testable = verdict != UNTESTABLE
-    remarks = [*remarks, *remarked(assembly.situation.view, last)]
+    remarks = [*remarks, *ladder.remarks, *remarked(assembly.situation.view, last)]
     remarks += _beyond_code(after.model, table, last.rms.after)
     held = _redundant(task, start, table)
-    own = len(start.parameters) - len(held)
     remarks += _hidden(after, base) or (
-        _undetermined(base, assembly, last, after, held if base is start else {})
+        _undetermined(ladder, assembly, last, after, held if base is start else {})
         if last.growth
         else _left_at_zero(after)
     )
@@ -213,15 +210,15 @@ def _finding(
     )
     remarks += dict.fromkeys(assumed)  # several sets may hold one effect
     # what the complete model keeps are sums with signs
-    ladder = {named_at(e.effect, e.where) for e in climbed}
+    joined = {named_at(e.effect, e.where) for e in climbed}
     alone = {  # the first set's, where several hold one effect
-        name: e for e in reversed(counted) if (name := named_at(e.effect, e.where)) not in ladder
+        name: e for e in reversed(counted) if (name := named_at(e.effect, e.where)) not in joined
     }
     remarks += dict.fromkeys(out_of_range([*reversed(alone.values())], task.robot, extent))
     return Finding(
         task, table, before, after, told, first, last, assembly, verdict if testable else UNEXPLAINED, testable, reason,
         counted, tuple(e for e in named if e not in counted),
-        _steps(first, last, own, own if base is start else len(base.parameters), before, bool(climbed)),
+        _steps(ladder, last, before, len(held)),
         _rms(first, last), tuple(remarks),
     )  # fmt: skip
 
@@ -286,14 +283,13 @@ def _hidden(fitted: Fitted, base: StiffnessModel) -> list[str]:
 
 
 def _undetermined(
-    model: StiffnessModel, assembly: Assembly, last: Diagnosis, fitted: Fitted, held: Couplings
+    ladder: Ladder, assembly: Assembly, last: Diagnosis, fitted: Fitted, held: Couplings
 ) -> list[str]:
     """Remarks on parameters of the start model that the data do not determine; ``held``: nor do any others."""
-    known = {
-        name for name, std in zip(assembly.names, last.growth[0].model_std, strict=False) if np.isfinite(std)
-    }
+    model = ladder.base
+    known = {n for n, s in zip(assembly.names, last.growth[0].model_std, strict=False) if np.isfinite(s)}
     nominal = {n for r in model.realisations for n in r.nominal}
-    open_ones = [n for n in model.parameters if n not in known | nominal]
+    open_ones = [n for n in model.parameters if n not in known | nominal | ladder.joined]
     if not open_ones:
         return []
     sums = {*held, *(n for row in held.values() for n in row)}
@@ -332,22 +328,16 @@ def _as_identified(effect: Found, fitted: Fitted) -> Found:
     return replace(effect, parameters=parameters)
 
 
-def _steps(
-    first: Diagnosis, last: Diagnosis, own: int, most: int, before: Fitted, climbed: bool
-) -> tuple[Rung, ...]:
-    """``own``, ``most``: parameters of the start model, and of what took its place, that anything may tell apart."""
+def _steps(ladder: Ladder, last: Diagnosis, before: Fitted, held: int) -> tuple[Rung, ...]:
+    """``held``: parameters of the start model that nothing tells from its others."""
     if not last.growth:
-        return (Rung("start model", own, before.residual, first.strata, first.p_missing),)
-    out = []
-    if climbed:
-        g = first.growth[0]
-        out.append(Rung("start model", own, g.residual, g.strata, first.p_missing))
+        return (Rung(ladder.title, ladder.count - held, before.residual, last.strata, last.p_missing),)
+    out = [replace(r, parameters=r.parameters - held * (k == 0)) for k, r in enumerate(ladder.rungs)]
+    most = ladder.count - held * (not out)
     for k, g in enumerate(last.growth):
-        title = "start model" if g.added is None else f"+ {named_at(g.added.effect, g.added.where)}"
-        if g.added is None and climbed:
-            title = "complete model (all links elastic)"
-        count, p_left = most + g.gained, last.p_missing if k == 0 else g.p_left
-        out.append(Rung(title, count, g.residual, g.strata, p_left))
+        title = ladder.title if g.added is None else f"+ {named_at(g.added.effect, g.added.where)}"
+        p_left = last.p_missing if k == 0 else g.p_left
+        out.append(Rung(title, most + g.gained, g.residual, g.strata, p_left))
     return tuple(out)
 
 

@@ -155,7 +155,7 @@ def confidence(group: Sequence[Found], even: bool = False) -> str:
 
 def _told(group: list[Found], even: bool = False) -> list[str]:
     if len(group) > 3:
-        count = sum(len(e.parameters) for e in group)
+        count = sum(math.isfinite(size.std) for e in group for size in e.parameters.values())
         return [f"{names(group)} ({count} parameters, {confidence(group, even)})"]
     return [
         f"{named(e.effect, e.where)}{_or_else(e)} "
