@@ -87,7 +87,7 @@ def run(task: Task, tell: Tell = lambda stage: None) -> Finding:
     ladder, last = Ladder(model), first
     while (wider := wider_model(ladder.base, last, task, experiment)) is not None:
         tell(wider.title)
-        grown, found = _diagnosed(wider.model, table, _options(task, task.max_effects - 1), tell)
+        grown, found = _diagnosed(wider.model, table, _options(task, task.max_effects), tell)
         if found.verdict == UNTESTABLE or not wider.leaves_less(found, last, grown.problem.axis):
             break
         ladder = ladder.climbed(wider, last, fit(wider.model, table))
