@@ -61,7 +61,7 @@ def test_of_two_effects_none_is_what_the_other_one_may_be(monkeypatch: pytest.Mo
         geometry = Story("geometry", "absolute", lambda d, link=joint: (
             Effect("geometric_error", {"link": link}, "constant", {"shift": [1e-3, 2e-3, 1e-3, 2e-3, 1e-3, 2e-3]}),
             {"link": link}))  # fmt: skip
-        monkeypatch.setattr(generate, "_stories", lambda kind, rng, only, other=geometry: (offset, other))
+        monkeypatch.setattr(generate, "_stories", lambda kind, rng, options, other=geometry: (offset, other))
         if fits:
             found = case(0, options).label.noncentrality
             assert found == pytest.approx((found[0], found[0]), rel=0.1)

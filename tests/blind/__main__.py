@@ -28,6 +28,10 @@ def main() -> None:
     parser.add_argument(
         "--mild", action="store_true", help="robots repeat well and weigh what their files tell"
     )
+    parser.add_argument(
+        "--off", type=float, default=0.0, metavar="MM",
+        help="absolute positions of arms whose frames are all off by so much, mm and mrad",
+    )  # fmt: skip
     parser.add_argument("--robot", nargs="+", metavar="NAME", help="only these robots")
     for name in ("poses", "levels", "markers"):
         parser.add_argument(
@@ -40,7 +44,9 @@ def main() -> None:
     if given.pool:
         print(report([row for path in given.pool for row in json.loads(path.read_text())["cases"]]))
         return
-    options = Options(seed=given.seed, mild=given.mild)
+    options = Options(seed=given.seed, mild=given.mild, off=1e-3 * given.off)
+    if given.off:
+        options = replace(options, classes=("nothing", "one", "two"), shares=(0.2, 0.5, 0.3))
     if given.kind:
         options = replace(options, classes=(given.kind,), shares=(1.0,))
     if given.size:

@@ -10,8 +10,9 @@ from typing import Any
 import numpy as np
 
 from symstiff.calibration.measurements import Measurements, measurements
-from symstiff.calibration.simulation import Noise, Truth, nominal_truth, simulate
+from symstiff.calibration.simulation import Effect, Noise, Truth, nominal_truth, simulate
 from symstiff.discrepancy.assemble import assemble
+from symstiff.discrepancy.climb import frames_of
 from symstiff.discrepancy.scan import column_space
 from symstiff.errors import UserError
 from symstiff.model import StiffnessModel
@@ -51,6 +52,8 @@ class Options:
     """Of single effects this one alone."""
     mild: bool = False
     """Robots repeat to a third of the noise, and the file tells all masses."""
+    off: float = 0.0
+    """Absolute positions alone, of arms whose frames are all off by errors of this size, m and rad."""
 
 
 @dataclass(frozen=True)
@@ -118,7 +121,7 @@ def case(number: int, options: Options) -> Case:
     if kind in ("two", "bad_pose", "outside"):
         wanted = float(rng.choice([x for x in options.lambdas if x >= 60] or [options.lambdas[-1]]))
     for _ in range(_TRIES):
-        stories = _stories(kind, rng, options.story)
+        stories = _stories(kind, rng, options)
         try:
             return _case(number, kind, stories, wanted, rng, options)
         except (Unfit, UserError, ZeroDivisionError):  # no equilibrium at that size, or nothing to be seen
@@ -126,10 +129,12 @@ def case(number: int, options: Options) -> Case:
     raise RuntimeError(f"no story of kind {kind} fits case {number}")
 
 
-def _stories(kind: str, rng: np.random.Generator, only: str) -> tuple[Story, ...]:
+def _stories(kind: str, rng: np.random.Generator, options: Options) -> tuple[Story, ...]:
     if kind == "nothing":
         return ()
     pool = {"outside": OUTSIDE, "bad_pose": (BAD_POSE,)}.get(kind, ONE)
+    if options.off:
+        pool = tuple(s for s in pool if s.kind == "absolute")
     if kind == "two":
         pool = tuple(s for s in pool if s.context not in ("heavy", "start"))
         first = pool[int(rng.integers(len(pool)))]
@@ -141,8 +146,8 @@ def _stories(kind: str, rng: np.random.Generator, only: str) -> tuple[Story, ...
         pool = tuple(
             s for s in ONE if s.name.split()[0] in ("backlash", "compensator", "base", "sensor", "frame")
         )
-    if kind == "one" and only:
-        pool = tuple(s for s in pool if s.name == only)
+    if kind == "one" and options.story:
+        pool = tuple(s for s in pool if s.name == options.story)
     return (pool[int(rng.integers(len(pool)))],)
 
 
@@ -171,7 +176,7 @@ def _case(
     if any(story.context == "heavy" for story, _, _ in made):
         found = (*found, geometry)
     stated = float(rng.choice([1.0, 1.0, 1.0, 0.8, 1.2]))
-    truth = Truth(scene.body, base, effects, scene.noise)
+    truth = Truth(scene.body, base, (*effects, *_off(scene.robot, options.off, rng)), scene.noise)
     table = simulate(truth, scene.table, int(rng.integers(2**31)))
     size = float(np.sqrt(np.mean(scene.spread**2)))
     table = replace(table, sigma=np.where(table.measured, size * stated, np.nan))
@@ -183,6 +188,15 @@ def _case(
     parts = tuple(noise_free(scene, base, (e,)) - clean for e in effects)
     signal = noise_free(scene, base, effects) - clean
     return Case(label, table, scene.model, signal, parts, scene.whitened)
+
+
+def _off(robot: Robot, size: float, rng: np.random.Generator) -> list[Effect]:
+    """Errors of all frames, such as an arm has that nobody calibrated."""
+    shifts = [size * rng.normal(size=6) for _ in range(robot.dof if size else 0)]
+    return [
+        Effect("geometric_error", {"link": i}, "constant", {"shift": shift.tolist()})
+        for i, shift in enumerate(shifts, 1)
+    ]
 
 
 def _described(scene: Scene, size: float) -> dict[str, Any]:
@@ -210,6 +224,7 @@ def _scene(stories: Sequence[Story], rng: np.random.Generator, options: Options)
         raise Unfit
     robot = load(str(rng.choice(fits)))
     data = stories[0].kind if stories else str(rng.choice(["deflection", "deflection", "absolute"]))
+    data = "absolute" if options.off else data
     if any(s.name == "joint left out" for s in stories):
         robot = rigid_links(robot)
     least = max((s.levels for s in stories), default=1)
@@ -231,6 +246,7 @@ def _scene(stories: Sequence[Story], rng: np.random.Generator, options: Options)
     if data == "absolute":
         loads = "wrench"
     model = _complete(robot, loads)
+    model = model.with_effects(frames_of(robot)) if options.off else model
     spread = simulate(Truth(robot, values, (), noise), table, 1).sigma[:, :3]
     white = Whitener(robot, table, noise, spread)
     unknown = data == "deflection" and not options.mild and not any(link.mass for link in robot.links)

@@ -15,10 +15,11 @@ from typing import Any
 import numpy as np
 
 from symstiff.discrepancy.assemble import Assembly, assemble
-from symstiff.discrepancy.finding import Finding, Task
+from symstiff.discrepancy.finding import Finding, Found, Task
 from symstiff.discrepancy.prepare import prepare
 from symstiff.discrepancy.problem import Problem
 from symstiff.discrepancy.scan import column_space
+from symstiff.discrepancy.verdict import NAMED, NOTHING
 from symstiff.discrepancy.workflow import run as diagnose
 from symstiff.threads import one_thread
 from tests.blind.apart import apart, limit
@@ -63,17 +64,18 @@ def _one(number: int, options: Options, others: bool) -> dict[str, Any]:
     assembly = assemble(hidden.model, hidden.table)
     groups = {c.key: c.group for c in assembly.candidates if c.group}
     label = hidden.label
-    sets = _sets(finding)
+    sets = _sets(finding, hidden)
+    verdict = NOTHING if finding.verdict == NAMED and not any(sets) else finding.verdict
     row: dict[str, Any] = {
         "number": number, "kind": label.kind, "robot": label.robot, "story": list(label.story),
         "truth": [list(t) for t in label.truth], "wanted": label.wanted,
         "noncentrality": list(label.noncentrality), "geometry": label.geometry, "design": label.design,
-        "stated": label.stated, "verdict": finding.verdict, "reason": finding.reason,
+        "stated": label.stated, "verdict": verdict, "reason": finding.reason,
         "named": [[[e, dict(w)] for e, w in s] for s in sets],
-        "outcome": outcome(finding.verdict, sets, label.truth, groups),
-        "spoke": finding.verdict not in ("nothing_missing", "untestable"),
+        "outcome": outcome(verdict, sets, label.truth, groups),
+        "spoke": verdict not in (NOTHING, "untestable"),
         "noticed": finding.first.noise.misstated,
-        "confidences": _confidences(finding, label.truth, groups),
+        "confidences": _confidences(finding, hidden, groups),
         "p_values": [e.p_value for e in finding.named], "rms": asdict(finding.rms),
         "again": finding.last.held_out.again if finding.last.held_out is not None else None,
         "closure": _closure(hidden, assembly, finding), "seconds": seconds,
@@ -95,16 +97,25 @@ def blind(hidden: Case) -> Finding:
         return diagnose(Task(hidden.model.robot, hidden.table, str(path)))
 
 
-def _sets(finding: Finding) -> list[list[tuple[str, Any]]]:
+def _sets(finding: Finding, hidden: Case) -> list[list[tuple[str, Any]]]:
+    """The admissible sets, without frames that are off as a nuisance."""
     numbers = sorted({e.set_number for e in finding.effects})
-    return [[(e.effect, e.where) for e in finding.effects if e.set_number == n] for n in numbers]
+    found = [(e.set_number, (e.effect, e.where)) for e in finding.effects if not _nuisance(e, hidden)]
+    return [[name for k, name in found if k == n] for n in numbers]
 
 
-def _confidences(finding: Finding, truth: Any, groups: Any) -> list[tuple[float, bool]]:
-    if finding.verdict != "named":
+def _nuisance(effect: Found, hidden: Case) -> bool:
+    return any((effect.effect, effect.where) == (e.effect, e.where) for e in hidden.model.effects)
+
+
+def _confidences(finding: Finding, hidden: Case, groups: Any) -> list[tuple[float, bool]]:
+    if finding.verdict != NAMED:
         return []
+    truth = hidden.label.truth
     return [
-        (float(e.confidence), any(same((e.effect, e.where), t, groups) for t in truth)) for e in finding.named
+        (float(e.confidence), any(same((e.effect, e.where), t, groups) for t in truth))
+        for e in finding.named
+        if not _nuisance(e, hidden)
     ]
 
 
