@@ -226,9 +226,10 @@ def test_one_wrong_digit_is_pointed_at() -> None:
     values = table.values.copy()
     values[40, 0] += 5e-3
     found = diagnosed(replace(table, values=values))
-    (said,) = (r for r in found.remarks if "times the usual residual off" in r)
-    assert said.startswith("1 row lies")
+    (said,) = (r for r in found.remarks if "times the usual residual" in r)
+    assert said.startswith("a reading lies")
     assert table.place(40) in said
+    assert found.verdict == "nothing_missing"
 
 
 def test_what_is_computed_and_not_measured_has_nothing_missing() -> None:

@@ -31,6 +31,7 @@ from symstiff.discrepancy.climb import Ladder, wider_model
 from symstiff.discrepancy.diagnose import diagnose
 from symstiff.discrepancy.doubts import doubted
 from symstiff.discrepancy.finding import Finding, Found, Rung, Task
+from symstiff.discrepancy.gross import gross, remark
 from symstiff.discrepancy.growth import Fitted, fit, fit_told, grow
 from symstiff.discrepancy.numbers import milli
 from symstiff.discrepancy.prepare import at_first
@@ -55,6 +56,8 @@ _WORTH, _FAR = 0.01, 3e-3
 looked at again with it: the square of such an angle shifts a tool by some hundredths of a millimetre."""
 _MORE = 1.05
 """What a model without some effects leaves, over what it leaves with them, from which that is spoken of."""
+_AGAIN = 2
+"""Times that gross errors are left out: one may hide behind others."""
 _UNCONFIRMED = 0.75
 """Most confidence in what poses that were not used do not confirm."""
 
@@ -72,6 +75,21 @@ def run(task: Task, tell: Tell = lambda stage: None) -> Finding:
     task = replace(task, table=as_loading(task.table))
     table, left_out = used(task.table, task.max_poses)
     remarks = [*warnings, *left_out]
+    finding = _of_table(task, table, remarks, tell)
+    for _ in range(_AGAIN):
+        rows = gross(finding)
+        if not len(rows):
+            break
+        remarks.append(remark(finding, rows))
+        table = table.select(np.setdiff1d(np.arange(len(table)), rows))
+        tell("without gross errors")
+        finding = _of_table(task, table, remarks, tell)
+    return finding
+
+
+def _of_table(task: Task, table: Measurements, remarks: Sequence[str], tell: Tell) -> Finding:
+    """The diagnosis of the part of the task's table that is used, of which there are remarks."""
+    remarks = list(remarks)
     tell("model")
     experiment = experiment_of(table, task.robot).wished(task.loads, task.measure)
     model, reduction = start_model(task.robot, task.start, experiment)
@@ -80,8 +98,8 @@ def run(task: Task, tell: Tell = lambda stage: None) -> Finding:
     told = model
     model, unseen = seen_in(model, table.kind)
     remarks += unseen
-    model, remark = find_point(model, table, task.robot)
-    remarks += [remark] if remark else []
+    model, of_point = find_point(model, table, task.robot)
+    remarks += [of_point] if of_point else []
     doubt = doubted(model, table)
     assembly, first = _diagnosed(model, table, _options(task, task.max_effects), tell, doubt)
     ladder, last = Ladder(model), first

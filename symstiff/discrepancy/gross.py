@@ -1,0 +1,71 @@
+"""Gross errors: single readings far beside the others of their pose. They hide what is missing, and look like it."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from symstiff.discrepancy.finding import Finding
+from symstiff.discrepancy.problem import Array, Index
+
+FAR = 6.0
+"""Usual residuals by which a reading is beside the others of its pose; of normal noise two in a billion are."""
+ALONE = 2.5
+"""How far it stands above every other reading of its pose: what bends a pose as a whole is no slip of one reading."""
+FEWEST = 3
+"""Readings of a component in a pose from which one is told from the others."""
+MOST = 0.01
+"""Share of the rows that may be gross errors, two at least: more are something else."""
+
+
+def gross(finding: Finding) -> Index:
+    """Rows of the diagnosed table that are gross errors, by what the grown model leaves; none where nothing was fitted.
+
+    A pose of which all readings are off is a bad pose, which is an effect of the catalogue, and so is what few readings
+    of a component tell: neither is a gross error.
+    """
+    last = finding.last
+    none = np.zeros(0, dtype=np.intp)
+    if not last.growth or len(last.growth[-1].residual) != len(finding.assembly.problem.y):
+        return none
+    far = _beside(finding, last.growth[-1].residual)
+    pose, rows = finding.table.pose, np.arange(len(finding.table))
+    found = [
+        r for r in np.flatnonzero(far > FAR) if _alone(far, rows[(pose == pose[r]) & (rows != r)], far[r])
+    ]
+    return np.array(found, dtype=np.intp) if len(found) <= max(MOST * len(rows), 2) else none
+
+
+def _alone(far: Array, others: Index, size: float) -> bool:
+    return len(others) + 1 >= FEWEST and bool(size > ALONE * np.max(far[others]))
+
+
+def _beside(finding: Finding, residual: Array) -> Array:
+    """(N,) how far each row is beside the middle of its pose, in usual distances; the largest of its components."""
+    problem, view = finding.assembly.problem, finding.assembly.situation.view
+    apart = np.array(residual)
+    label = problem.pose * (int(problem.axis.max()) + 1) + problem.axis
+    for k in np.unique(label):
+        own = np.flatnonzero(label == k)
+        apart[own] = residual[own] - np.median(residual[own]) if len(own) >= FEWEST else 0.0
+    size = np.abs(apart) / (1.0 if problem.sigma is None else problem.sigma)
+    far = np.zeros(len(finding.table))
+    for kind in (view.component < 3, view.component >= 3):
+        known = kind & (size > 0)  # a middle reading is no distance from itself
+        if np.any(known):
+            np.maximum.at(far, view.state[known], size[known] / (np.median(size[known]) / 0.6745))
+    return far
+
+
+def remark(finding: Finding, rows: Index) -> str:
+    """That they are left out, where they are and what to do."""
+    far = _beside(finding, finding.last.growth[-1].residual)[rows]
+    places = "; ".join(finding.table.place(int(r)) for r in rows[np.argsort(-far)])
+    if len(rows) == 1:
+        return (
+            f"a reading lies {far[0]:.0f} times the usual residual beside the others of its pose ({places}): a slip of "
+            "the reading, or of the pen. It is left out; look at it, or measure it again"
+        )
+    return (
+        f"{len(rows)} readings lie up to {far.max():.0f} times the usual residual beside the others of their poses "
+        f"({places}): slips of the readings, or of the pen. They are left out; look at them, or measure them again"
+    )

@@ -1,0 +1,82 @@
+"""Gross errors: a single reading that is far off is left out and told, and what is missing is found without it."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from symstiff.calibration.measurements import Measurements
+from symstiff.calibration.table import read_table
+from symstiff.discrepancy.finding import Finding, Task
+from symstiff.discrepancy.gross import gross
+from symstiff.discrepancy.workflow import run
+from symstiff.robot import load
+from tests.diagnosis_data import HARDENING, ROBOT, measured, saved
+
+SIGMA = 2e-5
+
+
+def off(table: Measurements, rows: list[int], size: float) -> Measurements:
+    values = np.array(table.values)
+    values[rows, :3] += size * SIGMA * np.array([1.0, -1.0, 1.0])
+    return replace(table, values=values)
+
+
+def diagnosed(table: Measurements) -> Finding:
+    return run(Task(load(ROBOT), table))
+
+
+def left_out(found: Finding) -> list[str]:
+    return [r for r in found.remarks if "left out" in r]
+
+
+def test_a_gear_is_named_beside_a_reading_that_is_off(tmp_path: Path) -> None:
+    clean = measured(HARDENING)
+    table = read_table(saved(off(clean, [40], 25.0), tmp_path / "data.csv"))
+    found, without = diagnosed(table), diagnosed(clean)
+    assert [(e.effect, dict(e.where)) for e in found.named] == [("nonlinear_stiffness", {"joint": 2})]
+    (said,) = left_out(found)
+    assert "data.csv: line 42" in said
+    assert "It is left out" in said
+    assert len(found.table) == len(clean) - 1
+    for name, value in without.model.values.items():
+        assert found.model.values[name] == pytest.approx(value, abs=without.model.deviations[name])
+    assert left_out(without) == []
+
+
+def test_two_readings_are_left_out_though_one_hides_behind_the_other() -> None:
+    found = diagnosed(off(off(measured(), [40], 400.0), [101], 20.0))
+    assert found.verdict == "nothing_missing"
+    assert len(found.table) == len(measured()) - 2
+
+
+def test_a_pose_that_is_off_as_a_whole_is_an_effect_and_no_slip() -> None:
+    table = measured()
+    found = diagnosed(off(table, np.flatnonzero(table.pose == 3).tolist(), 25.0))
+    assert [(e.effect, dict(e.where)) for e in found.named] == [("bad_poses", {"rows": ["p4"]})]
+    assert len(found.table) == len(table)
+
+
+def test_noise_has_no_gross_errors_and_many_of_them_are_something_else() -> None:
+    found = diagnosed(measured())
+    rows = len(found.assembly.problem.y)
+    rng = np.random.default_rng(5)
+    step = found.last.growth[-1]
+    for _ in range(200):
+        noise = SIGMA * rng.normal(size=rows)
+        assert not len(gross(_leaving(found, noise)))
+    noise = SIGMA * rng.normal(size=rows)
+    many = noise.copy()
+    many[np.arange(0, rows, 45)] += 40 * SIGMA  # one row of every pose
+    assert len(step.residual) == rows
+    assert not len(gross(_leaving(found, many)))
+    noise[7] += 40 * SIGMA
+    assert gross(_leaving(found, noise)).tolist() == [7 // 3]
+
+
+def _leaving(found: Finding, residual: np.ndarray) -> Finding:
+    growth = (*found.last.growth[:-1], replace(found.last.growth[-1], residual=residual))
+    return replace(found, last=replace(found.last, growth=growth))
