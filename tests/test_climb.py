@@ -112,6 +112,35 @@ def test_all_frames_have_to_explain_far_more_than_few_or_a_law_without_a_name(
     assert frames.leaves_less(wide, narrow, np.zeros(ROWS, dtype=np.intp)) is better
 
 
+@pytest.mark.parametrize(
+    ("verdict", "few", "left", "better"),
+    [
+        ("named", 2, 0.5, True),
+        ("named", 1, 0.5, False),
+        ("named_insufficient", 2, 0.5, False),
+        ("named", 2, 0.97, False),
+    ],
+)
+def test_all_frames_take_the_place_of_few_that_leave_no_room_for_what_is_missing_besides(
+    some: Diagnosis, verdict: str, few: int, left: float, better: bool
+) -> None:
+    """Four parameters more at the end: 4·log 400 = 24, of 400·log(1/0.97) = 12 and 400·log 2 = 277."""
+    robot = load("kuka_kr270")
+    frames = Wider(joints_only(robot), "frames", "", "", frames_of(robot))
+    step, left_now = some.growth[0], np.full(ROWS, some.noise.by_component()[0])
+    last = replace(step, residual=left_now, gained=10)
+    leading = tuple((Name("geometric_error", {"link": i + 1}), {}, {}) for i in range(few))
+    start = replace(step, residual=3 * left_now, model_std=np.ones(6))
+    narrow = replace(
+        some, verdict="named_insufficient", device_law=None, law=None, growth=(start, last), leading=leading,
+        rms=Rms(2.0, 1.0, 2.1, 1.0, 0.9),
+    )  # fmt: skip
+    first = replace(step, residual=left_now, model_std=np.ones(18))
+    end = replace(step, residual=left_now * np.sqrt(left), gained=2)
+    wide = replace(some, verdict=verdict, growth=(first, end), rms=Rms(1.0, 0.7, 1.0, 0.9, 0.9))
+    assert frames.leaves_less(wide, narrow, np.zeros(ROWS, dtype=np.intp)) is better
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize("name", ["kuka_kr270", "ur10"])
 def test_a_gap_is_named_behind_errors_of_all_frames(name: str) -> None:

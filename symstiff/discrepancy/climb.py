@@ -19,7 +19,7 @@ from symstiff.discrepancy.finding import Found, Rung, Task
 from symstiff.discrepancy.growth import Fitted
 from symstiff.discrepancy.problem import Index, key_of
 from symstiff.discrepancy.result import Diagnosis, Estimate, Step
-from symstiff.discrepancy.verdict import AMBIGUOUS, INSUFFICIENT, NAMED, UNEXPLAINED
+from symstiff.discrepancy.verdict import AMBIGUOUS, INSUFFICIENT, NAMED, NOTHING, UNEXPLAINED
 from symstiff.effects.common import link_axes
 from symstiff.effects.instance import EffectInstance
 from symstiff.effects.registry import catalogue
@@ -58,7 +58,11 @@ class Wider:
 
     def leaves_less(self, wide: Diagnosis, narrow: Diagnosis, component: Index) -> bool:
         """Whether it takes the narrower one's place, by the diagnoses of both; component: (M,) 0 … 5 of each row."""
-        return (_dearly if self.parts else leaves_less)(wide, narrow, component)
+        if not self.parts:
+            return leaves_less(wide, narrow, component)
+        own = {key_of(e.effect, e.where) for e in self.parts}
+        few = sum(key_of(name.effect, name.where) in own for name, *_ in narrow.leading)
+        return _dearly(wide, narrow, component) or (few > 1 and _ends_well(wide, narrow, component))
 
 
 @dataclass(frozen=True, eq=False)
@@ -197,7 +201,7 @@ def leaves_less(wide: Diagnosis, narrow: Diagnosis, component: Index) -> bool:
             return False
     elif not wide.rms.before < narrow.rms.before or _told_by_a_law(wide, narrow, component):
         return False
-    return _predicts(wide, others)
+    return _predicts(wide.rms.held_out_before, others)
 
 
 def _dearly(wide: Diagnosis, narrow: Diagnosis, component: Index) -> bool:
@@ -209,12 +213,26 @@ def _dearly(wide: Diagnosis, narrow: Diagnosis, component: Index) -> bool:
     less, named, plain = _squares(wide, component, wide.growth[0], narrow.growth[-1], narrow.growth[0])
     gain = len(component) * np.log(min(named, (1.0 - law) * plain) / less)
     price = (_known(wide) - _known(narrow)) * np.log(len(component))
-    return bool(gain > _DEAR * price) and _predicts(wide, narrow.rms.held_out_after)
+    return bool(gain > _DEAR * price) and _predicts(wide.rms.held_out_before, narrow.rms.held_out_after)
 
 
-def _predicts(wide: Diagnosis, other: float | None) -> bool:
+def _ends_well(wide: Diagnosis, narrow: Diagnosis, component: Index) -> bool:
+    """Whether the data are accounted for with all frames, where few left no room for what is missing besides.
+
+    Schwarz' criterion of where both diagnoses end, and poses left out.
+    """
+    if narrow.verdict != INSUFFICIENT or wide.verdict not in (NAMED, AMBIGUOUS, NOTHING):
+        return False
+    ends = narrow.growth[-1], wide.growth[-1]
+    left, less = _squares(wide, component, *ends)
+    fewer, more = (_known(d) + end.gained for d, end in zip((narrow, wide), ends, strict=True))
+    rows = len(component)
+    gains = rows * np.log(left / less) > (more - fewer) * np.log(rows)
+    return bool(gains) and _predicts(wide.rms.held_out_after, narrow.rms.held_out_after)
+
+
+def _predicts(own: float | None, other: float | None) -> bool:
     """Whether a model leaves less on poses left out than another does, where there are any."""
-    own = wide.rms.held_out_before
     return own is None or other is None or own < other
 
 
