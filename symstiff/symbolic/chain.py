@@ -199,7 +199,7 @@ def dot(a: Sequence[sp.Expr], b: Sequence[sp.Expr]) -> sp.Expr:
     return sp.Add(*[x * y for x, y in zip(a, b, strict=True)])
 
 
-def cross(a: Vec, b: Vec) -> Vec:
+def cross(a: Sequence[sp.Expr], b: Sequence[sp.Expr]) -> Vec:
     """Vector product."""
     return a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]
 
