@@ -9,7 +9,6 @@ import sympy as sp
 
 from symstiff.effects.base import EffectParameter, Shape, Where, place_name
 from symstiff.robot.schema import Robot
-from symstiff.symbolic.builder import Builder
 from symstiff.symbolic.chain import ElasticChain, cross
 from symstiff.symbolic.terms import AXES, Term, VirtualJoint, actuated_joint, deflection, link_joint, tau
 
@@ -127,10 +126,7 @@ def link_axes(link: int) -> tuple[VirtualJoint, ...]:
 @lru_cache(maxsize=64)
 def wrench_at(robot: Robot, body: int) -> tuple[sp.Expr, ...]:
     """The load's force (3) and moment (3) about the origin of a body's DH frame, in that frame's axes."""
-    b = Builder("axes", ())
-    axes = ElasticChain(robot).elastic_axes(b, body)
-    exact_of = {c.symbol: c.exact for c in b.constants}
-    along = [[sp.sympify(x).xreplace(exact_of) for x in axis] for axis in axes]
+    along = ElasticChain(robot).exact_axes(body)
     return tuple(
         sp.Add(*[along[k][r] * tau(link_joint(body, k + 1 + h)) for k in range(3)])
         for h in (0, 3)

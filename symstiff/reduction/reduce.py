@@ -18,7 +18,6 @@ from symstiff.reduction.physical import Parameter, Stage, physical_stages, terms
 from symstiff.reduction.structural import ExactEngine, Experiment, Partition, in_rationals, in_unit_axes
 from symstiff.robot.exact import parse_exact
 from symstiff.robot.schema import LONGEST, WIDEST, Robot, whole
-from symstiff.symbolic.builder import Builder
 from symstiff.symbolic.chain import ElasticChain
 from symstiff.symbolic.programs import observation_program
 from symstiff.symbolic.terms import Term
@@ -262,16 +261,8 @@ def preference(
 
 
 def _sense(chain: ElasticChain, p: Parameter) -> int:
-    if p.is_joint or (not p.is_coupling and p.row > 3 and _is_joint_axis(chain, p)):
+    if p.is_joint or (not p.is_coupling and p.row in chain.turns_with_joint(p.body)):
         return 0
     if p.is_coupling:
         return 3
     return 1 if p.row > 3 else 2
-
-
-def _is_joint_axis(chain: ElasticChain, p: Parameter) -> bool:
-    """Whether axis ``row`` of the link is the next joint's axis, z of DH frame i."""
-    if p.body >= chain.dof or chain.rows[p.body].prismatic:
-        return False
-    axis = chain.elastic_axes(Builder("axes", ()), p.body)[p.row - 4]
-    return bool(axis[0] == 0 and axis[1] == 0)

@@ -17,7 +17,6 @@ import numpy as np
 from symstiff.calibration.experiment.situation import Floats, Laws, View, Weigh, has_weights, linear_columns
 from symstiff.model import StiffnessModel
 from symstiff.reduction.physical import Parameter, original, physical_stages, terms_of
-from symstiff.symbolic.builder import Builder
 from symstiff.symbolic.terms import Term, actuated_joint
 
 _OTHER_TURNS = 0.2
@@ -104,16 +103,8 @@ def _sizes(model: StiffnessModel, parameters: Sequence[Parameter], slender: Floa
     def size(p: Parameter) -> float:
         if p.is_joint:
             return length**2 if p.prismatic else float(slender[p.body - 1])
-        joint_like = not apart and not p.is_coupling and p.row > 3 and _turns_joint(model, p)
+        # the joint's own compliance is part of what turns with it
+        joint_like = not apart and not p.is_coupling and p.row in model.chain.turns_with_joint(p.body)
         return float(slender[p.body]) * (1.0 if joint_like else _OTHER_TURNS) * length**p.length_degree
 
     return np.array([size(p) for p in parameters])
-
-
-def _turns_joint(model: StiffnessModel, p: Parameter) -> bool:
-    """Whether the link's rotation is about the next joint's axis, so that the joint's compliance is part of
-    it."""
-    if p.body >= model.chain.dof or model.chain.rows[p.body].prismatic:
-        return False
-    axis = model.chain.elastic_axes(Builder("axes", ()), p.body)[p.row - 4]
-    return bool(axis[0] == 0 and axis[1] == 0)
