@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from symstiff.calibration.absolute import untold
-from symstiff.calibration.decomposition import independent
+from symstiff.calibration.decomposition import own_columns
 from symstiff.calibration.experiment.placement import best_placed
 from symstiff.calibration.experiment.rounding import without_rounding
 from symstiff.calibration.experiment.situation import Situation
@@ -162,7 +162,7 @@ def with_meaning(problem: Problem, sizes: Sequence[float]) -> list[int]:
     A = problem.A / sigma[:, None]
     A[:, :named] = without_rounding(A[:, :named], np.array(sizes))
     order = np.roll(np.arange(A.shape[1]), -named)
-    return sorted(int(order[k]) for k in independent(A[:, order], _INSIDE))
+    return sorted(int(order[k]) for k in own_columns(A[:, order], _INSIDE))
 
 
 def contribution(assembly: Assembly, instance: EffectInstance, values: dict[str, float]) -> Array:

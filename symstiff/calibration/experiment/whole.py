@@ -14,6 +14,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from symstiff.calibration.decomposition import unit_columns
 from symstiff.calibration.experiment.situation import Floats, Laws, View, Weigh, has_weights, linear_columns
 from symstiff.model import StiffnessModel
 from symstiff.reduction.physical import Parameter, original, physical_stages, terms_of
@@ -46,8 +47,7 @@ def whole(
     size = size * scale
     mean = np.where([p.is_coupling for p in parameters], 0.0, size)
     rows = np.hstack([A * size, weigh(further)])
-    length = np.linalg.norm(rows[:, len(names) :], axis=0)
-    rows[:, len(names) :] /= np.where(length > 0, length, 1.0)
+    rows[:, len(names) :] = unit_columns(rows[:, len(names) :])[0]
     prior = np.eye(rows.shape[1])[: len(names)]
     step = np.linalg.lstsq(
         np.vstack([rows, prior]), np.concatenate([target - A @ mean, np.zeros(len(names))]), rcond=1e-12
