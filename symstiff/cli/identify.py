@@ -70,7 +70,7 @@ def run_identify(request: IdentifyRequest) -> None:
             progress("reconstructing complete link matrices")
             complete = reconstruct_model(result)
     if request.plot is not None:
-        from symstiff.calibration.planning.poses import save_figure
+        from symstiff.report.figures import save_figure
         from symstiff.report.residuals import draw_residuals
 
         save_figure(draw_residuals(result), request.plot)

@@ -61,7 +61,7 @@ def run_plan(request: PlanRequest) -> None:
     from symstiff.calibration.plan import Goal, Load, Search, robot_of
     from symstiff.calibration.plan import plan as choose_poses
     from symstiff.calibration.planning.measurement import Measurement
-    from symstiff.calibration.planning.poses import draw_plan, poses_table, save_figure, summary
+    from symstiff.calibration.planning.poses import poses_table
     from symstiff.calibration.poses import gain_of_steps, in_steps, with_markers
     from symstiff.calibration.table import write_table
     from symstiff.display import few
@@ -108,6 +108,8 @@ def run_plan(request: PlanRequest) -> None:
     doubts = doubtful(reduction, table, 3 if request.markers or measure == "position" else 6, together)
     write_table(in_steps(table, request.steps) if request.steps > 1 else table, request.output, "deg")
     if request.plot is not None:
+        from symstiff.report.figures import draw_plan, save_figure
+
         save_figure(draw_plan(plan, geometry), request.plot)
     measured = {
         "points": list(request.markers), "sigma_mm": round(sigma_mm, 9), "measure": measure,
@@ -116,7 +118,7 @@ def run_plan(request: PlanRequest) -> None:
     load_told = {"class": applied.kind, "force": applied.force, "moment": applied.moment}
     write_json(
         request.json,
-        {**summary(plan), "load": load_told, "doubtful": list(doubts), "measured": measured},
+        {**plan.to_dict(), "load": load_told, "doubtful": list(doubts), "measured": measured},
     )
     warn_of(out, reduction)
     _print_plan(out, plan, model.units)

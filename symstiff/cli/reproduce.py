@@ -47,7 +47,7 @@ def run_reproduce(seed: int, plot: Path | None, json: str | None) -> None:
             "fresh_rms_mm": 1e3 * fresh.rms,
         }
     if plot is not None:
-        from symstiff.calibration.planning.poses import save_figure
+        from symstiff.report.figures import save_figure
         from symstiff.report.residuals import draw_models
 
         save_figure(draw_models(measured, {row.name: row.model for row in rows}), plot)
