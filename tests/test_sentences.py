@@ -12,10 +12,11 @@ import pytest
 from symstiff.calibration.rows import predict
 from symstiff.calibration.simulation.experiment import simulate
 from symstiff.calibration.simulation.truth import truth_from_table
+from symstiff.discrepancy.conclusion import _beyond_code
 from symstiff.discrepancy.finding import Finding, Task
 from symstiff.discrepancy.result import Name
 from symstiff.discrepancy.strata import Stratum
-from symstiff.discrepancy.workflow import _beyond_code, run
+from symstiff.discrepancy.workflow import run
 from symstiff.effects.instance import EffectInstance
 from symstiff.model import StiffnessModel
 from symstiff.reduction import reduce

@@ -22,40 +22,29 @@ from symstiff.calibration.kept import seen_in
 from symstiff.calibration.loading import as_loading
 from symstiff.calibration.measurements import Measurements
 from symstiff.calibration.point import find_point
-from symstiff.calibration.redundant import redundant
-from symstiff.calibration.rows import predict
 from symstiff.calibration.soundness import outside_class, outside_fixed
 from symstiff.discrepancy.assemble import Assembly, added_loads, assemble
 from symstiff.discrepancy.climb import leaves_less, links_of, wider_model
+from symstiff.discrepancy.conclusion import Course, finding_of
 from symstiff.discrepancy.diagnose import diagnose
 from symstiff.discrepancy.doubts import doubted
-from symstiff.discrepancy.finding import Finding, Found, Rung, Task
-from symstiff.discrepancy.growth import Fitted, fit, fit_told, grow
-from symstiff.discrepancy.numbers import milli
+from symstiff.discrepancy.finding import Finding, Task
+from symstiff.discrepancy.growth import fit, grow
 from symstiff.discrepancy.prepare import at_first
 from symstiff.discrepancy.problem import Options
-from symstiff.discrepancy.proof import FEWEST
-from symstiff.discrepancy.ranges import extent_of
-from symstiff.discrepancy.remarks import astray, out_of_range, remarked
-from symstiff.discrepancy.result import Diagnosis, Estimate, Name, Rms
+from symstiff.discrepancy.result import Diagnosis, Estimate, Name
 from symstiff.discrepancy.speech import named as named_at
 from symstiff.discrepancy.used import used
-from symstiff.discrepancy.verdict import AMBIGUOUS, NAMED, NOTHING, UNEXPLAINED, UNTESTABLE
-from symstiff.display import few
+from symstiff.discrepancy.verdict import AMBIGUOUS, NAMED, UNTESTABLE
 from symstiff.effects.instance import EffectInstance
 from symstiff.model import StiffnessModel
 from symstiff.reduction.remarks import reduction_remarks
-from symstiff.reduction.structural import Couplings
 from symstiff.threads import one_thread
 
 Tell = Callable[[str], None]
 _WORTH, _FAR = 0.01, 3e-3
 """Load that an effect adds, against the largest, and angle [rad] by which it turns an unloaded arm, from which laws are
 looked at again with it: the square of such an angle shifts a tool by some hundredths of a millimetre."""
-_MORE = 1.05
-"""What a model without some effects leaves, over what it leaves with them, from which that is spoken of."""
-_UNCONFIRMED = 0.75
-"""Most confidence in what poses that were not used do not confirm."""
 
 
 @one_thread()
@@ -81,21 +70,27 @@ def run(task: Task, tell: Tell = lambda stage: None) -> Finding:
     remarks += unseen
     model, remark = find_point(model, table, task.robot)
     remarks += [remark] if remark else []
-    doubt = doubted(model, table)
-    assembly, first = _diagnosed(model, table, _options(task, task.max_effects), tell, doubt)
+    assembly, first = _diagnosed(model, table, _options(task, task.max_effects), tell, doubted(model, table))
+    course = Course(task, table, told, model, model, assembly, first, first)
     wider = wider_model(model, first, task, experiment)
-    if wider is None:
-        return _finding(task, table, told, model, model, assembly, first, first, (), remarks, tell)
+    if wider is not None and (climbed := _climbed(course, wider, tell)) is not None:
+        course = climbed
+        remarks.append(
+            "no few links account for what the joints leave as well as all of them do: the complete model takes the "
+            "place of the joints-only model, and the diagnosis goes on from there"
+        )
+    return finding_of(course, remarks, tell)
+
+
+def _climbed(course: Course, wider: StiffnessModel, tell: Tell) -> Course | None:
+    """The diagnosis from a wider model on; None where that leaves no less."""
+    task, table, first = course.task, course.table, course.first
     tell("complete model")
-    grown, last = _diagnosed(wider, table, _options(task, max(task.max_effects - 1, 1)), tell)
-    if last.verdict == UNTESTABLE or not leaves_less(last, first, grown.problem.axis):
-        return _finding(task, table, told, model, model, assembly, first, first, (), remarks, tell)
-    climbed = links_of(first, fit(wider, table).model)
-    remarks.append(
-        "no few links account for what the joints leave as well as all of them do: the complete model takes the place "
-        "of the joints-only model, and the diagnosis goes on from there"
-    )
-    return _finding(task, table, told, model, wider, grown, first, last, climbed, remarks, tell)
+    assembly, last = _diagnosed(wider, table, _options(task, max(task.max_effects - 1, 1)), tell)
+    if last.verdict == UNTESTABLE or not leaves_less(last, first, assembly.problem.axis):
+        return None
+    links = links_of(first, fit(wider, table).model)
+    return replace(course, base=wider, assembly=assembly, last=last, climbed=links)
 
 
 def first_assembly(model: StiffnessModel, table: Measurements) -> Assembly:
@@ -161,197 +156,3 @@ def _loads(assembly: Assembly, effect: EffectInstance, estimates: Mapping[str, E
 
 def _options(task: Task, most: int) -> Options:
     return replace(Options(), max_effects=most, seed=Options().seed + task.seed)
-
-
-def _finding(
-    task: Task, table: Measurements, told: StiffnessModel, start: StiffnessModel, base: StiffnessModel,
-    assembly: Assembly, first: Diagnosis, last: Diagnosis, climbed: tuple[Found, ...], remarks: list[str], tell: Tell,
-) -> Finding:  # fmt: skip
-    named = tuple(
-        Found(e.effect, e.where, e.shape, e.parameters, e.p_value, e.confidence, e.confounded_with, e.set_number,
-              e.twins)
-        for e in last.effects
-    )  # fmt: skip
-    tell("identification")
-    grown = grow(base, [e.instance for e in named if e.set_number == 0])
-    after = fit_told(grown, table)
-    extent = extent_of(assembly.situation.view)
-    if astray([_as_identified(e, after) for e in named if e.set_number == 0], task.robot, extent):
-        last = _taken_back(last)
-        return _finding(task, table, told, start, base, assembly, first, last, climbed, remarks, tell)
-    before = after if grown is start else fit_told(start, table, after.noise, after)
-    verdict, reason = last.verdict, last.reason
-    if climbed and verdict == NOTHING:
-        verdict, reason = NAMED, "the links give way; beyond the complete model no test rejects"
-    testable = verdict != UNTESTABLE
-    remarks = [*remarks, *remarked(assembly.situation.view, last)]
-    remarks += _beyond_code(after.model, table, last.rms.after)
-    held = _redundant(task, start, table)
-    own = len(start.parameters) - len(held)
-    remarks += _hidden(after, base) or (
-        _undetermined(base, assembly, last, after, held if base is start else {})
-        if last.growth
-        else _left_at_zero(after)
-    )
-    if last.rms.unconfirmed:
-        named = tuple(replace(e, confidence=min(e.confidence, _UNCONFIRMED)) for e in named)
-        remarks.append(
-            "poses that were not used do not confirm what was found: there the residual does not fall. "
-            "Measure more poses before relying on it"
-        )
-    if named and len(np.unique(table.pose)) < FEWEST:
-        named = tuple(replace(e, confidence=min(e.confidence, _UNCONFIRMED)) for e in named)
-        remarks.append("so few poses leave none to predict: measure more before relying on what was found")
-    if climbed:  # every admissible set holds them
-        sets = sorted({e.set_number for e in named}) or [0]
-        named = tuple(e for s in sets for e in (*(replace(c, set_number=s) for c in climbed),
-                                                *(n for n in named if n.set_number == s)))  # fmt: skip
-    named = tuple(_as_identified(e, after) if e.set_number == 0 else e for e in named)
-    counted = named if verdict == AMBIGUOUS else tuple(e for e in named if e.set_number == 0)
-    assumed = (
-        f"{named_at(e.effect, e.where)}: {a}" for e in counted for a in e.instance.assumptions(task.robot)
-    )
-    remarks += dict.fromkeys(assumed)  # several sets may hold one effect
-    # what the complete model keeps are sums with signs
-    ladder = {named_at(e.effect, e.where) for e in climbed}
-    alone = {  # the first set's, where several hold one effect
-        name: e for e in reversed(counted) if (name := named_at(e.effect, e.where)) not in ladder
-    }
-    remarks += dict.fromkeys(out_of_range([*reversed(alone.values())], task.robot, extent))
-    return Finding(
-        task, table, before, after, told, first, last, assembly, verdict if testable else UNEXPLAINED, testable, reason,
-        counted, tuple(e for e in named if e not in counted),
-        _steps(first, last, own, own if base is start else len(base.parameters), before, bool(climbed)),
-        _rms(first, last), tuple(remarks),
-    )  # fmt: skip
-
-
-def _beyond_code(model: StiffnessModel, table: Measurements, left: float) -> list[str]:
-    """A remark on what is found and is no law of a virtual joint, where the model leaves more for want of it.
-
-    ``left`` is what is left with it, rms of a coordinate, of translations where there are any.
-    """
-    lawless = [e for e, r in zip(model.effects, model.realisations, strict=True) if r.nominal and not r.terms]
-    if not lawless or table.kind != "deflection":
-        return []
-    positions = bool(table.measured[:, :3].any())
-    rows = table.measured & (np.arange(6) < 3 if positions else True)
-    without = float(np.sqrt(np.mean((table.values - predict(model, table))[rows] ** 2)))
-    if without < _MORE * left:
-        return []
-    names, unit = ", ".join(named_at(e.effect, e.where) for e in lawless), "mm" if positions else "mrad"
-    return [
-        f"{names}: no law at a virtual joint, so that the model's deflections, its code and compensation go without "
-        f"it: they leave {milli(without)} {unit} rms per coordinate of these data"
-    ]
-
-
-def _taken_back(last: Diagnosis) -> Diagnosis:
-    """The diagnosis without the effects whose sizes go astray where all parameters are identified jointly."""
-    reason = "what accounts for the data goes far beyond its physical range where all parameters are identified jointly"
-    rms = replace(last.rms, after=last.rms.before, held_out_after=last.rms.held_out_before)
-    return replace(
-        last, verdict=UNEXPLAINED, reason=reason, effects=(), growth=last.growth[:1], rms=rms, held_out=None
-    )
-
-
-def _left_at_zero(fitted: Fitted) -> list[str]:
-    """A remark on the parameters that a fit leaves at zero, where nothing was tested."""
-    if not fitted.absorbed:
-        return []
-    return [
-        f"{len(fitted.absorbed)} of the model's {len(fitted.model.parameters)} parameters are not determined by these "
-        "data and are zero, the others bear their part: model.toml is no model of the robot before more poses are "
-        "measured"
-    ]
-
-
-def _hidden(fitted: Fitted, base: StiffnessModel) -> list[str]:
-    """A remark on compliances that geometry hides in absolute positions, and that the written model lacks."""
-    problem, view = fitted.assembly.problem, fitted.assembly.situation.view
-    own = set(fitted.model.stiffness_parameters)
-    zero = [p.name for p in base.compliances if p.name in own & set(fitted.absorbed)]
-    if view.table.kind != "absolute" or not zero:
-        return []
-    size = milli(float(np.sqrt(np.mean(fitted.residual[problem.axis < 3] ** 2))))
-    be, their = ("is", "its") if len(zero) == 1 else ("are", "their")
-    lacks = (
-        "is no model of the robot under loads" if len(zero) == len(own) else f"lacks {their} part under loads"
-    )
-    return [
-        f"{len(zero)} of the model's {len(own)} compliances ({few(zero, 4)}) {be} not determined by these positions "
-        f"beside the geometry and {be} zero: model.toml leaves {size} mm rms per coordinate, and {lacks} until loaded "
-        "poses, or deflections, are measured"
-    ]
-
-
-def _undetermined(
-    model: StiffnessModel, assembly: Assembly, last: Diagnosis, fitted: Fitted, held: Couplings
-) -> list[str]:
-    """Remarks on parameters of the start model that the data do not determine; ``held``: nor do any others."""
-    known = {
-        name for name, std in zip(assembly.names, last.growth[0].model_std, strict=False) if np.isfinite(std)
-    }
-    nominal = {n for r in model.realisations for n in r.nominal}
-    open_ones = [n for n in model.parameters if n not in known | nominal]
-    if not open_ones:
-        return []
-    sums = {*held, *(n for row in held.values() for n in row)}
-    zero = [n for n in fitted.absorbed if n in sums]
-    more = [n for n in open_ones if n not in sums]
-    remarks = []
-    if zero:
-        be, them = ("is", "it") if len(zero) == 1 else ("are", "them")
-        remarks.append(
-            f"{few(zero, 4)} {be} zero: no poses and loads of this kind tell {them} from the start model's other "
-            "parameters, which bear what they would"
-        )
-    if more:
-        remarks.append(
-            f"{len(more)} of the start model's {len(model.parameters)} parameters are not determined by these data "
-            f"({few(more, 4)}): more poses, or loads in more directions, would show more"
-        )
-    return remarks
-
-
-def _redundant(task: Task, model: StiffnessModel, table: Measurements) -> Couplings:
-    """What no poses and loads tell apart in a start model that was not reduced here; positions have geometry beside."""
-    if task.start in ("complete", "joints") or table.kind != "deflection":
-        return {}
-    return redundant(model, table)
-
-
-def _as_identified(effect: Found, fitted: Fitted) -> Found:
-    """The effect with the values that the grown model holds, all parameters identified jointly."""
-    model, parameters = fitted.model, dict(effect.parameters)
-    for name, e in parameters.items():
-        if name in model.deviations:
-            parameters[name] = Estimate(float(model.values[name]), float(model.deviations[name]), e.unit)
-        elif name in fitted.absorbed:
-            parameters[name] = Estimate(0.0, float("inf"), e.unit)
-    return replace(effect, parameters=parameters)
-
-
-def _steps(
-    first: Diagnosis, last: Diagnosis, own: int, most: int, before: Fitted, climbed: bool
-) -> tuple[Rung, ...]:
-    """``own``, ``most``: parameters of the start model, and of what took its place, that anything may tell apart."""
-    if not last.growth:
-        return (Rung("start model", own, before.residual, first.strata, first.p_missing),)
-    out = []
-    if climbed:
-        g = first.growth[0]
-        out.append(Rung("start model", own, g.residual, g.strata, first.p_missing))
-    for k, g in enumerate(last.growth):
-        title = "start model" if g.added is None else f"+ {named_at(g.added.effect, g.added.where)}"
-        if g.added is None and climbed:
-            title = "complete model (all links elastic)"
-        count, p_left = most + g.gained, last.p_missing if k == 0 else g.p_left
-        out.append(Rung(title, count, g.residual, g.strata, p_left))
-    return tuple(out)
-
-
-def _rms(first: Diagnosis, last: Diagnosis) -> Rms:
-    return replace(
-        last.rms, before=first.rms.before, held_out_before=first.rms.held_out_before,
-    )  # fmt: skip
