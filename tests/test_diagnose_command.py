@@ -17,10 +17,10 @@ from symstiff.calibration.measurements import Measurements
 from symstiff.calibration.table import read_poses, read_table
 from symstiff.codegen.compiler import find_compiler
 from symstiff.discrepancy.finding import Task
+from symstiff.discrepancy.reasons import Why
 from symstiff.discrepancy.remarks import remarked
 from symstiff.discrepancy.result import Name
 from symstiff.discrepancy.used import MOST_POSES, thinned
-from symstiff.discrepancy.verdict import ENOUGH
 from symstiff.discrepancy.workflow import run
 from symstiff.model import load_model
 from symstiff.report import words
@@ -185,7 +185,7 @@ def test_a_search_that_stops_at_the_most_effects_says_so() -> None:
     assert (both.verdict, len(both.named)) == ("named", 2)
     one = run(Task(load(ROBOT), table, max_effects=1))
     assert one.verdict == "named_insufficient"
-    assert one.reason == ENOUGH
+    assert one.because.why is Why.ENOUGH
     told = words.sentence(one)
     assert "stands out beside as many effects as were looked for: allow more (--max-effects)" in told
     assert "too faint" not in told

@@ -15,6 +15,7 @@ from symstiff.discrepancy.bank import build
 from symstiff.discrepancy.diagnose import beyond, diagnose
 from symstiff.discrepancy.prepare import prepare
 from symstiff.discrepancy.problem import ANGLE, CLOCK, Array, Candidate, Parameter, Problem
+from symstiff.discrepancy.reasons import Why
 from symstiff.discrepancy.result import Name
 from symstiff.discrepancy.scan import Scan, coefficients
 from symstiff.discrepancy.search import Proposal, Workshop, polish
@@ -198,7 +199,7 @@ def test_a_set_that_is_behind_one_that_a_law_without_a_name_matches_is_told_with
     )  # fmt: skip
     found = verdict._conclude(cast(Any, [ahead, behind]), [], cast(Any, (None, None, 0.0, 0.0)), QUICK)
     assert found.verdict == verdict_
-    assert verdict_ == "unexplained" or (found.reason, found.chosen) == (verdict.AS_WELL, cast(Any, behind))
+    assert verdict_ == "unexplained" or (found.because.why, found.chosen) == (Why.AS_WELL, cast(Any, behind))
 
 
 def test_a_second_effect_is_as_believable_as_the_first_one() -> None:
@@ -224,7 +225,7 @@ def test_what_is_faint_has_to_lead_the_laws_without_a_name_together(
     assert verdict._admissible(cast(Any, faint), QUICK) == told
     if not told:
         found = verdict._conclude(cast(Any, [faint]), [], cast(Any, (None, None, 0.0, 0.0)), QUICK)
-        assert (found.verdict, found.reason) == ("unexplained", verdict.NOT_ALONE)
+        assert (found.verdict, found.because.why) == ("unexplained", Why.NOT_ALONE)
 
 
 def test_an_effect_divides_its_weight_among_kinds_of_places_and_each_among_its_own() -> None:

@@ -19,9 +19,9 @@ from symstiff.calibration.simulation import Effect, Noise, Truth, nominal_truth,
 from symstiff.calibration.slips import Reading, joint_hint, marker_hint
 from symstiff.discrepancy.deciding import experiments_like
 from symstiff.discrepancy.finding import Finding, Found, Task
+from symstiff.discrepancy.reasons import Why
 from symstiff.discrepancy.remarks import astray, remarked
 from symstiff.discrepancy.result import Estimate
-from symstiff.discrepancy.verdict import NO_TEST_NAMES
 from symstiff.discrepancy.workflow import run
 from symstiff.effects.base import Scales
 from symstiff.effects.instance import EffectInstance
@@ -259,7 +259,7 @@ def test_computed_data_are_named_from_the_joints_alone_too() -> None:
 def test_a_sigma_that_is_far_too_small_is_named_as_what_speaks_against_the_model() -> None:
     found = diagnosed(measured(stated=0.1))
     assert found.verdict == "unexplained"
-    assert found.reason.endswith(NO_TEST_NAMES)
+    assert found.because.why is Why.SIGMA
     assert "than the stated sigma allows" in headline(found)
     assert "times the stated sigma" in sentence(found)
     assert "check the stated sigma" in sentence(found)

@@ -16,6 +16,7 @@ from symstiff.discrepancy.growth import Fitted, fit_told, grow
 from symstiff.discrepancy.numbers import milli
 from symstiff.discrepancy.proof import FEWEST
 from symstiff.discrepancy.ranges import extent_of
+from symstiff.discrepancy.reasons import Reason, Why
 from symstiff.discrepancy.remarks import astray, out_of_range, remarked
 from symstiff.discrepancy.result import Diagnosis, Estimate
 from symstiff.discrepancy.speech import named as named_at
@@ -60,9 +61,9 @@ def finding_of(course: Course, remarks: list[str], tell: Callable[[str], None]) 
     ):
         return finding_of(replace(course, last=_taken_back(last)), remarks, tell)
     before = after if grown is start else fit_told(start, table, after.noise, after)
-    verdict, reason = last.verdict, last.reason
+    verdict, because = last.verdict, last.because
     if course.climbed and verdict == NOTHING:
-        verdict, reason = NAMED, "the links give way; beyond the complete model no test rejects"
+        verdict, because = NAMED, Reason(Why.LINKS)
     held = _redundant(task, start, table)
     doubts = _unconfirmed(course)
     named = _effects(course, after, _UNCONFIRMED if doubts else 1.0)
@@ -75,7 +76,7 @@ def finding_of(course: Course, remarks: list[str], tell: Callable[[str], None]) 
     rms = replace(last.rms, before=course.first.rms.before, held_out_before=course.first.rms.held_out_before)
     return Finding(
         task, table, before, after, course.told, course.first, last, course.assembly,
-        verdict if testable else UNEXPLAINED, testable, reason,
+        verdict if testable else UNEXPLAINED, testable, because,
         counted, tuple(e for e in named if e not in counted),
         _steps(course, before, len(start.parameters) - len(held)), rms, tuple(remarks),
     )  # fmt: skip
@@ -162,10 +163,15 @@ def _beyond_code(model: StiffnessModel, table: Measurements, left: float) -> lis
 
 def _taken_back(last: Diagnosis) -> Diagnosis:
     """The diagnosis without the effects whose sizes go astray where all parameters are identified jointly."""
-    reason = "what accounts for the data goes far beyond its physical range where all parameters are identified jointly"
     rms = replace(last.rms, after=last.rms.before, held_out_after=last.rms.held_out_before)
     return replace(
-        last, verdict=UNEXPLAINED, reason=reason, effects=(), growth=last.growth[:1], rms=rms, held_out=None
+        last,
+        verdict=UNEXPLAINED,
+        because=Reason(Why.ASTRAY),
+        effects=(),
+        growth=last.growth[:1],
+        rms=rms,
+        held_out=None,
     )
 
 

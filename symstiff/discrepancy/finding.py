@@ -11,6 +11,7 @@ from symstiff.calibration.measurements import Measurements
 from symstiff.discrepancy.assemble import Assembly
 from symstiff.discrepancy.growth import Fitted
 from symstiff.discrepancy.problem import Array, Shape
+from symstiff.discrepancy.reasons import Reason
 from symstiff.discrepancy.result import CandidateResult, Diagnosis, Estimate, Name, Rms
 from symstiff.discrepancy.strata import Stratum
 from symstiff.effects.instance import EffectInstance
@@ -85,7 +86,7 @@ class Finding:
     """Of the last diagnosis."""
     verdict: str
     testable: bool
-    reason: str
+    because: Reason
     effects: tuple[Found, ...]
     """The named set; all admissible sets, best first, where the verdict is ambiguous."""
     alternatives: tuple[Found, ...]
@@ -93,6 +94,11 @@ class Finding:
     steps: tuple[Rung, ...]
     rms: Rms
     remarks: tuple[str, ...]
+
+    @property
+    def reason(self) -> str:
+        """Why the verdict is what it is, as a sentence."""
+        return str(self.because)
 
     @property
     def model(self) -> StiffnessModel:

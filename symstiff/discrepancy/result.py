@@ -9,8 +9,8 @@ from symstiff.discrepancy.localise import FittedDevice, FittedLaw, Localisation
 from symstiff.discrepancy.noise import NoiseReport
 from symstiff.discrepancy.problem import Array, Shape
 from symstiff.discrepancy.proof import HeldOut, closed
+from symstiff.discrepancy.reasons import Reason, Why
 from symstiff.discrepancy.strata import Stratum
-from symstiff.discrepancy.verdict import CORRECT, NO_TEST_NAMES, ONE_STRATUM
 
 
 @dataclass(frozen=True)
@@ -127,7 +127,7 @@ class Diagnosis:
     """The result of `diagnose`."""
 
     verdict: str
-    reason: str
+    because: Reason
     effects: tuple[NamedEffect, ...]
     candidates: tuple[CandidateResult, ...]
     """Best first, untestable ones last."""
@@ -152,18 +152,23 @@ class Diagnosis:
     """The effects of the set that explains most, whether the verdict names it or not."""
 
     @property
+    def reason(self) -> str:
+        """Why the verdict is what it is, as a sentence."""
+        return str(self.because)
+
+    @property
     def doubtful(self) -> bool:
         """Whether the table is to be corrected before anything can be said."""
-        return CORRECT in self.reason
+        return self.because.why is Why.DOUBTED
 
     @property
     def stratum_alone(self) -> Stratum | None:
         """The stratum that rejects where no test of laws does: then no place is accused."""
-        if self.reason != ONE_STRATUM:
+        if self.because.why is not Why.ONE_STRATUM:
             return None
         return min((s for s in self.strata if s.p_value is not None), key=lambda s: s.p_value or 0.0)
 
     @property
     def against_sigma(self) -> bool:
         """Whether nothing but the stated sigma speaks against the model."""
-        return self.reason.endswith(NO_TEST_NAMES)
+        return self.because.why is Why.SIGMA

@@ -32,6 +32,7 @@ from symstiff.discrepancy.finding import Finding, Task
 from symstiff.discrepancy.growth import fit, grow
 from symstiff.discrepancy.prepare import at_first
 from symstiff.discrepancy.problem import Options
+from symstiff.discrepancy.reasons import Reason
 from symstiff.discrepancy.result import Diagnosis, Estimate, Name
 from symstiff.discrepancy.speech import named as named_at
 from symstiff.discrepancy.used import used
@@ -99,7 +100,7 @@ def first_assembly(model: StiffnessModel, table: Measurements) -> Assembly:
 
 
 def _diagnosed(
-    model: StiffnessModel, table: Measurements, options: Options, tell: Tell, doubt: str = ""
+    model: StiffnessModel, table: Measurements, options: Options, tell: Tell, doubt: Reason | None = None
 ) -> tuple[Assembly, Diagnosis]:
     """The diagnosis of a model; where it finds loads, other laws are looked for once more under the sum.
 

@@ -8,10 +8,11 @@ from typing import Any
 
 from symstiff.discrepancy.finding import Finding, Found
 from symstiff.discrepancy.numbers import milli, number, p_equals, quantity
+from symstiff.discrepancy.reasons import Why
 from symstiff.discrepancy.remarks import FEW, hiding
 from symstiff.discrepancy.result import Name
 from symstiff.discrepancy.speech import named, place, spoken
-from symstiff.discrepancy.verdict import AS_WELL, ENOUGH, INSUFFICIENT, NOT_ALONE, REFUTED
+from symstiff.discrepancy.verdict import INSUFFICIENT
 from symstiff.effects.instance import EffectInstance
 from symstiff.report.deciding import deciding
 from symstiff.report.tables import shift
@@ -51,13 +52,13 @@ def headline(finding: Finding) -> str:
     """The verdict in a few words."""
     if not finding.testable:
         return "Nothing can be tested with these data"
-    if finding.reason == NOT_ALONE:
+    if finding.because.why is Why.NOT_ALONE:
         return "Something is missing, and the data do not tell whether the catalogue has a name for it"
     if finding.last.against_sigma:
         return "More is left than the stated sigma allows, and no test finds anything missing"
     if finding.last.stratum_alone is not None:
         return "More is left than independent noise leaves, and no place stands out"
-    if finding.reason in (AS_WELL, REFUTED):
+    if finding.because.why in (Why.AS_WELL, Why.REFUTED):
         return f"Something is missing, perhaps: {names(finding.named)}"
     return {
         "named": "Missing: " + names(finding.named),
@@ -283,12 +284,12 @@ def _insufficient(finding: Finding) -> str:
     why = (
         "a law still stands out in what it leaves: another shape of it, or a further effect too faint to name"
     )
-    if finding.reason == AS_WELL:
+    if finding.because.why is Why.AS_WELL:
         why = "a law without a name accounts for the data as well"
-    if finding.reason == ENOUGH:
+    if finding.because.why is Why.ENOUGH:
         why = f"{_further(finding)} stands out beside as many effects as were looked for: allow more (--max-effects)"
-    if finding.reason == REFUTED:
-        why = f"{REFUTED}: measure more poses before relying on it"
+    if finding.because.why is Why.REFUTED:
+        why = f"{finding.reason}: measure more poses before relying on it"
     return f"The leading explanation is {listed(finding)}, but {why}; {gap(finding)}."
 
 
@@ -315,7 +316,7 @@ def _unexplained(finding: Finding) -> str:
         )
     accused = finding.last.localisation.accused if finding.last.localisation else ""
     text = "No effect of the catalogue accounts for the data"
-    if finding.reason == NOT_ALONE:
+    if finding.because.why is Why.NOT_ALONE:
         told = [named(name.effect, name.where) for name, _, _ in finding.last.leading]
         sets, verb = ", ".join(told), "account" if len(told) > 1 else "accounts"
         text = f"{sets[:1].upper()}{sets[1:]} {verb} for the data, but a law without a name does so as well"
