@@ -7,7 +7,6 @@ from dataclasses import replace
 from html import unescape
 from html.parser import HTMLParser
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
@@ -317,8 +316,7 @@ def test_an_ambiguous_verdict_leaves_poses_that_decide(named: Finding, tmp_path:
     gap = {"backlash_2_gap": Estimate(1e-3, 1e-5, "rad")}
     rival = Found("backlash", {"joint": 2}, {}, gap, 0.01, 0.4, (), 1)
     finding = replace(named, verdict="ambiguous", effects=(*named.effects, rival))
-    verdict: dict[str, Any] = {}
-    decide = write_deciding_poses(finding, tmp_path, verdict, lambda stage: None)
+    decide = write_deciding_poses(finding, tmp_path, lambda stage: None)
     table = read_poses(tmp_path / "decide.csv")
     assert decide is not None
     assert [p["pose"] for p in decide["poses"]] == list(table.labels)
@@ -329,7 +327,9 @@ def test_an_ambiguous_verdict_leaves_poses_that_decide(named: Finding, tmp_path:
     assert "backlash at joint 2" in page
     reached = f"a separation of {separation_text(decide['poses'][-1]['separation'])} (20 is ample)"
     assert f"These poses reach {reached}." in page
-    assert verdict["sentence"].endswith(f"that tell them apart best; they reach {reached}.")
+    assert verdict_table(finding, decide)["sentence"].endswith(
+        f"that tell them apart best; they reach {reached}."
+    )
 
 
 def test_where_no_pose_decides_no_file_is_named(named: Finding, tmp_path: Path) -> None:
@@ -337,12 +337,11 @@ def test_where_no_pose_decides_no_file_is_named(named: Finding, tmp_path: Path) 
     finding = replace(
         named, verdict="ambiguous", effects=(*named.effects, replace(named.effects[0], set_number=1))
     )
-    verdict: dict[str, Any] = {}
-    decide = write_deciding_poses(finding, tmp_path, verdict, lambda stage: None)
+    decide = write_deciding_poses(finding, tmp_path, lambda stage: None)
     assert decide is not None
     assert (decide["file"], decide["taken"], decide["poses"]) == (None, None, [])
     assert not list(tmp_path.iterdir())
-    assert "others may, unless both are the same to the tool" in verdict["sentence"]
+    assert "others may, unless both are the same to the tool" in verdict_table(finding, decide)["sentence"]
 
 
 @pytest.mark.parametrize(

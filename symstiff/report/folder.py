@@ -24,7 +24,6 @@ from symstiff.model import StiffnessModel
 from symstiff.report.code import Line, core, difference, excerpt
 from symstiff.report.html import render
 from symstiff.report.verdict import verdict_table
-from symstiff.report.words import sentence
 
 FEWEST, MOST, AMPLE = 6, 15, 100.0
 """Poses in decide.csv: as many as make the explanations differ amply, within these bounds."""
@@ -46,12 +45,11 @@ def write_folder(finding: Finding, folder: Path, tell: Callable[[str], None] = l
     """Write everything that a diagnosis leaves behind. Raises UserError where the place cannot be written."""
     require(finding, Finding, "a finding", "diagnose(Task(robot, table)) gives one")
     with new_folder(folder, DIAGNOSIS) as temporary:
-        verdict = verdict_table(finding)
         tell("code")
         code = _code(finding, temporary.resolve() / "code")
         changes = _changes(finding, temporary / "code") if code["folder"] else []
-        decide = write_deciding_poses(finding, temporary, verdict, tell)
-        verdict["code"] = code
+        decide = write_deciding_poses(finding, temporary, tell)
+        verdict = {**verdict_table(finding, decide), "code": code}
         finding.model.save(temporary / "model.toml")
         tell("report")
         page = render(finding, {"code": code, "decide": decide}, changes)
@@ -115,9 +113,9 @@ def _changes(finding: Finding, code: Path) -> list[Line]:
 
 
 def write_deciding_poses(
-    finding: Finding, folder: Path, verdict: dict[str, Any], tell: Callable[[str], None]
+    finding: Finding, folder: Path, tell: Callable[[str], None]
 ) -> dict[str, Any] | None:
-    """decide.csv for an ambiguous verdict: poses and loads that tell the admissible sets apart."""
+    """decide.csv for an ambiguous verdict: poses and loads that tell the admissible sets apart; its record."""
     from symstiff.calibration.table import write_table
 
     if finding.verdict != "ambiguous":
@@ -151,7 +149,6 @@ def write_deciding_poses(
     if found.poses:
         write_table(table, folder / "decide.csv", "deg")
         write_table(_without_readings(finding.table), folder / TAKEN)
-    verdict["decide"], verdict["sentence"] = record, sentence(finding, record)
     return record
 
 

@@ -17,13 +17,13 @@ from symstiff.report.tables import sizes_of
 from symstiff.report.words import sentence
 
 
-def verdict_table(finding: Finding) -> dict[str, Any]:
-    """The verdict as plain values; what is not finite or unknown is null."""
+def verdict_table(finding: Finding, decide: Mapping[str, Any] | None = None) -> dict[str, Any]:
+    """The verdict as plain values; what is not finite or unknown is null. ``decide``: the poses that decide."""
     last = finding.last
-    return {
+    table = {
         "verdict": finding.verdict,
         "testable": finding.testable,
-        "sentence": sentence(finding),
+        "sentence": sentence(finding, decide),
         "reason": finding.reason,
         "remarks": list(finding.remarks),
         "robot": finding.task.robot.name,
@@ -66,6 +66,7 @@ def verdict_table(finding: Finding) -> dict[str, Any]:
             "values": {n: finite(v) for n, v in finding.start.model.values.items()},
         },
     }  # fmt: skip
+    return table if decide is None else {**table, "decide": decide}
 
 
 def _mm(value: float | None) -> float | None:
