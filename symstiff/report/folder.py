@@ -18,6 +18,7 @@ from symstiff.calibration.writing import LOADS
 from symstiff.discrepancy.deciding import Choice, Rival, decide_by, experiments_like
 from symstiff.discrepancy.finding import Finding
 from symstiff.discrepancy.separate import TAKEN
+from symstiff.discrepancy.verdict import AMBIGUOUS
 from symstiff.errors import UserError
 from symstiff.files import DIAGNOSIS, new_folder
 from symstiff.model import StiffnessModel
@@ -118,7 +119,7 @@ def write_deciding_poses(
     """decide.csv for an ambiguous verdict: poses and loads that tell the admissible sets apart; its record."""
     from symstiff.calibration.table import write_table
 
-    if finding.verdict != "ambiguous":
+    if finding.verdict != AMBIGUOUS:
         return None
     rivals = rivals_of(finding)
     if len(rivals) < 2:

@@ -12,7 +12,7 @@ from symstiff.discrepancy.reasons import Why
 from symstiff.discrepancy.remarks import FEW, hiding
 from symstiff.discrepancy.result import Name
 from symstiff.discrepancy.speech import named, place, spoken
-from symstiff.discrepancy.verdict import INSUFFICIENT
+from symstiff.discrepancy.verdict import AMBIGUOUS, INSUFFICIENT, NAMED, NOTHING, UNEXPLAINED
 from symstiff.effects.instance import EffectInstance
 from symstiff.report.deciding import deciding
 from symstiff.report.tables import shift
@@ -61,11 +61,11 @@ def headline(finding: Finding) -> str:
     if finding.because.why in (Why.AS_WELL, Why.REFUTED):
         return f"Something is missing, perhaps: {names(finding.named)}"
     return {
-        "named": "Missing: " + names(finding.named),
-        "nothing_missing": _nothing_missing(finding),
-        "ambiguous": "Ambiguous: more than one explanation accounts for the data",
-        "named_insufficient": "Missing, but not all of it: " + names(finding.named),
-        "unexplained": "Something is missing that has no name in the catalogue",
+        NAMED: "Missing: " + names(finding.named),
+        NOTHING: _nothing_missing(finding),
+        AMBIGUOUS: "Ambiguous: more than one explanation accounts for the data",
+        INSUFFICIENT: "Missing, but not all of it: " + names(finding.named),
+        UNEXPLAINED: "Something is missing that has no name in the catalogue",
     }[finding.verdict]
 
 
@@ -121,11 +121,11 @@ def sentence(finding: Finding, decide: Mapping[str, Any] | None = None) -> str:
     if not finding.testable:
         return f"Nothing can be tested with these data: {finding.reason}."
     text = {
-        "named": _named,
-        "nothing_missing": _nothing,
-        "ambiguous": _ambiguous,
-        "named_insufficient": _insufficient,
-        "unexplained": _unexplained,
+        NAMED: _named,
+        NOTHING: _nothing,
+        AMBIGUOUS: _ambiguous,
+        INSUFFICIENT: _insufficient,
+        UNEXPLAINED: _unexplained,
     }[finding.verdict](finding)
     return text if decide is None else f"{text} {deciding(decide)}"
 
