@@ -17,7 +17,8 @@ from symstiff.reduction.aggregation import inexact_aggregations
 from symstiff.reduction.physical import Parameter, Stage, physical_stages, terms_of
 from symstiff.reduction.structural import ExactEngine, Experiment, Partition, in_rationals, in_unit_axes
 from symstiff.robot.exact import parse_exact
-from symstiff.robot.schema import LONGEST, WIDEST, Robot, whole
+from symstiff.robot.quantities import LONGEST, WIDEST, in_parts_of_pi
+from symstiff.robot.schema import Robot
 from symstiff.symbolic.chain import ElasticChain
 from symstiff.symbolic.programs import observation_program
 from symstiff.symbolic.terms import Term
@@ -231,7 +232,7 @@ def _fixed(robot: Robot, fixed: Mapping[int, Any]) -> dict[int, sp.Expr]:
             unit, right = ("millimetres", "metres") if prismatic else ("degrees", "radians")
             raise UserError(f"cannot fix q{joint} at {float(value):g}: looks like {unit}, give {right}")
         # tables have decimals: joints may stand square to each other by sums of tenths of a degree
-        values[joint] = (value if prismatic else whole(value, _TENTHS)).sympy()
+        values[joint] = (value if prismatic else in_parts_of_pi(value, _TENTHS)).sympy()
     return values
 
 
