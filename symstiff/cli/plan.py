@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from symstiff.cli.output import check_targets, console, note, print_table, stages, write_json
-from symstiff.cli.show import parse_fixed, warn_of, whole
+from symstiff.cli.show import parse_fixed, warn_of, whole_number
 from symstiff.errors import UserError
 from symstiff.robot import load
 
@@ -335,7 +335,7 @@ def _levels(text: str | None) -> dict[int, int]:
     for part in (text or "").split(","):
         if part.strip():
             name, _, count = part.partition("=")
-            joint, values = whole(name.strip().removeprefix("q")), whole(count.strip())
+            joint, values = whole_number(name.strip().removeprefix("q")), whole_number(count.strip())
             if joint is None or values is None:
                 raise UserError(f"--levels {part.strip()!r}: write a joint and a number of values, e.g. q2=5")
             if joint in levels:

@@ -9,6 +9,7 @@ import numpy as np
 
 from symstiff.calibration.decomposition import svd
 from symstiff.calibration.experiment.arm import Arm, drawn, standing
+from symstiff.calibration.experiment.full import full_laws
 from symstiff.calibration.experiment.placement import placed, placement_columns, turns_of
 from symstiff.calibration.experiment.readings import experiment_of
 from symstiff.calibration.experiment.rounding import without_rounding
@@ -23,7 +24,6 @@ from symstiff.calibration.experiment.situation import (
     look,
     under_weights,
 )
-from symstiff.calibration.experiment.whole import whole
 from symstiff.calibration.measurements import Measurements
 from symstiff.calibration.rows import stated_sigma
 from symstiff.effects.base import Realisation, Shape, Where
@@ -208,7 +208,7 @@ def _current(
         solution, weighed = _fitted(np.hstack([A, extra]), target, view, begin, weigh)
         fit = dict(zip(free, solution, strict=True))
         own = [k for k, n in enumerate(free) if n in {p.name for p in model.effect_parameters}]
-        laws = whole(model, view, np.hstack([A[:, own], extra]), {**fit, **nominal}, target, weighed)
+        laws = full_laws(model, view, np.hstack([A[:, own], extra]), {**fit, **nominal}, target, weighed)
     situation = Situation(_under(view, laws), laws)
     keep = np.any(A != 0, axis=0)
     kept = [n for n, k in zip(free, keep, strict=True) if k]

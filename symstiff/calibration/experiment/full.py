@@ -26,7 +26,7 @@ _SOFTEST = 5.0
 """How much softer the shortest lever makes a gear: robots have one to ten."""
 
 
-def whole(
+def full_laws(
     model: StiffnessModel, view: View, further: Floats, values: dict[str, float], y: Floats,
     weigh: Weigh,
 ) -> Laws:  # fmt: skip
