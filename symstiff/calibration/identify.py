@@ -32,7 +32,7 @@ from symstiff.calibration.remarks import (
     of_redundant,
     of_sag,
     repeated,
-    settled,
+    unsettled,
 )
 from symstiff.calibration.residuals import ResidualTable, places, residual_table, split
 from symstiff.calibration.robust import RobustEstimate
@@ -248,7 +248,7 @@ def _from_deflections(
     values |= {n: model.values.get(n, 0.0) for n in held}
     model = model.with_values(values, _finite(dict(zip(fitted.names, fitted.std.tolist(), strict=True))))
     training = residual_table(train.values, predict(model, train))
-    remarks += [*settled(found), *explained(training), *fits(fitted, e), *unlike_file(model, robot)]
+    remarks += [*unsettled(found), *explained(training), *fits(fitted, e), *unlike_file(model, robot)]
     remarks += [] if physical or reduction is None else below_zero(values, reduction)
     fresh = residual_table(validation.values, predict(model, validation)) if validation is not None else None
     return Identification(

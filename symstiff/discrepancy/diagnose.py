@@ -21,7 +21,7 @@ from symstiff.discrepancy.localise import (
     with_law,
 )
 from symstiff.discrepancy.noise import CONTRADICTED, REPEATABILITY, NoiseReport
-from symstiff.discrepancy.prepare import Prepared, prepare, settled
+from symstiff.discrepancy.prepare import Prepared, noise_told_anew, prepare
 from symstiff.discrepancy.problem import Array, Candidate, Options, Problem, key_of
 from symstiff.discrepancy.proof import HeldOut, held_out, poses_of_their_own
 from symstiff.discrepancy.reasons import Reason, Why
@@ -88,7 +88,7 @@ def diagnose(
         numbers(ready.bank, given), lambda scan: strata(problem, scan),
     )  # fmt: skip
     if outcome.admissible:
-        ready = settled(problem, ready, outcome.admissible[0].entries)
+        ready = noise_told_anew(problem, ready, outcome.admissible[0].entries)
     proof = _proof(problem, ready, allowed, outcome, options, tell)
     outcome = against_sigma(
         refuted(outcome) if proof is not None and proof.refutes else outcome, ready.report

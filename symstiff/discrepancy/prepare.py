@@ -95,7 +95,7 @@ def prepare(problem: Problem, candidates: Sequence[Candidate]) -> Prepared:
     return Prepared(seen.scan, bank, report, _data_residual(seen.scan))
 
 
-def settled(problem: Problem, ready: Prepared, entries: tuple[int, ...]) -> Prepared:
+def noise_told_anew(problem: Problem, ready: Prepared, entries: tuple[int, ...]) -> Prepared:
     """The same with the noise told that is left after what was found, which may have passed for a shared error."""
     told = ready.report
     report = _report(problem, ready.scan, extend(ready.scan, entries), entries, told.growth, told.by_marker)
