@@ -12,7 +12,7 @@ from symstiff.calibration.redundant import redundant
 from symstiff.calibration.rows import predict
 from symstiff.discrepancy.assemble import Assembly
 from symstiff.discrepancy.finding import Finding, Found, Rung, Task
-from symstiff.discrepancy.growth import Fitted, fit_told, grow
+from symstiff.discrepancy.growth import JointFit, fit_told, grow
 from symstiff.discrepancy.numbers import milli
 from symstiff.discrepancy.proof import FEWEST
 from symstiff.discrepancy.ranges import extent_of
@@ -91,7 +91,7 @@ def _named(last: Diagnosis) -> tuple[Found, ...]:
     )  # fmt: skip
 
 
-def _effects(course: Course, after: Fitted, most: float) -> tuple[Found, ...]:
+def _effects(course: Course, after: JointFit, most: float) -> tuple[Found, ...]:
     """The effects of all admissible sets, no surer than ``most``; those of the first as they were identified."""
     named = [replace(e, confidence=min(e.confidence, most)) for e in _named(course.last)]
     if course.climbed:  # every admissible set holds them
@@ -132,7 +132,7 @@ def _of_effects(course: Course, counted: tuple[Found, ...]) -> list[str]:
     return [*dict.fromkeys(assumed), *dict.fromkeys(far)]  # several sets may hold one effect
 
 
-def _without_value(course: Course, after: Fitted, held: Couplings) -> list[str]:
+def _without_value(course: Course, after: JointFit, held: Couplings) -> list[str]:
     """Remarks on parameters that the data do not determine; ``held``: nor do any others."""
     if hidden := _hidden(after, course.base):
         return hidden
@@ -175,7 +175,7 @@ def _taken_back(last: Diagnosis) -> Diagnosis:
     )
 
 
-def _left_at_zero(fitted: Fitted) -> list[str]:
+def _left_at_zero(fitted: JointFit) -> list[str]:
     """A remark on the parameters that a fit leaves at zero, where nothing was tested."""
     if not fitted.absorbed:
         return []
@@ -186,7 +186,7 @@ def _left_at_zero(fitted: Fitted) -> list[str]:
     ]
 
 
-def _hidden(fitted: Fitted, base: StiffnessModel) -> list[str]:
+def _hidden(fitted: JointFit, base: StiffnessModel) -> list[str]:
     """A remark on compliances that geometry hides in absolute positions, and that the written model lacks."""
     problem, view = fitted.assembly.problem, fitted.assembly.situation.view
     own = set(fitted.model.stiffness_parameters)
@@ -205,7 +205,7 @@ def _hidden(fitted: Fitted, base: StiffnessModel) -> list[str]:
     ]
 
 
-def _undetermined(course: Course, fitted: Fitted, held: Couplings) -> list[str]:
+def _undetermined(course: Course, fitted: JointFit, held: Couplings) -> list[str]:
     """Remarks on parameters of the start model that the data do not determine; ``held``: nor do any others."""
     model, deviations = course.base, course.last.growth[0].model_std
     known = {name for name, std in zip(course.assembly.names, deviations, strict=False) if np.isfinite(std)}
@@ -238,7 +238,7 @@ def _redundant(task: Task, model: StiffnessModel, table: Measurements) -> Coupli
     return redundant(model, table)
 
 
-def _as_identified(effect: Found, fitted: Fitted) -> Found:
+def _as_identified(effect: Found, fitted: JointFit) -> Found:
     """The effect with the values that the grown model holds, all parameters identified jointly."""
     model, parameters = fitted.model, dict(effect.parameters)
     for name, e in parameters.items():
@@ -249,7 +249,7 @@ def _as_identified(effect: Found, fitted: Fitted) -> Found:
     return replace(effect, parameters=parameters)
 
 
-def _steps(course: Course, before: Fitted, own: int) -> tuple[Rung, ...]:
+def _steps(course: Course, before: JointFit, own: int) -> tuple[Rung, ...]:
     """``own``: parameters of the start model that anything may tell apart."""
     first, last = course.first, course.last
     start = Rung("start model", own, before.residual, first.strata, first.p_missing)

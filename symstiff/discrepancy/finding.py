@@ -9,7 +9,7 @@ from typing import Any
 from symstiff.calibration.kept import completed
 from symstiff.calibration.measurements import Measurements
 from symstiff.discrepancy.assemble import Assembly
-from symstiff.discrepancy.growth import Fitted
+from symstiff.discrepancy.growth import JointFit
 from symstiff.discrepancy.problem import Array, Shape
 from symstiff.discrepancy.reasons import Reason
 from symstiff.discrepancy.result import CandidateResult, Diagnosis, Estimate, Name, Rms
@@ -76,8 +76,8 @@ class Finding:
 
     task: Task
     table: Measurements
-    start: Fitted
-    grown: Fitted
+    start: JointFit
+    grown: JointFit
     told: StiffnessModel
     """The start model as it was told, with what the data cannot show."""
     first: Diagnosis
