@@ -17,8 +17,8 @@ if TYPE_CHECKING:
 
     from rich.console import Console
 
+    from symstiff.calibration.planning.choice import Plan
     from symstiff.calibration.planning.loads import Load
-    from symstiff.calibration.planning.plan import Plan
     from symstiff.calibration.planning.region import Region
     from symstiff.model import StiffnessModel
     from symstiff.reduction import Reduction

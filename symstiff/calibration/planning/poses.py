@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 
 from symstiff.calibration.measurements import Measurements, measurements
+from symstiff.calibration.planning.choice import Plan
 from symstiff.calibration.planning.frames import Geometry
-from symstiff.calibration.planning.plan import Plan
 
 
 def poses_table(plan: Plan, robot: Geometry) -> Measurements:
