@@ -17,7 +17,7 @@ from symstiff.calibration.measurements import Measurements, concatenate, measure
 from symstiff.calibration.rows import predict
 from symstiff.calibration.simulation import Effect, Noise, Truth, nominal_truth, simulate
 from symstiff.calibration.slips import Reading, joint_hint, marker_hint
-from symstiff.discrepancy.deciding import experiments_like
+from symstiff.discrepancy.deciding import setups_like
 from symstiff.discrepancy.finding import Finding, Found, Task
 from symstiff.discrepancy.reasons import Why
 from symstiff.discrepancy.remarks import astray, remarked
@@ -295,7 +295,7 @@ def test_few_poses_give_no_sure_names() -> None:
     ],
 )
 def test_a_table_that_decides_holds_no_load_twice(levels: tuple[float, ...], wanted: set[float]) -> None:
-    loads = experiments_like(measured(levels=levels))[0].loads
+    loads = setups_like(measured(levels=levels))[0].loads
     assert len(np.unique(np.round(loads, 6), axis=0)) == len(loads)
     sizes = np.linalg.norm(loads, axis=1) / np.linalg.norm(loads, axis=1).max()
     assert {round(float(s), 6) for s in sizes} == wanted

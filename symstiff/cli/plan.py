@@ -291,7 +291,7 @@ def _separate(request: PlanRequest) -> None:
         request.json,
         {
             "explanations": names, "poses": table.labels, "separation": list(found.separation),
-            "measured": {"points": list(means.experiment.points), "sigma_mm": round(1e3 * float(means.sigma[0]), 9)},
+            "measured": {"points": list(means.setup.points), "sigma_mm": round(1e3 * float(means.sigma[0]), 9)},
         },
     )  # fmt: skip
     out.print(f"{len(found.poses)} poses that best tell apart: " + " | ".join(names))
@@ -299,7 +299,7 @@ def _separate(request: PlanRequest) -> None:
         f"they reach {reach(found.separation[-1])}: the squared distance of the predictions, in units of the noise "
         "variance, that no fit closes"
     )
-    out.print(assumed(means.experiment, means.sigma))
+    out.print(assumed(means.setup, means.sigma))
     if found.separation[-1] < DECIDES:
         note(out, "these loads do not tell them apart: other loads, or more force")
     out.print(f"wrote {request.output}")

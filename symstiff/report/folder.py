@@ -15,7 +15,7 @@ from symstiff.calibration.experiment.readings import experiment_of
 from symstiff.calibration.identify import start_model
 from symstiff.calibration.measurements import COMPONENTS, Measurements
 from symstiff.calibration.writing import LOADS
-from symstiff.discrepancy.deciding import Choice, Rival, decide_by, experiments_like
+from symstiff.discrepancy.deciding import Choice, Rival, decide_by, setups_like
 from symstiff.discrepancy.finding import Finding
 from symstiff.discrepancy.separate import TAKEN
 from symstiff.discrepancy.verdict import AMBIGUOUS
@@ -125,8 +125,8 @@ def write_deciding_poses(
     if len(rivals) < 2:
         return None
     choice, model = Choice(MOST, FEWEST, AMPLE, finding.task.seed), _free_model(finding)
-    experiment, table, found = decide_by(
-        experiments_like(finding.table),
+    setup, table, found = decide_by(
+        setups_like(finding.table),
         model,
         rivals,
         finding.last.noise.by_component(),
@@ -137,11 +137,11 @@ def write_deciding_poses(
     record = {
         "file": "decide.csv" if found.poses else None,
         "taken": TAKEN if found.poses else None,
-        "kind": experiment.kind,
-        "components": list(experiment.components),
-        "points": list(experiment.points),
-        "loads": [dict(zip(LOADS, map(float, w), strict=True)) for w in experiment.loads],
-        "branches": [b for b in ("up", "down") if len(experiment.branches) > 1],
+        "kind": setup.kind,
+        "components": list(setup.components),
+        "points": list(setup.points),
+        "loads": [dict(zip(LOADS, map(float, w), strict=True)) for w in setup.loads],
+        "branches": [b for b in ("up", "down") if len(setup.branches) > 1],
         "poses": [
             {"pose": label, "q": _joints(table, k), "separation": float(s)}
             for k, (label, s) in enumerate(zip(table.labels, found.separation, strict=True))
