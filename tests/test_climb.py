@@ -10,7 +10,7 @@ import pytest
 from symstiff.discrepancy.climb import leaves_less
 from symstiff.discrepancy.finding import Task
 from symstiff.discrepancy.localise import FittedDevice
-from symstiff.discrepancy.result import Diagnosis, Estimate, Name, Rms
+from symstiff.discrepancy.result import Diagnosis, Name, Quantity, Rms
 from symstiff.discrepancy.workflow import run
 from symstiff.robot import load
 from tests.diagnosis_data import ROBOT, measured
@@ -72,7 +72,7 @@ def test_links_that_were_named_give_way_to_what_is_significantly_more(
     noise = some.noise.by_component()[0]
     left = np.full(ROWS, noise)
     less = left * np.sqrt(1.0 - explained / ROWS)
-    sizes = {f"k1_{k}{k}": Estimate(1e-7, 1e-8, "rad/(N*m)") for k in range(1, 5)}
+    sizes = {f"k1_{k}{k}": Quantity(1e-7, 1e-8, "rad/(N*m)") for k in range(1, 5)}
     step = some.growth[0]
     name = Name("link_compliance", {"link": 1})
     few = replace(step, residual=left, model_std=np.ones(2), effects=((name, sizes),), gained=4)

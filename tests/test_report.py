@@ -15,7 +15,7 @@ import sympy as sp
 from symstiff.calibration.table import read_poses
 from symstiff.cli.diagnose import _more
 from symstiff.discrepancy.finding import Finding, Found, Task
-from symstiff.discrepancy.result import Estimate
+from symstiff.discrepancy.result import Quantity
 from symstiff.discrepancy.workflow import run
 from symstiff.effects import EffectInstance
 from symstiff.report.code import _abridged, core, difference, formulas
@@ -313,7 +313,7 @@ def test_what_is_less_likely_and_not_excluded_is_in_the_sentence(named: Finding)
 
 
 def test_an_ambiguous_verdict_leaves_poses_that_decide(named: Finding, tmp_path: Path) -> None:
-    gap = {"backlash_2_gap": Estimate(1e-3, 1e-5, "rad")}
+    gap = {"backlash_2_gap": Quantity(1e-3, 1e-5, "rad")}
     rival = Found("backlash", {"joint": 2}, {}, gap, 0.01, 0.4, (), 1)
     finding = replace(named, verdict="ambiguous", effects=(*named.effects, rival))
     decide = write_deciding_poses(finding, tmp_path, lambda stage: None)

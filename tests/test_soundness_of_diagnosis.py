@@ -22,7 +22,7 @@ from symstiff.discrepancy.growth import fit, grow
 from symstiff.discrepancy.laws_of_angle import _soft_spots
 from symstiff.discrepancy.problem import Options
 from symstiff.discrepancy.remarks import out_of_range
-from symstiff.discrepancy.result import Estimate
+from symstiff.discrepancy.result import Quantity
 from symstiff.discrepancy.search import _lacking
 from symstiff.discrepancy.sharing import AXES, EACH, Sharing
 from symstiff.discrepancy.strata import Stratum
@@ -288,7 +288,7 @@ def test_readings_that_changed_places_are_told_by_their_rows() -> None:
 
 def test_an_effect_of_known_size_is_told_at_the_size_that_the_data_say() -> None:
     found = run(Task(load(ROBOT), measured()))
-    share = {"large_deflection_all_share": Estimate(1.4, 0.3, "1")}
+    share = {"large_deflection_all_share": Quantity(1.4, 0.3, "1")}
     effect = Found("large_deflection", {"robot": "all"}, {}, share, 1e-4, 0.9, ())
     grown = replace(found.grown, model=grow(found.grown.model, [effect.instance]))
     rows = {m.name: m for m in moved(replace(found, effects=(effect,), grown=grown))}
@@ -317,7 +317,7 @@ def test_a_start_model_is_fitted_under_the_noise_of_the_better_one_whatever_that
 def test_a_size_that_nobody_would_believe_is_remarked(size: str, told: bool) -> None:
     robot, mass = load("kuka_kr270"), float(size.replace("−", "-"))
     weight = Found(
-        "link_weight", {"link": 1}, {}, {"link_weight_1_m": Estimate(mass, 612.0, "kg")}, 1e-3, 0.5, ()
+        "link_weight", {"link": 1}, {}, {"link_weight_1_m": Quantity(mass, 612.0, "kg")}, 1e-3, 0.5, ()
     )
     remarks = out_of_range([weight], robot)
     assert len(remarks) == told

@@ -21,7 +21,7 @@ from symstiff.discrepancy.deciding import setups_like
 from symstiff.discrepancy.finding import Finding, Found, Task
 from symstiff.discrepancy.reasons import Why
 from symstiff.discrepancy.remarks import astray, remarked
-from symstiff.discrepancy.result import Estimate
+from symstiff.discrepancy.result import Quantity
 from symstiff.discrepancy.workflow import run
 from symstiff.effects.base import Scales
 from symstiff.effects.instance import EffectInstance
@@ -103,7 +103,7 @@ def test_a_sure_wrong_sign_of_what_would_lead_is_a_matter_of_the_table(
     effect: str, name: str, deviations: float, told: str
 ) -> None:
     found = exchanged()
-    size = {f"{effect}_2_{name}": Estimate(-2e-5 * deviations, 2e-5, "rad")}
+    size = {f"{effect}_2_{name}": Quantity(-2e-5 * deviations, 2e-5, "rad")}
     lead = replace(
         next(c for c in found.last.candidates if c.testable), effect=effect, parameters=size, shape={}
     )
@@ -333,7 +333,7 @@ def test_a_size_that_goes_astray_is_not_named(tmp_path: Path) -> None:
 def test_a_size_is_astray_beyond_its_range_by_more_than_this_is_wide_on_either_side(
     value: float, far: bool
 ) -> None:
-    gap = {"backlash_2_gap": Estimate(value, 1e-5, "rad")}  # physical from 0 to 5 mrad
+    gap = {"backlash_2_gap": Quantity(value, 1e-5, "rad")}  # physical from 0 to 5 mrad
     found = Found("backlash", {"joint": 2}, {}, gap, 0.0, 0.9, ())
     assert astray([found], load("kuka_kr270")) is far
 

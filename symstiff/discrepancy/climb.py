@@ -13,7 +13,7 @@ from symstiff.calibration.experiment.readings import ExperimentClass
 from symstiff.calibration.identify import start_model
 from symstiff.discrepancy.finding import Found, Task
 from symstiff.discrepancy.problem import Index
-from symstiff.discrepancy.result import Diagnosis, Estimate
+from symstiff.discrepancy.result import Diagnosis, Quantity
 from symstiff.discrepancy.verdict import AMBIGUOUS, INSUFFICIENT, NAMED, UNEXPLAINED
 from symstiff.effects.instance import EffectInstance
 from symstiff.effects.registry import catalogue
@@ -90,7 +90,7 @@ def _chance(wide: Diagnosis, narrow: Diagnosis, component: Index) -> float:
 def links_of(found: Diagnosis, wider: StiffnessModel) -> tuple[Found, ...]:
     """The links of the complete model, fitted, as effects of the verdict."""
     estimates = {
-        n: Estimate(value, wider.deviations.get(n, np.inf), wider.units[n])
+        n: Quantity(value, wider.deviations.get(n, np.inf), wider.units[n])
         for n, value in wider.values.items()
     }
     out = []

@@ -18,7 +18,7 @@ from symstiff.discrepancy.proof import FEWEST
 from symstiff.discrepancy.ranges import extent_of
 from symstiff.discrepancy.reasons import Reason, Why
 from symstiff.discrepancy.remarks import astray, out_of_range, remarked
-from symstiff.discrepancy.result import Diagnosis, Estimate
+from symstiff.discrepancy.result import Diagnosis, Quantity
 from symstiff.discrepancy.speech import named as named_at
 from symstiff.discrepancy.verdict import AMBIGUOUS, NAMED, NOTHING, UNEXPLAINED, UNTESTABLE
 from symstiff.display import few
@@ -243,9 +243,9 @@ def _as_identified(effect: Found, fitted: JointFit) -> Found:
     model, parameters = fitted.model, dict(effect.parameters)
     for name, e in parameters.items():
         if name in model.deviations:
-            parameters[name] = Estimate(float(model.values[name]), float(model.deviations[name]), e.unit)
+            parameters[name] = Quantity(float(model.values[name]), float(model.deviations[name]), e.unit)
         elif name in fitted.absorbed:
-            parameters[name] = Estimate(0.0, float("inf"), e.unit)
+            parameters[name] = Quantity(0.0, float("inf"), e.unit)
     return replace(effect, parameters=parameters)
 
 

@@ -12,7 +12,7 @@ from symstiff.discrepancy.assemble import Assembly
 from symstiff.discrepancy.growth import JointFit
 from symstiff.discrepancy.problem import Array, Shape
 from symstiff.discrepancy.reasons import Reason
-from symstiff.discrepancy.result import CandidateResult, Diagnosis, Estimate, Name, Rms
+from symstiff.discrepancy.result import CandidateResult, Diagnosis, Name, Quantity, Rms
 from symstiff.discrepancy.strata import Stratum
 from symstiff.effects.instance import EffectInstance
 from symstiff.model import StiffnessModel
@@ -45,7 +45,7 @@ class Found:
     effect: str
     where: Mapping[str, Any]
     shape: Shape
-    parameters: Mapping[str, Estimate]
+    parameters: Mapping[str, Quantity]
     p_value: float
     confidence: float
     confounded_with: tuple[Name, ...]

@@ -14,7 +14,7 @@ from symstiff.discrepancy.strata import Stratum
 
 
 @dataclass(frozen=True)
-class Estimate:
+class Quantity:
     """A coefficient with its standard deviation and unit."""
 
     value: float
@@ -37,7 +37,7 @@ class NamedEffect:
     effect: str
     where: Mapping[str, object]
     shape: Shape
-    parameters: Mapping[str, Estimate]
+    parameters: Mapping[str, Quantity]
     p_value: float
     """Family-wise, given the other effects of its set."""
     confidence: float
@@ -64,10 +64,10 @@ class CandidateResult:
     """None where the question did not arise."""
     plausible: bool | None
     shape: Shape
-    parameters: Mapping[str, Estimate]
+    parameters: Mapping[str, Quantity]
     share_left: float
     """Share of its signal that the model does not absorb."""
-    smallest_detectable: Mapping[str, Estimate]
+    smallest_detectable: Mapping[str, Quantity]
     """Size of each parameter alone seen in 80 % of cases (std is 0)."""
     confused_with: tuple[Name, ...]
     needed: float = float("inf")
@@ -83,7 +83,7 @@ class Step:
     """(P,) joint estimates of the model's parameters, least norm where the data do not determine them."""
     model_std: Array
     """(P,) inf where the data do not determine the parameter."""
-    effects: tuple[tuple[Name, Mapping[str, Estimate]], ...]
+    effects: tuple[tuple[Name, Mapping[str, Quantity]], ...]
     rms: float
     """Residual root mean square of the translations, data's unit."""
     strata: tuple[Stratum, ...]
@@ -148,7 +148,7 @@ class Diagnosis:
     confusability: Array
     """(n, n) D_ij of the leading candidates, in the order of ``confusability_names``."""
     confusability_names: tuple[Name, ...]
-    leading: tuple[tuple[Name, Shape, Mapping[str, Estimate]], ...] = ()
+    leading: tuple[tuple[Name, Shape, Mapping[str, Quantity]], ...] = ()
     """The effects of the set that explains most, whether the verdict names it or not."""
 
     @property

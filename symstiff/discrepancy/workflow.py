@@ -33,7 +33,7 @@ from symstiff.discrepancy.growth import fit, grow
 from symstiff.discrepancy.prepare import at_first
 from symstiff.discrepancy.problem import Options
 from symstiff.discrepancy.reasons import Reason
-from symstiff.discrepancy.result import Diagnosis, Estimate, Name
+from symstiff.discrepancy.result import Diagnosis, Name, Quantity
 from symstiff.discrepancy.speech import named as named_at
 from symstiff.discrepancy.used import used
 from symstiff.discrepancy.verdict import AMBIGUOUS, NAMED, UNTESTABLE
@@ -145,7 +145,7 @@ def _names(found: Diagnosis) -> list[str]:
     return sorted(named_at(name.effect, name.where) for name, _, _ in found.leading)
 
 
-def _loads(assembly: Assembly, effect: EffectInstance, estimates: Mapping[str, Estimate]) -> bool:
+def _loads(assembly: Assembly, effect: EffectInstance, estimates: Mapping[str, Quantity]) -> bool:
     """Whether an effect of that size adds loads, or moves an unloaded arm, by what is worth a second look."""
     view, values = assembly.situation.view, {name: e.value for name, e in estimates.items()}
     if np.max(np.abs(added_loads(view, effect, values))) > _WORTH * np.max(np.abs(view.tau)):

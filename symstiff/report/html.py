@@ -13,7 +13,7 @@ from symstiff.calibration.measurements import COMPONENTS
 from symstiff.discrepancy import numbers
 from symstiff.discrepancy.finding import Finding, Found
 from symstiff.discrepancy.noise import off
-from symstiff.discrepancy.result import CandidateResult, Estimate, Name
+from symstiff.discrepancy.result import CandidateResult, Name, Quantity
 from symstiff.discrepancy.sharing import JOINTS
 from symstiff.discrepancy.speech import named, spoken
 from symstiff.discrepancy.verdict import AMBIGUOUS, INSUFFICIENT, NOTHING, UNEXPLAINED, UNTESTABLE
@@ -363,7 +363,7 @@ def _moved(finding: Finding) -> list[dict[str, str]]:
 def _value(value: float | None, std: float | None) -> str:
     if value is None or std is None:
         return "–"
-    return numbers.quantity(Estimate(value, std, "plain")).removesuffix(" plain")
+    return numbers.quantity(Quantity(value, std, "plain")).removesuffix(" plain")
 
 
 def _noise(finding: Finding) -> list[str]:

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from symstiff.discrepancy.finding import Finding, Found
-from symstiff.discrepancy.result import CandidateResult, Estimate, Name
+from symstiff.discrepancy.result import CandidateResult, Name, Quantity
 from symstiff.discrepancy.sharing import JOINTS
 from symstiff.discrepancy.strata import Stratum
 from symstiff.display import finite
@@ -82,7 +82,7 @@ def _json(value: Any) -> Any:
     return value.item() if isinstance(value, np.generic) else value
 
 
-def _estimates(parameters: Mapping[str, Estimate]) -> dict[str, Any]:
+def _estimates(parameters: Mapping[str, Quantity]) -> dict[str, Any]:
     return {
         n: {"value": finite(e.value), "std": finite(e.std), "unit": e.unit} for n, e in parameters.items()
     }
