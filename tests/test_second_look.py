@@ -44,12 +44,12 @@ def found_with(
     looks: list[Callable[[Diagnosis], Diagnosis]], monkeypatch: pytest.MonkeyPatch
 ) -> tuple[Finding, int]:
     """What is found where each look sees otherwise than it would, and how many looks there were."""
-    whole, left = workflow.diagnose, list(looks)
+    whole, left = workflow.examine, list(looks)
 
     def look(*args: Any, **keys: Any) -> Diagnosis:
         return left.pop(0)(whole(*args, **keys))
 
-    monkeypatch.setattr(workflow, "diagnose", look)
+    monkeypatch.setattr(workflow, "examine", look)
     return run(Task(load("kuka_kr270"), data())), len(looks) - len(left)
 
 

@@ -37,7 +37,7 @@ def test_no_place_is_accused_where_one_stratum_alone_rejects(
 ) -> None:
     """As noise that follows itself makes it: tests of laws see nothing, and no law is fitted to what is none."""
     strata = (Stratum("time", 18, 50.0, 2.8, p_time), Stratum("nonlinear in load", 40, 41.0, 1.0, 0.6))
-    monkeypatch.setattr("symstiff.discrepancy.diagnose.strata", lambda *_: strata)
+    monkeypatch.setattr("symstiff.discrepancy.examine.strata", lambda *_: strata)
     said = run(Task(load(ROBOT), measured()))
     assert said.verdict == ("unexplained" if alone else "nothing_missing")
     assert words.headline(said).startswith("More is left than independent noise") == alone

@@ -295,7 +295,7 @@ def test_masses_are_tried_where_they_matter_and_are_not_known() -> None:
 @pytest.mark.slow
 def test_what_is_assumed_is_said_once_and_of_what_the_verdict_counts(monkeypatch: pytest.MonkeyPatch) -> None:
     table = experiment("backlash", 2, "tanh", {"gap": 2e-4, "knee": 0.5})
-    whole = workflow.diagnose
+    whole = workflow.examine
 
     def several(*args: Any, **keys: Any) -> Diagnosis:
         found = whole(*args, **keys)
@@ -303,7 +303,7 @@ def test_what_is_assumed_is_said_once_and_of_what_the_verdict_counts(monkeypatch
         elsewhere = tuple(replace(e, where={"joint": 3}, set_number=1) for e in found.effects)
         return replace(found, verdict=verdict, effects=(*found.effects, *again, *elsewhere))
 
-    monkeypatch.setattr(workflow, "diagnose", several)
+    monkeypatch.setattr(workflow, "examine", several)
     told = {}
     for verdict in ("named", "ambiguous"):
         remarks = run(Task(without_masses(load("ur10")), table)).remarks

@@ -10,7 +10,7 @@ import pytest
 from symstiff.calibration.experiment.situation import look
 from symstiff.calibration.measurements import Measurements
 from symstiff.calibration.simulation.chain import chain_of, posture
-from symstiff.discrepancy import diagnose as engine
+from symstiff.discrepancy import examine as engine
 from symstiff.discrepancy.assemble import assemble
 from symstiff.discrepancy.bank import build
 from symstiff.discrepancy.finding import Finding, Task

@@ -124,7 +124,7 @@ class Rms:
 
 @dataclass(frozen=True)
 class Diagnosis:
-    """The result of `diagnose`."""
+    """The result of `examine`."""
 
     verdict: str
     because: Reason

@@ -26,8 +26,8 @@ from symstiff.calibration.soundness import outside_class, outside_fixed
 from symstiff.discrepancy.assemble import Assembly, added_loads, assemble
 from symstiff.discrepancy.climb import leaves_less, links_of, wider_model
 from symstiff.discrepancy.conclusion import Course, finding_of
-from symstiff.discrepancy.diagnose import diagnose
 from symstiff.discrepancy.doubts import doubted
+from symstiff.discrepancy.examine import examine
 from symstiff.discrepancy.finding import Finding, Task
 from symstiff.discrepancy.growth import fit, grow
 from symstiff.discrepancy.prepare import at_first
@@ -111,7 +111,7 @@ def _diagnosed(
     """
     tell("columns")
     assembly = first_assembly(model, table)
-    found = diagnose(assembly.problem, assembly.candidates, options, tell, doubt=doubt)
+    found = examine(assembly.problem, assembly.candidates, options, tell, doubt=doubt)
     settled = found.verdict == AMBIGUOUS or (found.verdict == NAMED and len(found.leading) == 1)
     effects = [(EffectInstance(n.effect, dict(n.where), dict(s)), e) for n, s, e in found.leading]
     given = [] if settled else [Name(e.effect, e.where) for e, sizes in effects if _loads(assembly, e, sizes)]
@@ -120,7 +120,7 @@ def _diagnosed(
     tell("columns under the loads found")
     believed = fit(grow(model, [effect for effect, _ in effects]), table)
     under = assemble(model, table, noise=believed.noise, believed=believed.model)
-    again = diagnose(under.problem, under.candidates, options, tell, given)
+    again = examine(under.problem, under.candidates, options, tell, given)
     enough = again.verdict == NAMED and not Counter(_names(again)) - Counter(_names(found))
     stands = enough if found.verdict == NAMED else again.verdict in (NAMED, AMBIGUOUS)
     kept = {named_at(n.effect, n.where) for n in given} <= set(_names(again))

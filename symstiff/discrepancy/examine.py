@@ -56,7 +56,7 @@ LEAST_FREEDOM = 5
 """Degrees of freedom outside the model below which no test is made."""
 
 
-def diagnose(
+def examine(
     problem: Problem,
     candidates: Sequence[Candidate],
     options: Options | None = None,
