@@ -17,7 +17,7 @@ from symstiff.discrepancy.examine import examine
 from symstiff.discrepancy.finding import Task
 from symstiff.discrepancy.prepare import prepare
 from symstiff.discrepancy.problem import Array, Candidate, Options, Parameter, Problem, Shape
-from symstiff.discrepancy.workflow import run
+from symstiff.discrepancy.workflow import diagnose
 from symstiff.effects.base import Move, Scales
 from symstiff.effects.registry import catalogue
 from symstiff.robot import load
@@ -196,7 +196,7 @@ def two_slopes(knee: float, size: float) -> Measurements:
 
 @pytest.mark.slow
 def test_a_gear_of_which_much_is_seen_is_named_though_no_shape_of_the_profile_is_near() -> None:
-    found = run(Task(load("kuka_kr270"), two_slopes(2900.0, 1e-7)))
+    found = diagnose(Task(load("kuka_kr270"), two_slopes(2900.0, 1e-7)))
     assert found.verdict == "named"
     assert [(e.effect, e.where) for e in found.named] == [("nonlinear_stiffness", {"joint": 2})]
     assert found.named[0].shape["load"] == pytest.approx(2900.0, rel=0.2)

@@ -11,7 +11,7 @@ from symstiff.discrepancy.climb import leaves_less
 from symstiff.discrepancy.finding import Task
 from symstiff.discrepancy.localise import FittedDevice
 from symstiff.discrepancy.result import Diagnosis, Name, Quantity, Rms
-from symstiff.discrepancy.workflow import run
+from symstiff.discrepancy.workflow import diagnose
 from symstiff.robot import load
 from tests.diagnosis_data import ROBOT, measured
 
@@ -20,7 +20,7 @@ ROWS = 400
 
 @pytest.fixture(scope="module")
 def some() -> Diagnosis:
-    return run(Task(load(ROBOT), measured())).last
+    return diagnose(Task(load(ROBOT), measured())).last
 
 
 @pytest.mark.parametrize(

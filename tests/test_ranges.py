@@ -21,7 +21,7 @@ from symstiff.discrepancy.finding import Finding, Task
 from symstiff.discrepancy.ranges import Extent, at_size, extent_of
 from symstiff.discrepancy.remarks import remarked
 from symstiff.discrepancy.result import Quantity
-from symstiff.discrepancy.workflow import run
+from symstiff.discrepancy.workflow import diagnose
 from symstiff.effects.base import Scales
 from symstiff.effects.registry import catalogue
 from symstiff.report.html import _steps
@@ -64,7 +64,7 @@ def at(length: float, force: float) -> tuple[Robot, Measurements]:
 
 @cache
 def found(length: float, force: float) -> Finding:
-    return run(Task(*at(length, force)))
+    return diagnose(Task(*at(length, force)))
 
 
 @pytest.mark.slow

@@ -9,7 +9,7 @@ import pytest
 from symstiff.discrepancy.finding import Finding, Found, Task
 from symstiff.discrepancy.remarks import astray, out_of_range, remarked
 from symstiff.discrepancy.result import Diagnosis, NamedEffect, Quantity
-from symstiff.discrepancy.workflow import run
+from symstiff.discrepancy.workflow import diagnose
 from symstiff.effects.instance import EffectInstance
 from symstiff.robot import load
 from tests.diagnosis_data import HARDENING, ROBOT, measured
@@ -17,7 +17,7 @@ from tests.diagnosis_data import HARDENING, ROBOT, measured
 
 @pytest.fixture(scope="module")
 def found() -> Finding:
-    return run(Task(load(ROBOT), measured(HARDENING)))
+    return diagnose(Task(load(ROBOT), measured(HARDENING)))
 
 
 def said(found: Finding, last: Diagnosis, words: str) -> bool:

@@ -16,7 +16,7 @@ from symstiff.calibration.table import read_poses
 from symstiff.cli.diagnose import _more
 from symstiff.discrepancy.finding import Finding, Found, Task
 from symstiff.discrepancy.result import Quantity
-from symstiff.discrepancy.workflow import run
+from symstiff.discrepancy.workflow import diagnose
 from symstiff.effects import EffectInstance
 from symstiff.report.code import _abridged, core, difference, formulas
 from symstiff.report.deciding import separation_text
@@ -35,7 +35,7 @@ CODE = {"folder": True, "compiled": True, "text": "compiled", "error": 1e-15}
 
 @pytest.fixture(scope="module")
 def named() -> Finding:
-    return run(Task(load(ROBOT), measured(HARDENING)))
+    return diagnose(Task(load(ROBOT), measured(HARDENING)))
 
 
 @pytest.fixture(scope="module")
@@ -46,7 +46,7 @@ def unexplained() -> Finding:
     values = table.values.copy()
     values[:, 0] += 3e-6 * lever
     values[:, 1] -= 2e-6 * np.abs(lever)
-    return run(Task(load(ROBOT), replace(table, values=values)))
+    return diagnose(Task(load(ROBOT), replace(table, values=values)))
 
 
 @pytest.fixture(scope="module")
@@ -294,7 +294,7 @@ def test_the_points_of_an_unnamed_law_are_the_deflections_that_the_data_ask_for(
 
 
 def test_where_nothing_was_added_there_is_one_state() -> None:
-    page = render(run(Task(load(ROBOT), measured())), {"code": CODE, "decide": None}, [])
+    page = render(diagnose(Task(load(ROBOT), measured())), {"code": CODE, "decide": None}, [])
     assert "<h2>Residuals</h2>" in page
     assert "→" not in page[page.index("<dl") : page.index("</dl>")]
 

@@ -15,7 +15,7 @@ from symstiff.calibration.simulation import Effect, Noise, Truth, nominal_truth,
 from symstiff.discrepancy import workflow
 from symstiff.discrepancy.finding import Finding, Task
 from symstiff.discrepancy.result import Diagnosis, Name
-from symstiff.discrepancy.workflow import run
+from symstiff.discrepancy.workflow import diagnose
 from symstiff.robot import load
 
 BIAS, GEAR = "force_sensor_bias", "nonlinear_stiffness"
@@ -50,7 +50,7 @@ def found_with(
         return left.pop(0)(whole(*args, **keys))
 
     monkeypatch.setattr(workflow, "examine", look)
-    return run(Task(load("kuka_kr270"), data())), len(looks) - len(left)
+    return diagnose(Task(load("kuka_kr270"), data())), len(looks) - len(left)
 
 
 def as_it_is(found: Diagnosis) -> Diagnosis:

@@ -22,7 +22,7 @@ from symstiff.discrepancy.finding import Finding, Found, Task
 from symstiff.discrepancy.reasons import Why
 from symstiff.discrepancy.remarks import astray, remarked
 from symstiff.discrepancy.result import Quantity
-from symstiff.discrepancy.workflow import run
+from symstiff.discrepancy.workflow import diagnose
 from symstiff.effects.base import Scales
 from symstiff.effects.instance import EffectInstance
 from symstiff.effects.registry import find
@@ -48,7 +48,7 @@ def read(effect: Effect | None = None, start: float = 0.0, poses: int = 12) -> M
 
 
 def diagnosed(table: Measurements) -> Finding:
-    return run(Task(load(ROBOT), table))
+    return diagnose(Task(load(ROBOT), table))
 
 
 @cache
@@ -250,7 +250,7 @@ def test_computed_data_are_named_from_the_joints_alone_too() -> None:
     poses = measurements(np.repeat(q, 2, axis=0), np.repeat(w, 2, axis=0) * np.tile([[0.5], [1.0]], (20, 1)))
     model = StiffnessModel.of(reduce(robot))
     exact = predict(model.with_values(model.steps), poses)
-    found = run(Task(robot, replace(poses, values=exact, kind="deflection"), "joints"))
+    found = diagnose(Task(robot, replace(poses, values=exact, kind="deflection"), "joints"))
     assert found.verdict == "named"
     assert {e.effect for e in found.named} <= {"link_compliance", "base_compliance", "tool_compliance"}
     assert found.rms.after < 1e-9
@@ -320,7 +320,7 @@ def test_a_size_that_goes_astray_is_not_named(tmp_path: Path) -> None:
     poses = measurements(q, np.tile([0.0, 0.0, -1000.0, 0.0, 0.0, 0.0], (12, 1)))
     for seed in (0, 5):
         truth = Truth(robot, nominal_truth(robot), noise=Noise((0.01,) * 3, (0.01,) * 3))
-        found = run(Task(robot, simulate(truth, poses, seed)))
+        found = diagnose(Task(robot, simulate(truth, poses, seed)))
         for effect in found.named:
             for p in effect.instance.realise(robot).parameters:
                 width = p.high - p.low

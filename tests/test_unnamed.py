@@ -22,7 +22,7 @@ from symstiff.discrepancy.proof import HeldOut
 from symstiff.discrepancy.result import Rms
 from symstiff.discrepancy.scan import open_scan
 from symstiff.discrepancy.sharing import Split
-from symstiff.discrepancy.workflow import run
+from symstiff.discrepancy.workflow import diagnose
 from symstiff.report import unnamed, words
 from symstiff.robot import load
 from symstiff.robot.schema import Marker
@@ -34,7 +34,7 @@ from tests.test_discrepancy_engine import arm
 
 
 def _diagnosed(table: Measurements) -> Finding:
-    return run(Task(load(ROBOT), table))
+    return diagnose(Task(load(ROBOT), table))
 
 
 def _share(table: Measurements) -> np.ndarray:

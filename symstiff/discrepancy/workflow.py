@@ -49,7 +49,7 @@ looked at again with it: the square of such an angle shifts a tool by some hundr
 
 
 @one_thread()
-def run(task: Task, tell: Tell = lambda stage: None) -> Finding:
+def diagnose(task: Task, tell: Tell = lambda stage: None) -> Finding:
     """Diagnose a table. Raises UserError for data that do not fit the robot or hold nothing measured."""
     require(task, Task, "a task", "Task(robot, table) is one")
     whole(task.max_effects, "max_effects", 1)

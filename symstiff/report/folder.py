@@ -42,7 +42,7 @@ class Written:
         return f"Written({str(self.folder)!r}: report.html, verdict.json, model.toml; {self.code})"
 
 
-def write_folder(finding: Finding, folder: Path, tell: Callable[[str], None] = lambda stage: None) -> Written:
+def write_report(finding: Finding, folder: Path, tell: Callable[[str], None] = lambda stage: None) -> Written:
     """Write everything that a diagnosis leaves behind. Raises UserError where the place cannot be written."""
     require(finding, Finding, "a finding", "diagnose(Task(robot, table)) gives one")
     with new_folder(folder, DIAGNOSIS) as temporary:
