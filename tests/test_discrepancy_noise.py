@@ -8,9 +8,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from symstiff.arrays import Array
 from symstiff.discrepancy.examine import examine
 from symstiff.discrepancy.prepare import noise_told_anew, prepare
-from symstiff.discrepancy.problem import Array, Candidate, Options, Parameter, Problem
+from symstiff.discrepancy.problem import Candidate, Options, Parameter, Problem
 from symstiff.discrepancy.scan import evidence, extend, likeliest
 from symstiff.discrepancy.sharing import EACH, JOINTS, LEARNED, sizes
 from symstiff.discrepancy.strata import strata

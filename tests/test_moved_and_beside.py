@@ -7,13 +7,13 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from symstiff.arrays import Array
 from symstiff.calibration.measurements import Measurements
 from symstiff.calibration.simulation.experiment import simulate
 from symstiff.calibration.simulation.truth import truth_from_table
 from symstiff.discrepancy.finding import Finding, Task
 from symstiff.discrepancy.noise import start
 from symstiff.discrepancy.prepare import prepare
-from symstiff.discrepancy.problem import Array
 from symstiff.discrepancy.proof import _predict
 from symstiff.discrepancy.sharing import Split
 from symstiff.discrepancy.workflow import diagnose

@@ -9,12 +9,13 @@ from typing import Any, cast
 import numpy as np
 import pytest
 
+from symstiff.arrays import Array
 from symstiff.discrepancy import search, verdict
 from symstiff.discrepancy.assemble import assemble
 from symstiff.discrepancy.bank import build
 from symstiff.discrepancy.examine import beyond, examine
 from symstiff.discrepancy.prepare import prepare
-from symstiff.discrepancy.problem import ANGLE, CLOCK, Array, Candidate, Parameter, Problem
+from symstiff.discrepancy.problem import ANGLE, CLOCK, Candidate, Parameter, Problem
 from symstiff.discrepancy.reasons import Why
 from symstiff.discrepancy.result import Name
 from symstiff.discrepancy.scan import Scan, coefficients

@@ -7,12 +7,13 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from symstiff.arrays import Array
 from symstiff.calibration.measurements import Measurements
 from symstiff.discrepancy.finding import Finding, Task
 from symstiff.discrepancy.law import Law, largest_load
 from symstiff.discrepancy.laws_of_angle import laws_of_angle
 from symstiff.discrepancy.localise import FittedLaw
-from symstiff.discrepancy.problem import Array, Problem
+from symstiff.discrepancy.problem import Problem
 from symstiff.discrepancy.remarks import _of_rows
 from symstiff.discrepancy.workflow import diagnose
 from symstiff.effects.instance import EffectInstance

@@ -8,7 +8,7 @@ from itertools import permutations, product
 
 import numpy as np
 
-from symstiff.calibration.compact import Array
+from symstiff.arrays import Array
 from symstiff.calibration.decomposition import svd, unit_columns
 from symstiff.errors import UserError
 

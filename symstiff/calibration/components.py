@@ -12,7 +12,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from symstiff.calibration.compact import Array, triangular
+from symstiff.arrays import Array
+from symstiff.calibration.compact import triangular
 from symstiff.calibration.decomposition import unit_columns
 
 _EXPECTED = 1.0

@@ -5,7 +5,8 @@ from __future__ import annotations
 import numpy as np
 from scipy import linalg
 
-from symstiff.calibration.compact import Array, triangular
+from symstiff.arrays import Array
+from symstiff.calibration.compact import triangular
 from symstiff.reduction.svd import independent
 
 

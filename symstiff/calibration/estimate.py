@@ -11,7 +11,8 @@ import numpy as np
 import numpy.typing as npt
 import scipy.stats
 
-from symstiff.calibration.compact import Array, Compact, checked, compact
+from symstiff.arrays import Array
+from symstiff.calibration.compact import Compact, checked, compact
 from symstiff.calibration.components import doubt_of
 from symstiff.calibration.rank import Combination, RankDecision, combinations, decide_rank, resolved_root
 from symstiff.calibration.shared import Blocks, SharedError, shared_error

@@ -9,7 +9,8 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from symstiff.calibration.compact import Array, checked, compact
+from symstiff.arrays import Array
+from symstiff.calibration.compact import checked, compact
 from symstiff.calibration.components import doubt_of
 from symstiff.calibration.estimate import Estimate, estimate, interval_factor
 from symstiff.calibration.outliers import UNTESTABLE, HuberFit, Suspect, pose_suspects, row_suspects

@@ -8,7 +8,7 @@ from itertools import permutations
 
 import numpy as np
 
-from symstiff.calibration.compact import Array
+from symstiff.arrays import Array
 from symstiff.calibration.decomposition import unit_columns
 from symstiff.calibration.measurements import Measurements
 from symstiff.calibration.rows import equations

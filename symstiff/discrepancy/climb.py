@@ -9,10 +9,10 @@ from typing import Any
 import numpy as np
 from scipy import stats
 
+from symstiff.arrays import Index
 from symstiff.calibration.experiment.readings import ExperimentClass
 from symstiff.calibration.identify import start_model
 from symstiff.discrepancy.finding import Found, Task
-from symstiff.discrepancy.problem import Index
 from symstiff.discrepancy.result import Diagnosis, Quantity
 from symstiff.discrepancy.verdict import AMBIGUOUS, INSUFFICIENT, NAMED, UNEXPLAINED
 from symstiff.effects.instance import EffectInstance

@@ -8,13 +8,13 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from symstiff.arrays import Array, Index
 from symstiff.calibration.experiment.placement import placement_columns
 from symstiff.calibration.experiment.situation import Laws, Situation, has_weights, look, under_weights
 from symstiff.calibration.loading import load_factor
 from symstiff.calibration.measurements import Measurements, concatenate, measurements
 from symstiff.discrepancy.candidates import scales_of
 from symstiff.discrepancy.growth import columns_of
-from symstiff.discrepancy.problem import Array, Index
 from symstiff.discrepancy.scan import column_space
 from symstiff.discrepancy.separation import Decider, Hypotheses, deciding_poses
 from symstiff.effects.base import Scales

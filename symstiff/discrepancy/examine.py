@@ -10,6 +10,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from symstiff.arrays import Array
 from symstiff.discrepancy.bank import Bank
 from symstiff.discrepancy.localise import (
     FittedDevice,
@@ -22,7 +23,7 @@ from symstiff.discrepancy.localise import (
 )
 from symstiff.discrepancy.noise import CONTRADICTED, REPEATABILITY, NoiseReport
 from symstiff.discrepancy.prepare import Prepared, noise_told_anew, prepare
-from symstiff.discrepancy.problem import Array, Candidate, Options, Problem, key_of
+from symstiff.discrepancy.problem import Candidate, Options, Problem, key_of
 from symstiff.discrepancy.proof import HeldOut, held_out, poses_of_their_own
 from symstiff.discrepancy.reasons import Reason, Why
 from symstiff.discrepancy.result import Diagnosis, Name, Rms

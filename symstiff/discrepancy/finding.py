@@ -6,11 +6,12 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
+from symstiff.arrays import Array
 from symstiff.calibration.kept import completed
 from symstiff.calibration.measurements import Measurements
 from symstiff.discrepancy.assemble import Assembly
 from symstiff.discrepancy.growth import JointFit
-from symstiff.discrepancy.problem import Array, Shape
+from symstiff.discrepancy.problem import Shape
 from symstiff.discrepancy.reasons import Reason
 from symstiff.discrepancy.result import CandidateResult, Diagnosis, Name, Quantity, Rms
 from symstiff.discrepancy.strata import Stratum

@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from symstiff.arrays import Array
 from symstiff.calibration.absolute import untold
 from symstiff.calibration.decomposition import own_columns
 from symstiff.calibration.experiment.placement import best_placed
@@ -18,7 +19,7 @@ from symstiff.discrepancy.assemble import Assembly, assemble
 from symstiff.discrepancy.bank import build
 from symstiff.discrepancy.noise import Noise
 from symstiff.discrepancy.prepare import at_first, prepare
-from symstiff.discrepancy.problem import Array, Problem
+from symstiff.discrepancy.problem import Problem
 from symstiff.discrepancy.scan import Scan, coefficients, one_sharing, open_scan
 from symstiff.effects.instance import EffectInstance
 from symstiff.effects.registry import find

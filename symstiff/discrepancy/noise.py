@@ -8,7 +8,8 @@ from dataclasses import dataclass, field
 import numpy as np
 from scipy import stats
 
-from symstiff.discrepancy.problem import Array, Problem
+from symstiff.arrays import Array
+from symstiff.discrepancy.problem import Problem
 from symstiff.discrepancy.sharing import (
     ALIKE,
     AXES,

@@ -8,11 +8,12 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy import stats
 
+from symstiff.arrays import Array, Index
 from symstiff.discrepancy import noise as noises
 from symstiff.discrepancy.bank import Bank, build
 from symstiff.discrepancy.between import between, with_shapes
 from symstiff.discrepancy.laws import unnamed_laws
-from symstiff.discrepancy.problem import Array, Candidate, Index, Problem
+from symstiff.discrepancy.problem import Candidate, Problem
 from symstiff.discrepancy.scan import (
     Scan,
     at_sharing,

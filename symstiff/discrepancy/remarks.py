@@ -6,6 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from symstiff.arrays import Array
 from symstiff.calibration.experiment.situation import View
 from symstiff.calibration.measurements import Measurements
 from symstiff.calibration.remarks import of_sag
@@ -13,7 +14,7 @@ from symstiff.discrepancy.drawing import DRAWING
 from symstiff.discrepancy.finding import Found
 from symstiff.discrepancy.noise import CONTRADICTED, NoiseReport
 from symstiff.discrepancy.numbers import p_equals, quantity
-from symstiff.discrepancy.problem import Array, Options
+from symstiff.discrepancy.problem import Options
 from symstiff.discrepancy.ranges import CATALOGUE, Extent, at_size, extent_of
 from symstiff.discrepancy.result import Diagnosis, Quantity
 from symstiff.discrepancy.sharing import JOINTS

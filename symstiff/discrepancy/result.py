@@ -5,9 +5,10 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 
+from symstiff.arrays import Array
 from symstiff.discrepancy.localise import FittedDevice, FittedLaw, Localisation
 from symstiff.discrepancy.noise import NoiseReport
-from symstiff.discrepancy.problem import Array, Shape
+from symstiff.discrepancy.problem import Shape
 from symstiff.discrepancy.proof import HeldOut, closed
 from symstiff.discrepancy.reasons import Reason, Why
 from symstiff.discrepancy.strata import Stratum

@@ -12,16 +12,14 @@ from functools import cached_property
 
 import numpy as np
 
+from symstiff.arrays import Array, Index, Mask
 from symstiff.calibration.decomposition import svd, unit_columns
 from symstiff.discrepancy.bank import Bank
 from symstiff.discrepancy.bases import Bases, Single, bases_of, inner
 from symstiff.discrepancy.marginal import of_groups, of_ranks, of_sizes
 from symstiff.discrepancy.noise import Noise
-from symstiff.discrepancy.problem import Array, Index
 from symstiff.discrepancy.sharing import Roots, Sharing
 from symstiff.threads import in_threads
-
-Mask = np.ndarray[tuple[int, ...], np.dtype[np.bool_]]
 
 _ROWS = 128
 """Rows whose columns are worked on together, so that they stay near the processor."""

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from symstiff.arrays import Array
 from symstiff.calibration.experiment.readings import ExperimentClass, read_at
 from symstiff.calibration.identify import start_model
 from symstiff.calibration.measurements import Measurements
@@ -17,7 +18,6 @@ from symstiff.calibration.planning.loads import Load
 from symstiff.calibration.planning.measurement import Measurement
 from symstiff.calibration.writing import LOADS
 from symstiff.discrepancy.deciding import OFFERED, Choice, Rival, Setup, decide_poses, several_levels
-from symstiff.discrepancy.problem import Array
 from symstiff.discrepancy.separation import Decider
 from symstiff.discrepancy.speech import named
 from symstiff.effects.base import Scales

@@ -7,12 +7,13 @@ from dataclasses import replace
 
 import numpy as np
 
+from symstiff.arrays import Array
 from symstiff.discrepancy.bank import Bank
 from symstiff.discrepancy.design import confusability, share_left
 from symstiff.discrepancy.null import critical
 from symstiff.discrepancy.power import visible
 from symstiff.discrepancy.prepare import Prepared
-from symstiff.discrepancy.problem import Array, Candidate, Options, Problem, Shape
+from symstiff.discrepancy.problem import Candidate, Options, Problem, Shape
 from symstiff.discrepancy.result import CandidateResult, Name, NamedEffect, Quantity, Step
 from symstiff.discrepancy.scan import (
     Scan,

@@ -9,8 +9,9 @@ from itertools import islice
 import numpy as np
 from scipy.special import expit, logsumexp
 
+from symstiff.arrays import Array
 from symstiff.discrepancy.null import Null
-from symstiff.discrepancy.problem import Array, Options
+from symstiff.discrepancy.problem import Options
 from symstiff.discrepancy.reasons import Reason, Why
 from symstiff.discrepancy.scan import Evidence, Scan, directions
 from symstiff.discrepancy.search import Judged, Proposal, Workshop, judge, polish, proposals

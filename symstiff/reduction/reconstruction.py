@@ -14,11 +14,11 @@ from typing import Any, Literal
 
 import numpy as np
 
+from symstiff.arrays import Array
 from symstiff.display import finite
 from symstiff.errors import UserError
 from symstiff.reduction.admissible import (
     AdmissibleSet,
-    Array,
     admissible_set,
     joint_compliances,
     link_matrices,

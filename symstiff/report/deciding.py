@@ -7,8 +7,8 @@ from typing import Any
 
 import numpy as np
 
+from symstiff.arrays import Array
 from symstiff.discrepancy.deciding import Setup
-from symstiff.discrepancy.problem import Array
 
 DECIDES = 9.0
 """Separation from which explanations are told apart: three standard deviations."""

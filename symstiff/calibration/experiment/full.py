@@ -14,8 +14,9 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from symstiff.arrays import Array
 from symstiff.calibration.decomposition import unit_columns
-from symstiff.calibration.experiment.situation import Floats, Laws, View, Weigh, has_weights, linear_columns
+from symstiff.calibration.experiment.situation import Laws, View, Weigh, has_weights, linear_columns
 from symstiff.model import StiffnessModel
 from symstiff.reduction.physical import Parameter, original, physical_stages, terms_of
 from symstiff.symbolic.terms import Term, actuated_joint
@@ -27,7 +28,7 @@ _SOFTEST = 5.0
 
 
 def full_laws(
-    model: StiffnessModel, view: View, further: Floats, values: dict[str, float], y: Floats,
+    model: StiffnessModel, view: View, further: Array, values: dict[str, float], y: Array,
     weigh: Weigh,
 ) -> Laws:  # fmt: skip
     """Laws of the full set that fit the data; the model's effects keep their fitted ``values``.
@@ -79,7 +80,7 @@ def everything(model: StiffnessModel, apart: bool = False) -> tuple[Parameter, .
     return tuple(p for n, p in (full | joints | own).items() if n not in replaced)
 
 
-def _slender(view: View) -> Floats:
+def _slender(view: View) -> Array:
     """(n + 1,) by which joint i + 1, and link i before it, are softer than those with the longest lever.
 
     The last link is like the joint before it.
@@ -93,7 +94,7 @@ def _slender(view: View) -> Floats:
     return np.append(ratio, ratio[-1])
 
 
-def _sizes(model: StiffnessModel, parameters: Sequence[Parameter], slender: Floats, apart: bool) -> Floats:
+def _sizes(model: StiffnessModel, parameters: Sequence[Parameter], slender: Array, apart: bool) -> Array:
     """Relative sizes (P,) of compliances: the joint with the longest lever counts one.
 
     So does the turn of the link before it about its axis, where they are one parameter, not ``apart``.

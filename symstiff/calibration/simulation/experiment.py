@@ -9,9 +9,10 @@ from typing import Any, Literal
 import numpy as np
 
 from symstiff.arguments import require, whole
+from symstiff.arrays import Array
 from symstiff.calibration.loading import as_loading
 from symstiff.calibration.measurements import Measurements, measurements
-from symstiff.calibration.simulation.chain import Chain, Floats, chain_of, posture
+from symstiff.calibration.simulation.chain import Chain, chain_of, posture
 from symstiff.calibration.simulation.equilibrium import (
     Mechanism,
     States,
@@ -133,7 +134,7 @@ def _check_effects(rig: Rig, design: Measurements) -> None:
             )
 
 
-def clean_response(truth: Truth, q: Any, w: Any, context: Mapping[str, Any] | None = None) -> Floats:
+def clean_response(truth: Truth, q: Any, w: Any, context: Mapping[str, Any] | None = None) -> Array:
     """Noise-free values (M, 6) at joints ``q`` (M, n) under wrenches ``w`` (M, 6): m, rad.
 
     ``context`` may hold ``kind``, and any of ``points``, ``point``, ``labels``, ``pose``, ``time``,
@@ -146,7 +147,7 @@ def clean_response(truth: Truth, q: Any, w: Any, context: Mapping[str, Any] | No
     return _clean(prepare(truth), table, kind, np.zeros(table.q.shape))
 
 
-def _clean(rig: Rig, table: Measurements, kind: Kind, approach: Floats) -> Floats:
+def _clean(rig: Rig, table: Measurements, kind: Kind, approach: Array) -> Array:
     """Readings without noise; ``approach`` (M, n) is added to the joints of the measured state."""
     states = States(
         q=table.q + approach,
@@ -175,7 +176,7 @@ def _clean(rig: Rig, table: Measurements, kind: Kind, approach: Floats) -> Float
     return values
 
 
-def _settle(mechanism: Mechanism, states: States, points: Floats) -> tuple[Floats, Floats]:
+def _settle(mechanism: Mechanism, states: States, points: Array) -> tuple[Array, Array]:
     """Positions (M, 3) of points and attitudes (M, 3, 3) of frame n; equal rows are solved once."""
     keys = np.column_stack(
         [states.q, states.w, states.loaded, states.time, states.temperature, states.branch]
@@ -189,14 +190,14 @@ def _settle(mechanism: Mechanism, states: States, points: Floats) -> tuple[Float
     return position + np.einsum("nij,nj->ni", rotation, points), rotation
 
 
-def _rotation_vector(rotation: Floats) -> Floats:
+def _rotation_vector(rotation: Array) -> Array:
     """Rotation vectors (M, 3) of rotations (M, 3, 3)."""
     from scipy.spatial.transform import Rotation
 
     return np.asarray(Rotation.from_matrix(rotation).as_rotvec())
 
 
-def _seen_from(device: Device, position: Floats, rotation: Floats) -> Floats:
+def _seen_from(device: Device, position: Array, rotation: Array) -> Array:
     """World positions and attitudes in the device's frame."""
     from scipy.spatial.transform import Rotation
 
@@ -218,7 +219,7 @@ def _in_environment(truth: Truth, table: Measurements) -> Measurements:
     )
 
 
-def _deviation(noise: Noise, device: Device, chain: Chain, table: Measurements) -> Floats:
+def _deviation(noise: Noise, device: Device, chain: Chain, table: Measurements) -> Array:
     """Standard deviations (M, 6) of one reading: m, rad."""
     points = np.array([chain.point(name) for name in table.points])[table.point]
     position = posture(chain, table.q, np.zeros((len(table), chain.size))).at(points)
