@@ -27,11 +27,11 @@ if TYPE_CHECKING:
     from symstiff.codegen.options import Options
     from symstiff.compensation import compensate
     from symstiff.discrepancy.finding import Task
-    from symstiff.discrepancy.workflow import run as diagnose
+    from symstiff.discrepancy.workflow import diagnose
     from symstiff.errors import UserError
     from symstiff.model import StiffnessModel, load_model
     from symstiff.reduction import reduce
-    from symstiff.report.folder import write_folder as write_report
+    from symstiff.report.folder import write_report
     from symstiff.robot import library, load
     from symstiff.symbolic.chain import ElasticChain
     from symstiff.symbolic.reading import observation_matrix, virtual_jacobian
@@ -92,13 +92,12 @@ _HOME = {
     "write_report": "symstiff.report.folder",
     "write_table": "symstiff.calibration.table",
 }
-_NAME_AT_HOME = {"diagnose": "run", "write_report": "write_folder"}
 
 
 def __getattr__(name: str) -> Any:
     if name not in _HOME:
         raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
-    return getattr(import_module(_HOME[name]), _NAME_AT_HOME.get(name, name))
+    return getattr(import_module(_HOME[name]), name)
 
 
 def __dir__() -> list[str]:

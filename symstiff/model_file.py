@@ -14,7 +14,7 @@ from symstiff.model import StiffnessModel
 from symstiff.reduction.physical import physical_stages
 from symstiff.robot.loading import from_table, toml_table
 from symstiff.robot.mistakes import explain
-from symstiff.robot.schema import Format, Number, not_a_stiffness
+from symstiff.robot.quantities import Format, Number, not_a_stiffness
 
 
 def _deviation(value: float) -> float:

@@ -7,13 +7,13 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 import sympy as sp
-from numpy.typing import NDArray
+
+from symstiff.arrays import Array
 
 if TYPE_CHECKING:
     from symstiff.model import StiffnessModel
 
-Floats = NDArray[np.float64]
-Deflection = Callable[[Floats], Floats]
+Deflection = Callable[[Array], Array]
 """Parameter values (P,) to deflections (N, 6) [m, rad]."""
 _BENT, _STRAIGHT = 1e-4, 1.0
 """Share of the deflection by which a step changes it: where a law bends under loads, and where steps of any size do."""
@@ -22,7 +22,7 @@ _LEAST = 1e-10
 _PASSES = 2  # a law that saturates under a usual size tells too small a change at first
 
 
-def derivative(model: StiffnessModel, deflection: Deflection, p: Floats) -> Floats:
+def derivative(model: StiffnessModel, deflection: Deflection, p: Array) -> Array:
     """∂Δt/∂π (N, 6, P) at p (P,) by central differences of the model's deflections."""
     columns = []
     for k, size in enumerate(steps_at(model, deflection, p)):
@@ -32,7 +32,7 @@ def derivative(model: StiffnessModel, deflection: Deflection, p: Floats) -> Floa
     return np.stack(columns, axis=-1)
 
 
-def steps_at(model: StiffnessModel, deflection: Deflection, p: Floats) -> Floats:
+def steps_at(model: StiffnessModel, deflection: Deflection, p: Array) -> Array:
     """(P,) a step of every parameter that changes the deflections at p by about the same share; a usual size if none.
 
     Steps are usual sizes times a power of two, so that rounding does not change them.
@@ -52,7 +52,7 @@ def steps_at(model: StiffnessModel, deflection: Deflection, p: Floats) -> Floats
     return steps
 
 
-def _size(twists: Floats, reach: float) -> float:
+def _size(twists: Array, reach: float) -> float:
     """The largest translation [m] of twists (N, 6), or that which a turn makes at a reach."""
     return float(np.abs(twists * np.repeat([1.0, reach], 3)).max(initial=0.0))
 

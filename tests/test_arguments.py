@@ -15,7 +15,7 @@ from symstiff import Goal, Load, StiffnessModel, Task, UserError
 from symstiff.calibration.planning import Search
 from symstiff.calibration.simulation import Truth, nominal_truth
 from symstiff.codegen.options import Options
-from symstiff.discrepancy.workflow import run
+from symstiff.discrepancy.workflow import diagnose
 from symstiff.effects.instance import EffectInstance
 from symstiff.report.folder import Written
 from symstiff.robot import load
@@ -101,7 +101,7 @@ def test_identifications(arguments: dict[str, Any], told: str) -> None:
     ],
 )
 def test_diagnoses(arguments: dict[str, Any], told: str) -> None:
-    assert told in refused(run, Task(load(ROBOT), measured(), **arguments))
+    assert told in refused(diagnose, Task(load(ROBOT), measured(), **arguments))
 
 
 def test_simulations() -> None:

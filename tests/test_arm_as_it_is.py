@@ -12,7 +12,7 @@ from symstiff.calibration.measurements import Measurements, measurements
 from symstiff.calibration.simulation import Truth, clean_response, nominal_truth
 from symstiff.calibration.simulation.truth import Effect
 from symstiff.discrepancy.finding import Task
-from symstiff.discrepancy.workflow import run as diagnose
+from symstiff.discrepancy.workflow import diagnose
 from symstiff.robot import Robot, load
 from symstiff.symbolic.numeric import kinematics, virtual_joints
 

@@ -9,15 +9,16 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from symstiff.arrays import Array
 from symstiff.calibration.measurements import Measurements, measurements
 from symstiff.calibration.simulation import Effect, Truth, clean_response, nominal_truth
 from symstiff.discrepancy import proof
 from symstiff.discrepancy.between import between, with_shapes
-from symstiff.discrepancy.diagnose import diagnose
+from symstiff.discrepancy.examine import examine
 from symstiff.discrepancy.finding import Task
 from symstiff.discrepancy.prepare import prepare
-from symstiff.discrepancy.problem import Array, Candidate, Options, Parameter, Problem, Shape
-from symstiff.discrepancy.workflow import run
+from symstiff.discrepancy.problem import Candidate, Options, Parameter, Problem, Shape
+from symstiff.discrepancy.workflow import diagnose
 from symstiff.effects.base import Move, Scales
 from symstiff.effects.registry import catalogue
 from symstiff.robot import load
@@ -61,10 +62,10 @@ def made(knee: float, noncentrality: float, moves: bool = True) -> tuple[Problem
 @pytest.mark.parametrize("knee", [0.34, 0.45])
 def test_the_shape_that_the_data_ask_for_is_found_between_those_of_the_profile(knee: float) -> None:
     problem, candidate = made(knee, 2000.0)
-    found = diagnose(problem, (candidate,), QUICK)
+    found = examine(problem, (candidate,), QUICK)
     assert found.verdict == "named"
     assert found.effects[0].shape["knee"] == pytest.approx(knee, rel=0.07)
-    coarse = diagnose(problem, (replace(candidate, moves=lambda shape: {}),), QUICK)
+    coarse = examine(problem, (replace(candidate, moves=lambda shape: {}),), QUICK)
     assert coarse.verdict != "named"
     assert found.rms.after < coarse.rms.after
     # the table of candidates has it as tested, by the shape that was found
@@ -131,13 +132,13 @@ def test_the_folds_of_the_proof_do_not_know_the_shape_that_all_data_ask_for(
         return own(problem, bank, *rest)  # type: ignore[arg-type]
 
     monkeypatch.setattr(proof, "_select", watched)
-    found = diagnose(problem, (candidate,), Options(draws=150))
+    found = examine(problem, (candidate,), Options(draws=150))
     assert found.effects[0].shape["knee"] not in KNEES
     assert seen
     assert all(shapes == [{"knee": k} for k in KNEES] for shapes in seen)
     assert found.held_out is not None
     assert found.held_out.closure > 0.97  # each fold finds a shape between for itself
-    fixed = diagnose(problem, (bend(problem, moves=False),), Options(draws=150)).held_out
+    fixed = examine(problem, (bend(problem, moves=False),), Options(draws=150)).held_out
     assert fixed is not None
     assert fixed.after > 1.1 * found.held_out.after
 
@@ -196,7 +197,7 @@ def two_slopes(knee: float, size: float) -> Measurements:
 
 @pytest.mark.slow
 def test_a_gear_of_which_much_is_seen_is_named_though_no_shape_of_the_profile_is_near() -> None:
-    found = run(Task(load("kuka_kr270"), two_slopes(2900.0, 1e-7)))
+    found = diagnose(Task(load("kuka_kr270"), two_slopes(2900.0, 1e-7)))
     assert found.verdict == "named"
     assert [(e.effect, e.where) for e in found.named] == [("nonlinear_stiffness", {"joint": 2})]
     assert found.named[0].shape["load"] == pytest.approx(2900.0, rel=0.2)

@@ -70,7 +70,7 @@ def test_what_cannot_be_followed_is_refused_before_anything_is_written(
     for module in walk_packages(symstiff.__path__, "symstiff."):  # one loaded under the patch would keep it
         if not module.name.endswith("__main__"):
             import_module(module.name)
-    for work in ("reduction.reduce", "codegen.generate.generate", "discrepancy.workflow.run"):
+    for work in ("reduction.reduce", "codegen.generate.generate", "discrepancy.workflow.diagnose"):
         monkeypatch.setattr(f"symstiff.{work}", worked)
     before = {p: p.read_bytes() for p in place.iterdir()}
     assert_users_mistake(run(*arguments), says)

@@ -11,8 +11,9 @@ from symstiff.calibration.simulation.truth import Effect
 from symstiff.discrepancy.climb import Wider, frames_of, leaves_less
 from symstiff.discrepancy.finding import Task
 from symstiff.discrepancy.localise import FittedDevice
-from symstiff.discrepancy.result import Diagnosis, Estimate, Name, Rms
-from symstiff.discrepancy.workflow import run
+from symstiff.discrepancy.reasons import Why
+from symstiff.discrepancy.result import Diagnosis, Name, Quantity, Rms
+from symstiff.discrepancy.workflow import diagnose
 from symstiff.model import joints_only
 from symstiff.robot import load
 from tests.diagnosis_data import ROBOT, measured
@@ -23,7 +24,7 @@ ROWS = 400
 
 @pytest.fixture(scope="module")
 def some() -> Diagnosis:
-    return run(Task(load(ROBOT), measured())).last
+    return diagnose(Task(load(ROBOT), measured())).last
 
 
 @pytest.mark.parametrize(
@@ -75,7 +76,7 @@ def test_links_that_were_named_give_way_to_what_is_significantly_more(
     noise = some.noise.by_component()[0]
     left = np.full(ROWS, noise)
     less = left * np.sqrt(1.0 - explained / ROWS)
-    sizes = {f"k1_{k}{k}": Estimate(1e-7, 1e-8, "rad/(N*m)") for k in range(1, 5)}
+    sizes = {f"k1_{k}{k}": Quantity(1e-7, 1e-8, "rad/(N*m)") for k in range(1, 5)}
     step = some.growth[0]
     name = Name("link_compliance", {"link": 1})
     few = replace(step, residual=left, model_std=np.ones(2), effects=((name, sizes),), gained=4)
@@ -107,7 +108,7 @@ def test_all_frames_have_to_explain_far_more_than_few_or_a_law_without_a_name(
     whole = replace(step, residual=left * np.sqrt(left_by_frames), model_std=np.ones(26))
     wide = replace(some, growth=(whole,), rms=Rms(1.0, 1.0, held_out, held_out, 0.9))
     robot = load("kuka_kr270")
-    frames = Wider(joints_only(robot), "frames", "", "", frames_of(robot))
+    frames = Wider(joints_only(robot), "frames", Why.FRAMES, "", frames_of(robot))
     assert [dict(e.where) for e in frames.parts] == [{"link": i} for i in range(1, 7)]
     assert frames.leaves_less(wide, narrow, np.zeros(ROWS, dtype=np.intp)) is better
 
@@ -126,7 +127,7 @@ def test_all_frames_take_the_place_of_few_that_leave_no_room_for_what_is_missing
 ) -> None:
     """Four parameters more at the end: 4·log 400 = 24, of 400·log(1/0.97) = 12 and 400·log 2 = 277."""
     robot = load("kuka_kr270")
-    frames = Wider(joints_only(robot), "frames", "", "", frames_of(robot))
+    frames = Wider(joints_only(robot), "frames", Why.FRAMES, "", frames_of(robot))
     step, left_now = some.growth[0], np.full(ROWS, some.noise.by_component()[0])
     last = replace(step, residual=left_now, gained=10)
     leading = tuple((Name("geometric_error", {"link": i + 1}), {}, {}) for i in range(few))
@@ -151,7 +152,7 @@ def test_a_gap_is_named_behind_errors_of_all_frames(name: str) -> None:
         for i in range(1, robot.dof + 1)
     ]
     gap = Effect("backlash", {"joint": 2}, "tanh", {"gap": 8e-4})
-    found = run(Task(robot, positions(name, (*off, gap), 2, 60), "joints"))
+    found = diagnose(Task(robot, positions(name, (*off, gap), 2, 60), "joints"))
     assert found.verdict == "named"
     places = [(e.effect, dict(e.where)) for e in found.named]
     assert places == [*(("geometric_error", {"link": i}) for i in range(1, 7)), ("backlash", {"joint": 2})]

@@ -10,7 +10,7 @@ import pytest
 
 from symstiff.calibration.simulation import Effect, Truth, nominal_truth
 from symstiff.discrepancy.finding import Finding, Task
-from symstiff.discrepancy.workflow import run
+from symstiff.discrepancy.workflow import diagnose
 from symstiff.effects.base import Scales
 from symstiff.effects.instance import EffectInstance
 from symstiff.effects.registry import find
@@ -31,7 +31,7 @@ def diagnosed(zero: float, noise: float, seed: int) -> Finding:
     values = readings(Truth(load(ROBOT), nominal_truth(load(ROBOT)), (spring,)), table)
     values[:, :3] += np.random.default_rng(seed).normal(size=(len(table), 3)) * noise
     values[:, 3:] = np.nan
-    return run(Task(load(ROBOT), replace(table, values=values)))
+    return diagnose(Task(load(ROBOT), replace(table, values=values)))
 
 
 def _compensator(found: Finding) -> EffectInstance:

@@ -10,7 +10,7 @@ import pytest
 from symstiff.calibration.measurements import Measurements, measurements
 from symstiff.calibration.simulation import Truth, clean_response, nominal_truth
 from symstiff.discrepancy.finding import Task
-from symstiff.discrepancy.workflow import run
+from symstiff.discrepancy.workflow import diagnose
 from symstiff.report.words import sentence
 from symstiff.robot import load
 
@@ -55,7 +55,7 @@ def crept(joint: int, grown: float, seed: int = 1) -> Measurements:
 @pytest.mark.parametrize(("joint", "grown"), [(2, 0.25), (3, 0.5)])
 def test_a_gear_that_creeps_is_no_load_that_is_misread(joint: int, grown: float) -> None:
     """Beyond a straight line through the loads it is nearly a weight that is missing."""
-    found = run(Task(load("ur10"), crept(joint, grown)))
+    found = diagnose(Task(load("ur10"), crept(joint, grown)))
     assert found.verdict == "unexplained"
     assert f"the evidence is strongest at joint {joint}" in sentence(found)
     assert "load_case growing by 1 from the first load of a pose to the last" in sentence(found)

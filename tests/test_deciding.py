@@ -14,13 +14,13 @@ from symstiff.calibration.planning import Box, Region
 from symstiff.discrepancy.candidates import scales_of
 from symstiff.discrepancy.deciding import (
     Choice,
-    Experiment,
     Rival,
+    Setup,
     _hypotheses,
     decide_by,
     decide_poses,
-    experiments_like,
     names_of,
+    setups_like,
 )
 from symstiff.effects.instance import EffectInstance
 from symstiff.effects.registry import find
@@ -46,8 +46,8 @@ def rival(effect: str, size: float, shape: dict[str, float] | None = None, **whe
     return Rival((instance,), {n: size * (k + 1) for k, n in enumerate(own)})
 
 
-def offered_like(kind: str = "deflection") -> Experiment:
-    return Experiment(kind, ("tcp",), AXES, LOADS)
+def offered_like(kind: str = "deflection") -> Setup:
+    return Setup(kind, ("tcp",), AXES, LOADS)
 
 
 def test_what_rivals_have_in_common_is_held_once() -> None:
@@ -178,12 +178,12 @@ def test_deciding_poses_have_few_digits_where_the_limits_leave_room_for_them() -
 def test_an_experiment_is_told_from_the_richest_pose_and_goes_both_ways_if_the_data_do() -> None:
     table = measured(poses=4, levels=(0.15, 1.0))
     few = table.select(np.flatnonzero((table.pose != 2) & (np.arange(len(table)) % 6 > 2)))
-    (found,) = experiments_like(concatenate([few, table.select(np.flatnonzero(table.pose == 2))]))
+    (found,) = setups_like(concatenate([few, table.select(np.flatnonzero(table.pose == 2))]))
     rich = np.unique(np.round(table.w[table.pose == 2], 9), axis=0)
     assert {tuple(w) for w in rich} <= {tuple(w) for w in found.loads}
     up = np.ones(len(table))
     for branch, both in ((up, False), (-up, False), (np.where(np.arange(len(up)) % 2, 1.0, -1.0), True)):
-        ways = experiments_like(replace(table, branch=branch))[0].branches
+        ways = setups_like(replace(table, branch=branch))[0].branches
         assert (ways == (1.0, -1.0)) is both
         assert both or np.isnan(ways).all()
 
@@ -197,10 +197,10 @@ def test_loads_in_another_direction_of_the_data_are_tried_where_the_first_do_not
     taken, _ = decide_poses(model, LINKS, offered_like(), SIGMA, Choice(2, 2, offered=20))
     taken = replace(taken, kind="deflection", values=np.zeros_like(taken.values))
     for order in ([blind, sees], [sees, blind]):
-        experiment, table, found = decide_by(
+        setup, table, found = decide_by(
             order, model, gears, SIGMA, Choice(3, 1, enough=1e9, offered=40), taken
         )
-        assert experiment is sees
+        assert setup is sees
         assert np.ptp(table.w[:, 0]) > 0
         assert found.separation
 
@@ -208,7 +208,7 @@ def test_loads_in_another_direction_of_the_data_are_tried_where_the_first_do_not
 def test_the_loads_that_are_tried_do_not_depend_on_the_order_of_poses() -> None:
     table = measured(poses=5)
     relabelled = replace(table, pose=table.pose.max() - table.pose, labels=table.labels[::-1])
-    one, other = experiments_like(table), experiments_like(relabelled)
+    one, other = setups_like(table), setups_like(relabelled)
     assert len(one) == len(other) == 3
     for a, b in zip(one, other, strict=True):
         np.testing.assert_array_equal(a.loads, b.loads)

@@ -17,11 +17,11 @@ from symstiff.calibration.measurements import Measurements
 from symstiff.calibration.table import read_poses, read_table
 from symstiff.codegen.compiler import find_compiler
 from symstiff.discrepancy.finding import Task
+from symstiff.discrepancy.reasons import Why
 from symstiff.discrepancy.remarks import remarked
 from symstiff.discrepancy.result import Name
 from symstiff.discrepancy.used import MOST_POSES, thinned
-from symstiff.discrepancy.verdict import ENOUGH
-from symstiff.discrepancy.workflow import run
+from symstiff.discrepancy.workflow import diagnose
 from symstiff.model import load_model
 from symstiff.report import words
 from symstiff.robot import load
@@ -166,7 +166,7 @@ def test_one_pose_without_sigma_or_repeats_is_untestable_and_no_error(tmp_path: 
 
 
 def test_a_small_rest_that_passes_for_a_shape_is_told_with_what_it_looks_like() -> None:
-    found = run(Task(load(ROBOT), measured(HARDENING)))
+    found = diagnose(Task(load(ROBOT), measured(HARDENING)))
     view, last = found.assembly.situation.view, found.last
     end = last.growth[-1]
     assert end.further is not None
@@ -181,11 +181,11 @@ def test_a_small_rest_that_passes_for_a_shape_is_told_with_what_it_looks_like() 
 def test_a_search_that_stops_at_the_most_effects_says_so() -> None:
     """The second effect is clearly there, and would be named: it is not too faint."""
     table = measured(HARDENING, HARDENING | {"where": {"joint": 1}}, poses=14)
-    both = run(Task(load(ROBOT), table))
+    both = diagnose(Task(load(ROBOT), table))
     assert (both.verdict, len(both.named)) == ("named", 2)
-    one = run(Task(load(ROBOT), table, max_effects=1))
+    one = diagnose(Task(load(ROBOT), table, max_effects=1))
     assert one.verdict == "named_insufficient"
-    assert one.reason == ENOUGH
+    assert one.because.why is Why.ENOUGH
     told = words.sentence(one)
     assert "stands out beside as many effects as were looked for: allow more (--max-effects)" in told
     assert "too faint" not in told
@@ -251,7 +251,7 @@ def test_a_verdict_with_one_explanation_needs_no_plan(
 
 
 def test_a_thinned_table_says_so(tmp_path: Path) -> None:
-    found = run(Task(load(ROBOT), measured(), max_poses=6))
+    found = diagnose(Task(load(ROBOT), measured(), max_poses=6))
     assert found.assembly.problem.poses == 6
     assert any("6 of 10 poses" in remark for remark in found.remarks)
 
@@ -289,7 +289,7 @@ def test_the_same_table_gives_the_same_bytes(named: Path, tmp_path: Path) -> Non
 @pytest.mark.slow
 @pytest.mark.skipif(not UR10.exists(), reason="the measured UR10 data are not there")
 def test_a_real_ur10_shows_its_geometry_and_its_gears() -> None:
-    found = run(Task(load("ur10"), read_table(UR10), "joints", max_poses=100))
+    found = diagnose(Task(load("ur10"), read_table(UR10), "joints", max_poses=100))
     named = {e.effect for e in found.named}
     assert named & {"geometric_error", "joint_offset"}
     assert "transmission_error" in named

@@ -15,7 +15,7 @@ from symstiff.calibration.simulation.experiment import simulate
 from symstiff.calibration.simulation.truth import Noise
 from symstiff.discrepancy.climb import that_has
 from symstiff.discrepancy.finding import Finding, Task
-from symstiff.discrepancy.workflow import run
+from symstiff.discrepancy.workflow import diagnose
 from symstiff.model import StiffnessModel
 from symstiff.reduction import reduce
 from symstiff.report.verdict import verdict_table
@@ -38,7 +38,7 @@ def found() -> Finding:
     )
     quiet = replace(truth(), noise=Noise(sigma_mm=(0.01, 0.01, 0.01)))
     table = simulate(quiet, with_markers(plan.q, plan.w, MARKERS), 1)
-    return run(Task(robot, table, "joints"))
+    return diagnose(Task(robot, table, "joints"))
 
 
 def test_links_then_the_compensator_come_out_of_the_data(found: Finding) -> None:

@@ -7,11 +7,12 @@ from dataclasses import dataclass, replace
 import numpy as np
 import pytest
 
+from symstiff.arrays import Array
 from symstiff.discrepancy.design import share_left
-from symstiff.discrepancy.diagnose import diagnose
+from symstiff.discrepancy.examine import examine
 from symstiff.discrepancy.noise import Noise
 from symstiff.discrepancy.prepare import prepare
-from symstiff.discrepancy.problem import Array, Candidate, Options, Parameter, Problem
+from symstiff.discrepancy.problem import Candidate, Options, Parameter, Problem
 from symstiff.discrepancy.scan import evidence, explained, open_scan
 from symstiff.discrepancy.sharing import AXES, JOINTS, Sharing
 from symstiff.errors import UserError
@@ -150,7 +151,7 @@ def test_explained_squares_are_the_drop_of_a_generalised_least_squares_residual(
 @pytest.mark.slow
 def test_nothing_is_named_where_nothing_is_missing() -> None:
     a = arm(12)
-    verdicts = [diagnose(measured(a.problem, seed=s), a.candidates, QUICK).verdict for s in range(20)]
+    verdicts = [examine(measured(a.problem, seed=s), a.candidates, QUICK).verdict for s in range(20)]
     assert verdicts.count("nothing_missing") >= 18
 
 
@@ -158,7 +159,7 @@ def test_nothing_is_named_where_nothing_is_missing() -> None:
 def test_a_softening_joint_is_named_though_the_candidates_shapes_only_resemble_it(joint: int) -> None:
     a = arm()
     signal = scaled(a.problem, saturating(a.problem, joint - 1), 120.0)
-    d = diagnose(measured(a.problem, signal, joint, 0.5 * SIGMA), a.candidates, QUICK)
+    d = examine(measured(a.problem, signal, joint, 0.5 * SIGMA), a.candidates, QUICK)
     assert d.verdict == "named"
     assert [(e.effect, e.where) for e in d.effects] == [("bend", {"joint": joint})]
     assert d.effects[0].p_value < 1e-3
@@ -184,7 +185,7 @@ def test_two_effects_are_both_named_and_the_growth_path_has_both_steps() -> None
     problem = a.problem
     loop = problem.J[:, 1] * problem.branch * np.sign(problem.tau[:, 1]) * np.sqrt(np.abs(problem.tau[:, 1]))
     signal = scaled(problem, saturating(problem, 2), 150.0) + scaled(problem, loop, 150.0)
-    d = diagnose(measured(problem, signal, 3), a.candidates, QUICK)
+    d = examine(measured(problem, signal, 3), a.candidates, QUICK)
     assert d.verdict == "named"
     assert {(e.effect, e.where["joint"]) for e in d.effects} == {("bend", 3), ("loop", 2)}
     assert [s.rms for s in d.growth] == sorted((s.rms for s in d.growth), reverse=True)
@@ -199,7 +200,7 @@ def test_a_step_counts_what_the_data_tell_apart() -> None:
     law = a.problem.J[:, 1] * np.tanh(2.5 * t)
     block = np.stack([law, 2.0 * law, a.problem.A[:, 0]], axis=1)
     names = tuple(Parameter(n, "rad") for n in "abc")
-    d = diagnose(
+    d = examine(
         measured(a.problem, scaled(a.problem, law, 300.0), 2),
         (Candidate("block", {"joint": 2}, names, lambda _: block),),
         QUICK,
@@ -215,7 +216,7 @@ def test_a_further_effect_must_be_more_believable_than_none() -> None:
         a.problem, saturating(a.problem, 0), 16.0
     )
     problem = measured(a.problem, signal, 5)
-    found = diagnose(problem, a.candidates, replace(QUICK, alpha_further=1.0, alpha_notable=1.0))
+    found = examine(problem, a.candidates, replace(QUICK, alpha_further=1.0, alpha_notable=1.0))
     assert found.verdict == "named"
     assert [(e.effect, e.where["joint"]) for e in found.effects] == [("bend", 3)]
 
@@ -225,7 +226,7 @@ def test_the_stronger_of_two_effects_is_told_first(strong: int) -> None:
     a = arm(40)
     sizes = {strong: 1500.0, 2 - strong: 120.0}
     signal = sum(scaled(a.problem, saturating(a.problem, v), size) for v, size in sizes.items())
-    found = diagnose(measured(a.problem, np.asarray(signal), 3), a.candidates, QUICK)
+    found = examine(measured(a.problem, np.asarray(signal), 3), a.candidates, QUICK)
     assert [e.where["joint"] for e in found.effects if e.set_number == 0] == [strong + 1, 3 - strong]
 
 
@@ -233,7 +234,7 @@ def test_a_law_that_the_catalogue_does_not_hold_is_not_given_a_name() -> None:
     a = arm()
     problem = a.problem
     signal = scaled(problem, problem.J[:, 1] * problem.tau[:, 1] * np.sin(3 * problem.q[:, 1] + 0.4), 200.0)
-    d = diagnose(measured(problem, signal, 4), a.candidates, QUICK)
+    d = examine(measured(problem, signal, 4), a.candidates, QUICK)
     assert d.verdict == "unexplained"
     assert d.effects == ()
     assert d.localisation is not None
@@ -245,7 +246,7 @@ def test_a_law_that_the_catalogue_does_not_hold_is_not_given_a_name() -> None:
 
 def test_a_candidate_inside_the_model_is_called_untestable_with_its_reason() -> None:
     a = arm(12)
-    d = diagnose(measured(a.problem), a.candidates, QUICK)
+    d = examine(measured(a.problem), a.candidates, QUICK)
     slack = [c for c in d.candidates if c.effect == "slack"]
     assert len(slack) == 3
     assert all(not c.testable and "absorbs" in c.reason for c in slack)
@@ -262,7 +263,7 @@ def test_what_would_fit_anything_proportional_to_the_load_is_not_tested() -> Non
     sizes = tuple(Parameter(f"k{i}", typical=1.0 if i < 2 else 0.02) for i in range(8))
     block = Candidate("block", {"link": 1}, sizes, lambda shape: columns)
     unknown = rng.normal(size=(6, 2))[bare.pose, bare.axis] * bare.load
-    found = diagnose(measured(bare, scaled(bare, unknown, 600.0)), (block, *catalogue(bare)), QUICK)
+    found = examine(measured(bare, scaled(bare, unknown, 600.0)), (block, *catalogue(bare)), QUICK)
     row = next(c for c in found.candidates if c.effect == "block")
     assert found.verdict == "unexplained"
     assert not row.testable
@@ -272,7 +273,7 @@ def test_what_would_fit_anything_proportional_to_the_load_is_not_tested() -> Non
 def test_a_candidate_whose_data_are_missing_is_listed_with_the_reason_it_gave() -> None:
     a = arm(8)
     closed = replace(a.candidates[0], unavailable="needs temperature")
-    d = diagnose(measured(a.problem), (closed, *a.candidates[1:]), QUICK)
+    d = examine(measured(a.problem), (closed, *a.candidates[1:]), QUICK)
     (row,) = [c for c in d.candidates if c.effect == "bend" and c.where == {"joint": 1}]
     assert not row.testable
     assert row.reason == "needs temperature"
@@ -280,10 +281,10 @@ def test_a_candidate_whose_data_are_missing_is_listed_with_the_reason_it_gave() 
 
 def test_one_pose_without_sigma_or_repeats_gives_a_verdict_that_says_so() -> None:
     a = arm(1)
-    d = diagnose(measured(a.problem), a.candidates, QUICK)
+    d = examine(measured(a.problem), a.candidates, QUICK)
     assert d.verdict == "untestable"
     assert "one pose" in d.reason
-    stated = diagnose(replace(measured(a.problem), sigma=np.full(a.problem.rows, SIGMA)), a.candidates, QUICK)
+    stated = examine(replace(measured(a.problem), sigma=np.full(a.problem.rows, SIGMA)), a.candidates, QUICK)
     assert stated.verdict == "untestable"
     assert "no place on the robot can be told from another" in stated.reason
     assert not any(c.testable for c in d.candidates)
@@ -299,7 +300,7 @@ def test_an_implausible_size_is_not_named() -> None:
     names = [
         {
             (e.effect, e.where["joint"])
-            for e in diagnose(measured(a.problem, s * signal, 5), small, QUICK).effects
+            for e in examine(measured(a.problem, s * signal, 5), small, QUICK).effects
         }
         for s in (1.0, -1.0)
     ]
@@ -309,7 +310,7 @@ def test_an_implausible_size_is_not_named() -> None:
 def test_held_out_poses_show_the_gap_shrink_and_select_the_effect_in_every_fold() -> None:
     a = arm()
     signal = scaled(a.problem, saturating(a.problem, 1), 400.0)
-    d = diagnose(measured(a.problem, signal, 7), a.candidates, replace(QUICK, held_out=True))
+    d = examine(measured(a.problem, signal, 7), a.candidates, replace(QUICK, held_out=True))
     assert d.held_out is not None
     assert d.held_out.after < d.held_out.before
     assert d.held_out.closure > 0.7
@@ -321,7 +322,7 @@ def test_the_numbers_of_the_poses_do_not_move_what_is_held_out() -> None:
     problem = measured(a.problem, scaled(a.problem, saturating(a.problem, 2), 80.0))
     renumbered = replace(problem, pose=np.random.default_rng(1).permutation(problem.poses)[problem.pose])
     one, two = (
-        diagnose(p, a.candidates, replace(QUICK, held_out=True, folds=4)).held_out
+        examine(p, a.candidates, replace(QUICK, held_out=True, folds=4)).held_out
         for p in (problem, renumbered)
     )
     assert one is not None
@@ -332,7 +333,7 @@ def test_the_numbers_of_the_poses_do_not_move_what_is_held_out() -> None:
 def test_the_same_data_give_the_same_diagnosis() -> None:
     a = arm(10)
     problem = measured(a.problem, scaled(a.problem, saturating(a.problem, 2), 80.0))
-    one, two = (diagnose(problem, a.candidates, QUICK) for _ in range(2))
+    one, two = (examine(problem, a.candidates, QUICK) for _ in range(2))
     assert one.candidates == two.candidates
     assert one.effects == two.effects
     assert one.p_missing == two.p_missing
@@ -377,7 +378,7 @@ def test_what_a_set_misses_is_judged_under_the_shared_error_that_is_left_with_it
         Candidate("angle", {"joint": v + 1}, unit, lambda _, v=v: turning(v)[:, None]) for v in range(3)
     ]
     both = scaled(problem, saturating(problem, 1), 400.0) + scaled(problem, turning(0), 100.0)
-    d = diagnose(measured(problem, both), (*catalogue(problem), *angles), QUICK)
+    d = examine(measured(problem, both), (*catalogue(problem), *angles), QUICK)
     assert d.verdict == "named"
     found = {(name.effect, name.where["joint"]) for name, _, _ in d.leading}
     assert found == {("bend", 2), ("angle", 1)}

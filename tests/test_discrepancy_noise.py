@@ -8,9 +8,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from symstiff.discrepancy.diagnose import diagnose
-from symstiff.discrepancy.prepare import prepare, settled
-from symstiff.discrepancy.problem import Array, Candidate, Options, Parameter, Problem
+from symstiff.arrays import Array
+from symstiff.discrepancy.examine import examine
+from symstiff.discrepancy.prepare import noise_told_anew, prepare
+from symstiff.discrepancy.problem import Candidate, Options, Parameter, Problem
 from symstiff.discrepancy.scan import evidence, extend, likeliest
 from symstiff.discrepancy.sharing import EACH, JOINTS, LEARNED, sizes
 from symstiff.discrepancy.strata import strata
@@ -21,7 +22,7 @@ from tests.test_discrepancy_engine import QUICK, SIGMA, arm, catalogue, measured
 @pytest.mark.parametrize("size", [2.0, 12.0])
 def test_an_approach_error_common_to_a_poses_load_cases_raises_no_alarm(size: float) -> None:
     a = arm(12)
-    found = [diagnose(measured(a.problem, 0.0, s, size * SIGMA), a.candidates, QUICK) for s in range(10)]
+    found = [examine(measured(a.problem, 0.0, s, size * SIGMA), a.candidates, QUICK) for s in range(10)]
     assert [d.verdict for d in found].count("nothing_missing") >= 9
     assert np.median([d.noise.approach for d in found]) == pytest.approx(size * SIGMA, rel=0.5)
 
@@ -48,7 +49,7 @@ def test_a_robot_that_comes_back_for_every_repeat_or_stays_raises_no_alarm(anew:
     a = arm(12, levels=(0.5, 1.0))
     again = repeated(a.problem, 3)
     candidates = catalogue(again)
-    found = [diagnose(approached(again, 3.0 * SIGMA, s, anew), candidates, QUICK) for s in range(8)]
+    found = [examine(approached(again, 3.0 * SIGMA, s, anew), candidates, QUICK) for s in range(8)]
     assert [d.verdict for d in found].count("nothing_missing") >= 7
     assert np.median([d.noise.sigma for d in found]) == pytest.approx(SIGMA, rel=0.1)
     assert np.median([d.noise.approach for d in found]) == pytest.approx(3.0 * SIGMA, rel=0.25)
@@ -84,7 +85,7 @@ def test_a_drift_between_repeats_is_no_noise_once_it_is_in_the_model() -> None:
     drift = 6.0 * SIGMA * again.time * (again.axis == 0)
     noise = SIGMA * np.random.default_rng(8).normal(size=again.rows)
     table = replace(again, y=again.y + drift + noise, sigma=np.full(again.rows, SIGMA))
-    found = diagnose(table, (*catalogue(table), drifting(table)), QUICK)
+    found = examine(table, (*catalogue(table), drifting(table)), QUICK)
     assert [e.effect for e in found.effects] == ["drift"]
     assert found.noise.sigma == pytest.approx(SIGMA, rel=0.15)
     assert not found.noise.misstated
@@ -102,7 +103,7 @@ def test_too_few_rows_say_nothing_of_a_shared_error() -> None:
 def test_what_is_missing_is_named_where_every_repeat_is_an_approach() -> None:
     again = repeated(arm(12, levels=(0.33, 0.67, 1.0)).problem, 3)
     signal = scaled(again, saturating(again, 1), 900.0)
-    found = diagnose(
+    found = examine(
         approached(replace(again, y=again.y + signal), 2.0 * SIGMA, 1, True), catalogue(again), QUICK
     )
     assert found.verdict == "named"
@@ -129,7 +130,7 @@ def test_joints_that_stand_elsewhere_raise_no_alarm() -> None:
     a = arm(30)
     size = [2e-5, 8e-5, 4e-5]
     found = [
-        diagnose(measured(a.problem, joints_elsewhere(a.problem, size, s), s), a.candidates, QUICK)
+        examine(measured(a.problem, joints_elsewhere(a.problem, size, s), s), a.candidates, QUICK)
         for s in range(10)
     ]
     assert [d.verdict for d in found].count("nothing_missing") >= 9
@@ -157,7 +158,7 @@ def test_what_one_joint_has_in_every_pose_does_not_pass_for_the_size_of_its_erro
     for seed in range(6):
         readings = joints_elsewhere(a.problem, [6e-5] * 3, seed) + hidden
         data = measured(a.problem, readings, seed, 2.0 * SIGMA)
-        found.append(diagnose(data, (*gears, *a.candidates), QUICK))
+        found.append(examine(data, (*gears, *a.candidates), QUICK))
     named = [d for d in found if d.verdict == "named"]
     assert len(named) >= 4
     assert all(
@@ -242,8 +243,8 @@ def test_the_approach_error_is_found_whether_the_markers_share_it_or_not(own: fl
 def test_a_misstated_sigma_is_noticed_and_changes_no_p_value(factor: float) -> None:
     a = arm(20)
     problem = measured(a.problem, scaled(a.problem, saturating(a.problem, 0), 60.0), 6)
-    right = diagnose(replace(problem, sigma=np.full(problem.rows, SIGMA)), a.candidates, QUICK)
-    wrong = diagnose(replace(problem, sigma=np.full(problem.rows, SIGMA * factor)), a.candidates, QUICK)
+    right = examine(replace(problem, sigma=np.full(problem.rows, SIGMA)), a.candidates, QUICK)
+    wrong = examine(replace(problem, sigma=np.full(problem.rows, SIGMA * factor)), a.candidates, QUICK)
     assert wrong.noise.misstated
     assert not right.noise.misstated
     assert wrong.noise.ratio == pytest.approx(1 / factor, rel=0.1)
@@ -268,7 +269,7 @@ def test_a_stated_sigma_of_differences_may_count_the_reading_without_load(
 def test_a_residual_far_above_the_stated_sigma_is_not_called_explained(factor: float, verdict: str) -> None:
     """A sigma of one reading that is a fifth too small is misstated, and what is left is still noise."""
     a = arm(20)
-    found = diagnose(
+    found = examine(
         replace(measured(a.problem, 0.0, 6), sigma=np.full(a.problem.rows, SIGMA / factor)),
         a.candidates,
         QUICK,
@@ -282,11 +283,11 @@ def test_a_residual_far_above_the_stated_sigma_is_not_called_explained(factor: f
 def test_single_readings_hold_how_the_robot_misses_its_poses(factor: float, verdict: str) -> None:
     a = arm(60, (1.0,))
     table = replace(measured(a.problem, 0.0, 7), sigma=np.full(a.problem.rows, SIGMA / factor))
-    found = diagnose(table, a.candidates, QUICK)
+    found = examine(table, a.candidates, QUICK)
     assert found.noise.single
     assert found.noise.misstated
     assert found.verdict == verdict
-    assert not diagnose(measured(arm(20).problem, 0.0, 7), arm(20).candidates, QUICK).noise.single
+    assert not examine(measured(arm(20).problem, 0.0, 7), arm(20).candidates, QUICK).noise.single
 
 
 def test_noise_that_grows_with_distance_is_found() -> None:
@@ -294,7 +295,7 @@ def test_noise_that_grows_with_distance_is_found() -> None:
     distance = np.linspace(1.0, 4.0, a.problem.rows)
     rng = np.random.default_rng(8)
     y = a.problem.y + rng.normal(size=a.problem.rows) * SIGMA * distance
-    d = diagnose(replace(a.problem, y=y, spread={"distance": distance}), a.candidates, QUICK)
+    d = examine(replace(a.problem, y=y, spread={"distance": distance}), a.candidates, QUICK)
     assert d.noise.growth["distance"] == pytest.approx(1.0, abs=0.4)
     assert d.verdict == "nothing_missing"
 
@@ -309,7 +310,7 @@ def test_noise_of_positions_and_of_rotations_is_not_mixed() -> None:
     problem = replace(a.problem, axis=np.where(turning, 3, 0), sigma=size)
     for approach in (0.0, 2.0):
         y = a.problem.y + size * (rng.normal(size=a.problem.rows) + approach * shared)
-        noise = diagnose(replace(problem, y=y), a.candidates, QUICK).noise
+        noise = examine(replace(problem, y=y), a.candidates, QUICK).noise
         assert noise.sigma == pytest.approx(SIGMA, rel=0.15)
         assert noise.stated == pytest.approx(SIGMA)
         assert noise.ratio == pytest.approx(1.0, abs=0.15)
@@ -322,7 +323,7 @@ def test_what_is_missing_does_not_make_the_start_model_worse_than_it_is() -> Non
     """Before an effect is in the model it passes for a shared error, by which the start model must not be fitted."""
     a = arm(20)
     problem = measured(a.problem, scaled(a.problem, saturating(a.problem, 1), 6000.0), 5)
-    found = diagnose(problem, a.candidates, QUICK)
+    found = examine(problem, a.candidates, QUICK)
     left = problem.y - problem.A @ np.linalg.lstsq(problem.A, problem.y, rcond=None)[0]
     assert found.rms.before == pytest.approx(float(np.sqrt(np.mean(left**2))), rel=0.02)
     ready = prepare(problem, a.candidates)
@@ -338,7 +339,7 @@ def test_the_gap_starts_at_what_the_start_model_leaves_when_it_is_identified_by_
     """Weighed by the error that poses share it would leave 8 to 19 % more, which no effect then closes."""
     a = arm(poses)
     problem = measured(a.problem, scaled(a.problem, saturating(a.problem, 1), 200.0), 0, 2.0 * SIGMA)
-    found = diagnose(problem, a.candidates, Options(draws=150))
+    found = examine(problem, a.candidates, Options(draws=150))
     left = problem.y - problem.A @ np.linalg.lstsq(problem.A, problem.y, rcond=None)[0]
     assert found.verdict == "named"
     assert found.noise.approach > SIGMA
@@ -368,7 +369,10 @@ def test_a_shift_of_two_poses_is_no_error_that_all_poses_share_once_it_is_named(
     entries = tuple(
         int(np.flatnonzero(ready.bank.owner == ready.bank.named[f"bad@pose={p}"])[0]) for p in (3, 8)
     )
-    before, after = settled(problem, ready, ()).report, settled(problem, ready, entries).report
+    before, after = (
+        noise_told_anew(problem, ready, ()).report,
+        noise_told_anew(problem, ready, entries).report,
+    )
     assert before.approach_p < 1e-3
     assert before.approach > 0.5 * SIGMA
     assert after.approach_p > 0.1

@@ -12,7 +12,7 @@ from symstiff.calibration.measurements import Measurements, measurements
 from symstiff.calibration.simulation import Truth, clean_response, nominal_truth
 from symstiff.discrepancy.drawing import drawing_laws
 from symstiff.discrepancy.finding import Task
-from symstiff.discrepancy.workflow import run
+from symstiff.discrepancy.workflow import diagnose
 from symstiff.reduction.physical import original, terms_of
 from symstiff.robot import from_table, load
 from symstiff.robot.schema import Robot
@@ -108,7 +108,7 @@ def test_a_marker_elsewhere_is_what_it_does_in_the_simulator() -> None:
 def test_a_wrong_row_is_no_effect_of_the_catalogue(name: str, joint: int, parameter: str, by: float) -> None:
     table = design(name, "deflection", poses=30)
     made = read(table, replace(truth_of(name), robot=changed(name, joint, parameter, by)), 7)
-    found = run(Task(load(name), made))
+    found = diagnose(Task(load(name), made))
     assert found.verdict == "unexplained"
     law = found.last.device_law
     assert law is not None

@@ -12,7 +12,7 @@ from symstiff.calibration.measurements import Measurements
 from symstiff.calibration.table import read_table
 from symstiff.discrepancy.finding import Finding, Task
 from symstiff.discrepancy.gross import gross
-from symstiff.discrepancy.workflow import run
+from symstiff.discrepancy.workflow import diagnose
 from symstiff.robot import load
 from tests.diagnosis_data import HARDENING, ROBOT, measured, saved
 
@@ -26,7 +26,7 @@ def off(table: Measurements, rows: list[int], size: float) -> Measurements:
 
 
 def diagnosed(table: Measurements) -> Finding:
-    return run(Task(load(ROBOT), table))
+    return diagnose(Task(load(ROBOT), table))
 
 
 def left_out(found: Finding) -> list[str]:

@@ -15,7 +15,7 @@ from symstiff.calibration.redundant import redundant
 from symstiff.calibration.rows import predict
 from symstiff.discrepancy.distinguish import distinction
 from symstiff.discrepancy.finding import Task
-from symstiff.discrepancy.workflow import run
+from symstiff.discrepancy.workflow import diagnose
 from symstiff.effects import EffectInstance
 from symstiff.errors import UserError
 from symstiff.model import StiffnessModel, joints_only
@@ -130,7 +130,7 @@ def test_a_diagnosis_counts_what_can_be_told_and_asks_for_nothing_more(tmp_path:
     model, independent = grown("kuka_kr270")
     truth, table = filled(model, 5e-6)
     truth.save(tmp_path / "model.toml")
-    found = run(Task(load("kuka_kr270"), table, start=str(tmp_path / "model.toml")))
+    found = diagnose(Task(load("kuka_kr270"), table, start=str(tmp_path / "model.toml")))
     assert found.verdict == "nothing_missing"
     assert found.steps[0].parameters == independent
     assert any("no poses and loads of this kind tell them from the start model's" in r for r in found.remarks)

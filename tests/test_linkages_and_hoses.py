@@ -11,7 +11,7 @@ from symstiff.calibration.experiment.situation import look
 from symstiff.calibration.measurements import Measurements
 from symstiff.discrepancy.finding import Finding, Task
 from symstiff.discrepancy.localise import FittedLaw
-from symstiff.discrepancy.workflow import run
+from symstiff.discrepancy.workflow import diagnose
 from symstiff.report.words import sentence
 from symstiff.robot import load
 from tests.test_assemble import assemble, complete, design, outside, readings, truth_of
@@ -39,7 +39,9 @@ def filled(table: Measurements, seen: np.ndarray) -> Measurements:
 def diagnosed(table: Measurements, values: np.ndarray, start: str = "joints") -> Finding:
     """What positions (N, 3) with noise lead to."""
     seen = filled(table, values + NOISE * np.random.default_rng(3).normal(size=(len(table), 3)))
-    return run(Task(load("ur10"), replace(seen, sigma=np.where(seen.measured, NOISE, np.nan)), start=start))
+    return diagnose(
+        Task(load("ur10"), replace(seen, sigma=np.where(seen.measured, NOISE, np.nan)), start=start)
+    )
 
 
 def law_of(found: Finding) -> FittedLaw:

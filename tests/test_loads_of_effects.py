@@ -9,7 +9,7 @@ from symstiff.calibration.measurements import Measurements, measurements
 from symstiff.calibration.simulation import Effect, Noise, Truth, nominal_truth, simulate
 from symstiff.discrepancy.finding import Task
 from symstiff.discrepancy.scan import column_space
-from symstiff.discrepancy.workflow import first_assembly, run
+from symstiff.discrepancy.workflow import diagnose, first_assembly
 from symstiff.model import StiffnessModel
 from symstiff.reduction.reduce import reduce
 from symstiff.robot import load
@@ -69,7 +69,7 @@ def test_a_payload_has_its_own_columns_though_the_robot_misses_its_poses(others:
 @pytest.mark.parametrize("others", [(), (GEOMETRY,)])
 def test_a_payload_far_above_the_noise_is_no_weight_of_a_link(others: tuple[Effect, ...]) -> None:
     table = experiment(HEAVY, *others, noise=MISSED)
-    finding = run(Task(load("kuka_kr270"), table))
+    finding = diagnose(Task(load("kuka_kr270"), table))
     assert {e.effect for e in finding.named} == {"payload_error", *(e.effect for e in others)}
     mass = next(e for e in finding.named if e.effect == "payload_error").parameters["payload_error_payload_m"]
     assert abs(mass.value - 100.0) < 3.0 * mass.std

@@ -10,6 +10,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from symstiff.arrays import Array
 from symstiff.calibration.measurements import measurements
 from symstiff.calibration.simulation import Effect, Truth, clean_response, nominal_truth
 from symstiff.discrepancy.assemble import Assembly, assemble
@@ -19,7 +20,7 @@ from symstiff.discrepancy.laws import unnamed_laws
 from symstiff.discrepancy.marginal import EXPECTED, log_bayes, of_ranks, of_sizes
 from symstiff.discrepancy.noise import start
 from symstiff.discrepancy.null import null, simulated_scores
-from symstiff.discrepancy.problem import Array, Candidate, Parameter
+from symstiff.discrepancy.problem import Candidate, Parameter
 from symstiff.discrepancy.scan import column_space, evidence, extend, open_scan
 from symstiff.discrepancy.sharing import Split
 from symstiff.effects.registry import find

@@ -19,14 +19,14 @@ from symstiff.calibration.measurements import measurements
 from symstiff.calibration.rows import equations, stated_sigma
 from symstiff.calibration.writing import write_table
 from symstiff.discrepancy.finding import Task
-from symstiff.discrepancy.workflow import run as diagnose
+from symstiff.discrepancy.workflow import diagnose
 from symstiff.effects.base import Scales
 from symstiff.effects.instance import EffectInstance
 from symstiff.effects.registry import catalogue
 from symstiff.errors import UserError
 from symstiff.model import StiffnessModel, joints_only, load_model
 from symstiff.reduction.reduce import reduce
-from symstiff.report.folder import write_folder
+from symstiff.report.folder import write_report
 from symstiff.robot import load
 from symstiff.robot.table import to_table
 from tests.diagnosis_data import ROBOT, measured
@@ -186,7 +186,7 @@ def test_what_deflections_do_not_show_stays_as_it_was_told(effect: EffectInstanc
     assert any("deflections do not show it" in r for r in kept.remarks)
     found = diagnose(Task(robot, table, told))
     assert found.verdict == diagnose(Task(robot, table, bare)).verdict
-    write_folder(found, tmp_path / "report")
+    write_report(found, tmp_path / "report")
     saved = load_model(tmp_path / "report" / "model.toml")
     assert {n: saved.values[n] for n in names} == dict.fromkeys(names, 1e-3)
     assert effect.effect in [e.effect for e in saved.effects]

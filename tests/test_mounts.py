@@ -13,7 +13,7 @@ from symstiff.codegen.compiler import find_compiler
 from symstiff.codegen.generate import generate
 from symstiff.discrepancy.finding import Task
 from symstiff.discrepancy.laws import laws_at
-from symstiff.discrepancy.workflow import run
+from symstiff.discrepancy.workflow import diagnose
 from symstiff.effects import EffectInstance
 from symstiff.model import joints_only
 from symstiff.robot import load
@@ -71,7 +71,9 @@ def test_bolts_rub_only_where_loads_go_both_ways() -> None:
 @pytest.mark.slow
 def test_a_coupling_that_saturates_early_is_still_a_coupling() -> None:
     effect = Effect("wrist_coupling", {"joints": [5, 6]}, "saturating", {"c": 6e-5, "tau0": 6.0})
-    found = run(Task(load("ur10"), read(design("ur10", "deflection", poses=30), truth_of("ur10", effect), 8)))
+    found = diagnose(
+        Task(load("ur10"), read(design("ur10", "deflection", poses=30), truth_of("ur10", effect), 8))
+    )
     assert found.verdict == "named"
     assert [(e.effect, dict(e.where)) for e in found.effects] == [("wrist_coupling", {"joints": [5, 6]})]
     assert found.effects[0].shape["saturation"] > 0

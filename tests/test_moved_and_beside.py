@@ -7,16 +7,16 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from symstiff.arrays import Array
 from symstiff.calibration.measurements import Measurements
 from symstiff.calibration.simulation.experiment import simulate
 from symstiff.calibration.simulation.truth import truth_from_table
 from symstiff.discrepancy.finding import Finding, Task
 from symstiff.discrepancy.noise import start
 from symstiff.discrepancy.prepare import prepare
-from symstiff.discrepancy.problem import Array
 from symstiff.discrepancy.proof import _predict
 from symstiff.discrepancy.sharing import Split
-from symstiff.discrepancy.workflow import run
+from symstiff.discrepancy.workflow import diagnose
 from symstiff.report import words
 from symstiff.robot import load
 from tests.diagnosis_data import ROBOT, design, measured
@@ -27,7 +27,7 @@ SHIFT = np.array([6e-5, -4e-5, 5e-5])
 
 
 def diagnosed(table: Measurements) -> Finding:
-    return run(Task(load(ROBOT), table))
+    return diagnose(Task(load(ROBOT), table))
 
 
 def in_tool(table: Measurements, vector: Array) -> Array:

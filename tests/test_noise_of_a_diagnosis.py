@@ -12,7 +12,7 @@ from symstiff.calibration.measurements import Measurements
 from symstiff.discrepancy.finding import Task
 from symstiff.discrepancy.remarks import _of_approach
 from symstiff.discrepancy.sharing import AXES, JOINTS
-from symstiff.discrepancy.workflow import run
+from symstiff.discrepancy.workflow import diagnose
 from symstiff.report import html, words
 from symstiff.robot import load
 from tests.diagnosis_data import HARDENING, ROBOT, measured
@@ -22,11 +22,11 @@ def test_a_marker_that_scatters_more_is_told() -> None:
     table = measured()
     values = table.values.copy()
     values[table.point == 1, :3] += 4e-5 * np.random.default_rng(8).normal(size=(np.sum(table.point == 1), 3))
-    found = run(Task(load(ROBOT), replace(table, values=values)))
+    found = diagnose(Task(load(ROBOT), replace(table, values=values)))
     assert found.verdict == "nothing_missing"
     assert found.last.noise.by_marker["p2"] == pytest.approx(np.sqrt(5.0), rel=0.25)
     assert any("marker p2 scatters" in r for r in found.remarks)
-    assert not any("scatters" in r for r in run(Task(load(ROBOT), measured())).remarks)
+    assert not any("scatters" in r for r in diagnose(Task(load(ROBOT), measured())).remarks)
 
 
 @pytest.mark.slow
@@ -34,17 +34,17 @@ def test_an_error_that_a_poses_rows_share_is_told_where_it_exceeds_the_noise() -
     table = measured(poses=16)
     values = table.values.copy()
     values[:, :3] += 6e-5 * np.random.default_rng(2).normal(size=(16, 3))[table.pose]
-    found = run(Task(load(ROBOT), replace(table, values=values)))
+    found = diagnose(Task(load(ROBOT), replace(table, values=values)))
     assert found.verdict == "nothing_missing"
     assert found.last.noise.approach == pytest.approx(6e-5, rel=0.3)
     assert any("share an error" in r for r in found.remarks)
     assert words.headline(found).startswith("Nothing found missing")
-    assert words.headline(run(Task(load(ROBOT), measured()))) == "Nothing is missing"
+    assert words.headline(diagnose(Task(load(ROBOT), measured()))) == "Nothing is missing"
 
 
 def test_where_an_effect_may_hide_the_headline_does_not_say_that_nothing_is_missing() -> None:
     """Beyond doubt joints stand elsewhere in each pose: stiffer in a few, they would look like that."""
-    found = run(Task(load(ROBOT), measured()))
+    found = diagnose(Task(load(ROBOT), measured()))
     for shared, size, p, hides in (
         (JOINTS, 0.5, 1e-9, True), (JOINTS, 0.5, 0.1, False), (JOINTS, 0.1, 1e-9, False), (AXES, 0.5, 1e-9, False)
     ):  # fmt: skip
@@ -75,7 +75,7 @@ def test_where_an_effect_may_hide_the_headline_does_not_say_that_nothing_is_miss
 )
 def test_a_sure_shared_error_is_told(kind: str, probability: float, shared: str, told: str) -> None:
     """In deflections one of the axes is the reading without load, which all load cases share."""
-    last = run(Task(load(ROBOT), measured())).last
+    last = diagnose(Task(load(ROBOT), measured())).last
     assert last.verdict == "nothing_missing"
     noise = replace(last.noise, approach=0.6 * last.noise.sigma, approach_p=probability, shared=shared)
     remarks = _of_approach(replace(measured(), kind=kind), replace(last, noise=noise))  # type: ignore[arg-type]
@@ -93,7 +93,7 @@ def test_a_sigma_that_counts_the_reading_without_load_is_right(stated: float, wr
     unloaded = 2e-5 * np.random.default_rng(5).normal(size=(20, 3, 3))
     values[:, :3] -= unloaded[table.pose, table.point]
     sigma = np.where(table.measured, stated, np.nan)
-    found = run(Task(load(ROBOT), replace(table, values=values, sigma=sigma)))
+    found = diagnose(Task(load(ROBOT), replace(table, values=values, sigma=sigma)))
     assert found.verdict == "nothing_missing"
     assert found.last.noise.misstated == wrong
     assert any("times the stated sigma" in r for r in found.remarks) == wrong
@@ -106,7 +106,7 @@ def test_an_error_that_exceeds_the_noise_is_told_whatever_is_named() -> None:
     table = measured(HARDENING, poses=16)
     values = table.values.copy()
     values[:, :3] += 6e-5 * np.random.default_rng(2).normal(size=(16, 3))[table.pose]
-    found = run(Task(load(ROBOT), replace(table, values=values)))
+    found = diagnose(Task(load(ROBOT), replace(table, values=values)))
     assert [e.effect for e in found.named] == ["nonlinear_stiffness"]
     assert any("share an error" in r for r in found.remarks)
 
@@ -123,18 +123,18 @@ def test_repeats_that_are_copies_say_nothing_of_the_noise() -> None:
     once = measured(HARDENING)
     once = replace(once, sigma=np.full_like(once.sigma, np.nan))
     copied = thrice(once, 0.0)
-    alone, found = (run(Task(load(ROBOT), table)) for table in (once, copied))
+    alone, found = (diagnose(Task(load(ROBOT), table)) for table in (once, copied))
     assert (found.verdict, found.rms) == (alone.verdict, alone.rms)
     (told,) = [r for r in found.remarks if "copies" in r]
     assert told.startswith(f"{2 * len(once)} of {2 * len(once)} repeats")
     fitted = identify(load(ROBOT), copied)
     assert fitted.fit.dof == identify(load(ROBOT), once).fit.dof
     assert told in fitted.remarks
-    honest = run(Task(load(ROBOT), thrice(once, 2e-5)))
+    honest = diagnose(Task(load(ROBOT), thrice(once, 2e-5)))
     assert honest.last.noise.source == "repeats"
     assert not any("copies" in r for r in honest.remarks)
 
 
 def test_noise_that_nothing_checks_is_said_to_be_so() -> None:
-    assert any("nothing checks it" in r for r in run(Task(load(ROBOT), measured(stated=0.0))).remarks)
-    assert not any("nothing checks it" in r for r in run(Task(load(ROBOT), measured())).remarks)
+    assert any("nothing checks it" in r for r in diagnose(Task(load(ROBOT), measured(stated=0.0))).remarks)
+    assert not any("nothing checks it" in r for r in diagnose(Task(load(ROBOT), measured())).remarks)

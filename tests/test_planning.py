@@ -20,13 +20,10 @@ from symstiff.calibration.planning import (
     Search,
     Space,
     above_floor,
-    draw_map,
-    draw_plan,
     geometry,
     measurement_of,
     plan_poses,
     poses_table,
-    save_figure,
     workspace_map,
 )
 from symstiff.calibration.planning.candidates import Evaluator, draw
@@ -37,6 +34,7 @@ from symstiff.calibration.planning.refine import Problem, refine
 from symstiff.calibration.planning.region import allowed
 from symstiff.calibration.table import write_table
 from symstiff.errors import UserError
+from symstiff.report.figures import draw_map, draw_plan, save_figure
 from symstiff.robot import load
 
 DOWN = np.array([0.0, 0.0, -2500.0, 0.0, 0.0, 0.0])

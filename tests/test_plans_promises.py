@@ -15,11 +15,11 @@ from symstiff.calibration.planning import (
     Search,
     Space,
     above_floor,
-    draw_map,
     plan_poses,
     workspace_map,
 )
 from symstiff.calibration.planning.frames import origins
+from symstiff.report.figures import draw_map
 
 ARM = ChainObservation(
     rows=((0, 0.5, 0.1, -np.pi / 2), (0, 0, 0.6, 0), (0, 0, 0.5, 0)),

@@ -22,7 +22,7 @@ from symstiff.calibration.table import read_table
 from symstiff.codegen.compiler import find_compiler
 from symstiff.discrepancy.distinguish import distinction
 from symstiff.discrepancy.finding import Task
-from symstiff.discrepancy.workflow import run
+from symstiff.discrepancy.workflow import diagnose
 from symstiff.effects import EffectInstance, catalogue
 from symstiff.errors import UserError
 from symstiff.model import StiffnessModel, load_model
@@ -152,7 +152,7 @@ def test_the_package_does_not_know_the_effect() -> None:
 
 @pytest.mark.slow
 def test_without_the_plugin_its_effect_gets_no_name_of_the_catalogue(place: Path) -> None:
-    found = run(Task(load(ROBOT), read_table(place / "data.csv")))
+    found = diagnose(Task(load(ROBOT), read_table(place / "data.csv")))
     assert found.verdict in ("unexplained", "named_insufficient")
 
 

@@ -10,7 +10,7 @@ from symstiff.calibration.simulation import Effect, Truth, clean_response
 from symstiff.discrepancy.finding import Task
 from symstiff.discrepancy.posture import posture_laws
 from symstiff.discrepancy.problem import DeviceLaw
-from symstiff.discrepancy.workflow import run
+from symstiff.discrepancy.workflow import diagnose
 from symstiff.report.words import sentence
 from symstiff.robot import load
 from tests.test_assemble import design, truth_of
@@ -64,7 +64,9 @@ def test_what_wrist_joints_share_is_in_the_catalogue() -> None:
 def test_a_link_that_follows_an_angle_is_no_asymmetry() -> None:
     values = {"fraction": 0.5, "joint": 3.0, "order": 2.0, "phase": 0.4}
     effect = Effect("configuration_dependent_link", {"link": 2}, "sine", values)
-    found = run(Task(load("ur10"), read(design("ur10", "deflection", poses=30), truth_of("ur10", effect), 8)))
+    found = diagnose(
+        Task(load("ur10"), read(design("ur10", "deflection", poses=30), truth_of("ur10", effect), 8))
+    )
     assert found.verdict == "unexplained"
     law = found.last.device_law
     assert law is not None
@@ -76,7 +78,9 @@ def test_a_link_that_follows_an_angle_is_no_asymmetry() -> None:
 @pytest.mark.slow
 def test_a_belt_between_two_joints_is_told_with_both() -> None:
     effect = Effect("wrist_coupling", {"joints": [2, 4]}, "linear", {"c": 2e-6})
-    found = run(Task(load("ur10"), read(design("ur10", "deflection", poses=30), truth_of("ur10", effect), 8)))
+    found = diagnose(
+        Task(load("ur10"), read(design("ur10", "deflection", poses=30), truth_of("ur10", effect), 8))
+    )
     assert found.verdict == "unexplained"
     law = found.last.device_law
     assert law is not None

@@ -15,7 +15,7 @@ from symstiff.discrepancy.null import critical, null, simulated_scores
 from symstiff.discrepancy.power import visible
 from symstiff.discrepancy.prepare import prepare
 from symstiff.discrepancy.scan import evidence
-from symstiff.discrepancy.workflow import run
+from symstiff.discrepancy.workflow import diagnose
 from symstiff.robot import load
 from symstiff.symbolic.terms import actuated_joint
 from tests.blind.generate import Options, case
@@ -62,7 +62,7 @@ def test_what_the_model_holds_is_never_seen() -> None:
 def test_a_smallest_size_is_told_that_a_robot_can_have() -> None:
     """In the likeliest shape of a gap the assumed arm may be so heavy that no load crosses it."""
     hidden = case(0, Options(seed=77, classes=("nothing",), shares=(1.0,), poses=(15,), markers=(1,)))
-    found = run(Task(hidden.model.robot, hidden.table)).last.candidates
+    found = diagnose(Task(hidden.model.robot, hidden.table)).last.candidates
     gaps = [c for c in found if c.effect == "backlash" and c.testable]
     assert len(gaps) > 2
     for c in gaps:

@@ -20,8 +20,8 @@ from symstiff.cli.diagnose import _print
 from symstiff.discrepancy.finding import Finding, Task
 from symstiff.discrepancy.ranges import Extent, at_size, extent_of
 from symstiff.discrepancy.remarks import remarked
-from symstiff.discrepancy.result import Estimate
-from symstiff.discrepancy.workflow import run
+from symstiff.discrepancy.result import Quantity
+from symstiff.discrepancy.workflow import diagnose
 from symstiff.effects.base import Scales
 from symstiff.effects.registry import catalogue
 from symstiff.report.html import _steps
@@ -64,7 +64,7 @@ def at(length: float, force: float) -> tuple[Robot, Measurements]:
 
 @cache
 def found(length: float, force: float) -> Finding:
-    return run(Task(*at(length, force)))
+    return diagnose(Task(*at(length, force)))
 
 
 @pytest.mark.slow
@@ -125,7 +125,7 @@ def test_what_would_lead_but_for_its_size_is_said_to(value: float, told: bool) -
     """Physical up to 0.01 rad/(N·m) here; told from two standard deviations on."""
     usual = found(1.0, 1.0)
     lead = next(c for c in usual.last.candidates if c.effect == "nonlinear_stiffness")
-    size = {"nonlinear_stiffness_2_c": Estimate(value, 1e-4, "rad/(N*m)")}
+    size = {"nonlinear_stiffness_2_c": Quantity(value, 1e-4, "rad/(N*m)")}
     lead = replace(lead, parameters=size, plausible=not told)
     last = replace(usual.last, verdict="unexplained", candidates=(lead,))
     remarks = [r for r in remarked(usual.assembly.situation.view, last) if "would lead" in r]

@@ -8,8 +8,8 @@ import pytest
 
 from symstiff.discrepancy.finding import Finding, Found, Task
 from symstiff.discrepancy.remarks import astray, out_of_range, remarked
-from symstiff.discrepancy.result import Diagnosis, Estimate, NamedEffect
-from symstiff.discrepancy.workflow import run
+from symstiff.discrepancy.result import Diagnosis, NamedEffect, Quantity
+from symstiff.discrepancy.workflow import diagnose
 from symstiff.effects.instance import EffectInstance
 from symstiff.robot import load
 from tests.diagnosis_data import HARDENING, ROBOT, measured
@@ -17,7 +17,7 @@ from tests.diagnosis_data import HARDENING, ROBOT, measured
 
 @pytest.fixture(scope="module")
 def found() -> Finding:
-    return run(Task(load(ROBOT), measured(HARDENING)))
+    return diagnose(Task(load(ROBOT), measured(HARDENING)))
 
 
 def said(found: Finding, last: Diagnosis, words: str) -> bool:
@@ -42,7 +42,7 @@ def test_a_model_that_predicts_unused_poses_badly_is_not_to_be_relied_on(
 def test_signs_are_asked_about_where_only_the_sign_keeps_what_is_sure_from_leading(
     found: Finding, p_value: float, plausible: bool, told: bool
 ) -> None:
-    size = {"backlash_2_gap": Estimate(-2e-4, 1e-5, "rad")}
+    size = {"backlash_2_gap": Quantity(-2e-4, 1e-5, "rad")}
     lead = replace(
         next(c for c in found.last.candidates if c.testable),
         effect="backlash", where={"joint": 2}, shape={}, parameters=size, p_value=p_value, plausible=plausible,
@@ -52,7 +52,7 @@ def test_signs_are_asked_about_where_only_the_sign_keeps_what_is_sure_from_leadi
 
 
 def test_a_size_that_is_known_beforehand_is_told_beside_what_the_data_say(found: Finding) -> None:
-    share = {"large_deflection_all_share": Estimate(1.4, 0.3, "1")}
+    share = {"large_deflection_all_share": Quantity(1.4, 0.3, "1")}
     effect = NamedEffect("large_deflection", {"robot": "all"}, {}, share, 1e-4, 0.9, (), 0)
     words = "share has to be 1 by theory, and model.toml holds that; these data alone give 1.40 ± 0.30"
     assert said(found, replace(found.last, effects=(effect,)), words)
@@ -64,7 +64,7 @@ def test_a_size_that_the_data_hardly_tell_is_neither_astray_nor_odd() -> None:
     robot = load(ROBOT)
 
     def gap(std: float) -> list[Found]:
-        size = Estimate(20e-3, std, "rad")  # physical up to 5 mrad
+        size = Quantity(20e-3, std, "rad")  # physical up to 5 mrad
         return [Found("backlash", {"joint": 2}, {}, {"backlash_2_gap": size}, 0.0, 0.9, ())]
 
     assert astray(gap(1e-3), robot)
@@ -89,8 +89,8 @@ def test_a_compliance_that_bears_another_one_is_a_sum_and_may_be_below_zero(
     """k2_22 - a·k2_26 of a beam is negative whatever is measured."""
     robot = load("kuka_kr270")
     instance = EffectInstance("link_compliance", {"link": 2})
-    sizes = {p.name: Estimate(1e-7, 1e-9, p.unit) for p in instance.realise(robot).parameters}
-    sizes |= {"k2_22": Estimate(-1.7e-7, 2e-8, "m/N"), "k2_26": Estimate(0.0, deviation, "rad/N")}
+    sizes = {p.name: Quantity(1e-7, 1e-9, p.unit) for p in instance.realise(robot).parameters}
+    sizes |= {"k2_22": Quantity(-1.7e-7, 2e-8, "m/N"), "k2_26": Quantity(0.0, deviation, "rad/N")}
     (remark,) = out_of_range([Found("link_compliance", {"link": 2}, {}, sizes, 0.0, 0.9, ())], robot)
     assert "k2_22 is (−1.70 ± 0.20)·10⁻⁷ m/N, where at least 0 m/N" in remark
     assert told in remark

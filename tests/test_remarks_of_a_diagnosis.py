@@ -14,7 +14,7 @@ from symstiff.calibration.simulation.experiment import simulate
 from symstiff.calibration.simulation.truth import truth_from_table
 from symstiff.discrepancy.finding import Finding, Task
 from symstiff.discrepancy.remarks import _of_approach, _of_succession
-from symstiff.discrepancy.workflow import run
+from symstiff.discrepancy.workflow import diagnose
 from symstiff.errors import UserError
 from symstiff.model import StiffnessModel, load_model
 from symstiff.reduction.reduce import reduce
@@ -26,12 +26,12 @@ from tests.diagnosis_data import HARDENING, ROBOT, measured
 @pytest.fixture(scope="module")
 def quiet() -> Finding:
     """An arm from which nothing is missing."""
-    return run(Task(load(ROBOT), measured()))
+    return diagnose(Task(load(ROBOT), measured()))
 
 
 @pytest.fixture(scope="module")
 def hardening() -> Finding:
-    return run(Task(load(ROBOT), measured(HARDENING)))
+    return diagnose(Task(load(ROBOT), measured(HARDENING)))
 
 
 def test_what_would_have_been_seen_does_not_depend_on_what_was_named(
@@ -78,7 +78,7 @@ def test_a_start_that_no_row_loads_is_diagnosed_all_the_same() -> None:
     w[:, 2] = np.tile([-100.0, -200.0], 20)
     soft = {"start": "zero", "c1": 1e-6, "c2": 1e-6, "k1_33": 2e-6, "k1_55": 1e-6}
     table = {"format": 1, "robot": ROBOT, "compliance": soft, "noise": {"sigma_mm": 0.01}}
-    found = run(
+    found = diagnose(
         Task(load(ROBOT), simulate(truth_from_table(table), measurements(q, w), 3), "joints", loads="force")
     )
     assert [(e.effect, e.where) for e in found.effects] == [("link_compliance", {"link": 1})]
@@ -89,9 +89,9 @@ def test_a_start_that_no_row_loads_is_diagnosed_all_the_same() -> None:
 @pytest.mark.slow
 def test_loads_outside_a_start_models_class_are_told() -> None:
     narrow = StiffnessModel.of(reduce(load(ROBOT), "gravity", "position"))
-    found = run(Task(load(ROBOT), measured(), start=narrow))
+    found = diagnose(Task(load(ROBOT), measured(), start=narrow))
     assert any("reduced for gravity loads (fz), and these have fx, fy too" in r for r in found.remarks)
-    assert not any("reduced for" in r for r in run(Task(load(ROBOT), measured())).remarks)
+    assert not any("reduced for" in r for r in diagnose(Task(load(ROBOT), measured())).remarks)
 
 
 @pytest.mark.parametrize(
@@ -123,7 +123,7 @@ def test_the_part_of_a_shared_error_that_each_repeat_has_alone_is_found(own: boo
         tables.append(replace(table, values=values, repeat=np.full(len(table), float(k))))
     table = concatenate(tables)
     assert len(table.labels) == 10
-    anew = run(Task(load(ROBOT), table)).last.noise.anew
+    anew = diagnose(Task(load(ROBOT), table)).last.noise.anew
     assert anew is not None
     assert (anew > 0.5) == own
 

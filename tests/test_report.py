@@ -7,7 +7,6 @@ from dataclasses import replace
 from html import unescape
 from html.parser import HTMLParser
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
@@ -16,8 +15,8 @@ import sympy as sp
 from symstiff.calibration.table import read_poses
 from symstiff.cli.diagnose import _more
 from symstiff.discrepancy.finding import Finding, Found, Task
-from symstiff.discrepancy.result import Estimate
-from symstiff.discrepancy.workflow import run
+from symstiff.discrepancy.result import Quantity
+from symstiff.discrepancy.workflow import diagnose
 from symstiff.effects import EffectInstance
 from symstiff.report.code import _abridged, core, difference, formulas
 from symstiff.report.deciding import separation_text
@@ -36,7 +35,7 @@ CODE = {"folder": True, "compiled": True, "text": "compiled", "error": 1e-15}
 
 @pytest.fixture(scope="module")
 def named() -> Finding:
-    return run(Task(load(ROBOT), measured(HARDENING)))
+    return diagnose(Task(load(ROBOT), measured(HARDENING)))
 
 
 @pytest.fixture(scope="module")
@@ -47,7 +46,7 @@ def unexplained() -> Finding:
     values = table.values.copy()
     values[:, 0] += 3e-6 * lever
     values[:, 1] -= 2e-6 * np.abs(lever)
-    return run(Task(load(ROBOT), replace(table, values=values)))
+    return diagnose(Task(load(ROBOT), replace(table, values=values)))
 
 
 @pytest.fixture(scope="module")
@@ -295,7 +294,7 @@ def test_the_points_of_an_unnamed_law_are_the_deflections_that_the_data_ask_for(
 
 
 def test_where_nothing_was_added_there_is_one_state() -> None:
-    page = render(run(Task(load(ROBOT), measured())), {"code": CODE, "decide": None}, [])
+    page = render(diagnose(Task(load(ROBOT), measured())), {"code": CODE, "decide": None}, [])
     assert "<h2>Residuals</h2>" in page
     assert "→" not in page[page.index("<dl") : page.index("</dl>")]
 
@@ -314,11 +313,10 @@ def test_what_is_less_likely_and_not_excluded_is_in_the_sentence(named: Finding)
 
 
 def test_an_ambiguous_verdict_leaves_poses_that_decide(named: Finding, tmp_path: Path) -> None:
-    gap = {"backlash_2_gap": Estimate(1e-3, 1e-5, "rad")}
+    gap = {"backlash_2_gap": Quantity(1e-3, 1e-5, "rad")}
     rival = Found("backlash", {"joint": 2}, {}, gap, 0.01, 0.4, (), 1)
     finding = replace(named, verdict="ambiguous", effects=(*named.effects, rival))
-    verdict: dict[str, Any] = {}
-    decide = write_deciding_poses(finding, tmp_path, verdict, lambda stage: None)
+    decide = write_deciding_poses(finding, tmp_path, lambda stage: None)
     table = read_poses(tmp_path / "decide.csv")
     assert decide is not None
     assert [p["pose"] for p in decide["poses"]] == list(table.labels)
@@ -329,7 +327,9 @@ def test_an_ambiguous_verdict_leaves_poses_that_decide(named: Finding, tmp_path:
     assert "backlash at joint 2" in page
     reached = f"a separation of {separation_text(decide['poses'][-1]['separation'])} (20 is ample)"
     assert f"These poses reach {reached}." in page
-    assert verdict["sentence"].endswith(f"that tell them apart best; they reach {reached}.")
+    assert verdict_table(finding, decide)["sentence"].endswith(
+        f"that tell them apart best; they reach {reached}."
+    )
 
 
 def test_where_no_pose_decides_no_file_is_named(named: Finding, tmp_path: Path) -> None:
@@ -337,12 +337,11 @@ def test_where_no_pose_decides_no_file_is_named(named: Finding, tmp_path: Path) 
     finding = replace(
         named, verdict="ambiguous", effects=(*named.effects, replace(named.effects[0], set_number=1))
     )
-    verdict: dict[str, Any] = {}
-    decide = write_deciding_poses(finding, tmp_path, verdict, lambda stage: None)
+    decide = write_deciding_poses(finding, tmp_path, lambda stage: None)
     assert decide is not None
     assert (decide["file"], decide["taken"], decide["poses"]) == (None, None, [])
     assert not list(tmp_path.iterdir())
-    assert "others may, unless both are the same to the tool" in verdict["sentence"]
+    assert "others may, unless both are the same to the tool" in verdict_table(finding, decide)["sentence"]
 
 
 @pytest.mark.parametrize(

@@ -9,7 +9,7 @@ import pytest
 
 from symstiff.discrepancy.finding import Finding, Task
 from symstiff.discrepancy.result import Rms
-from symstiff.discrepancy.workflow import run
+from symstiff.discrepancy.workflow import diagnose
 from symstiff.report import words
 from symstiff.report.html import render
 from symstiff.robot import load
@@ -20,7 +20,7 @@ CODE = {"folder": True, "compiled": True, "text": "compiled", "error": 1e-15}
 
 @pytest.fixture(scope="module")
 def found() -> Finding:
-    return run(Task(load(ROBOT), measured(HARDENING)))
+    return diagnose(Task(load(ROBOT), measured(HARDENING)))
 
 
 def test_the_share_of_the_gap_closed_is_of_poses_that_were_left_out(found: Finding) -> None:

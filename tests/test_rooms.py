@@ -7,9 +7,9 @@ import symstiff
 
 PACKAGE = Path(symstiff.__file__).parent
 ORDER = [
-    {"errors", "arguments", "files", "display", "threads"}, {"robot"}, {"symbolic"}, {"reduction"}, {"effects"},
-    {"model", "model_file", "slopes"}, {"codegen"}, {"calibration", "compensation"}, {"discrepancy"},
-    {"report"}, {"cli"},
+    {"errors", "arguments", "arrays", "files", "display", "threads"}, {"robot"}, {"symbolic"}, {"reduction"},
+    {"effects"}, {"model", "model_file", "slopes"}, {"codegen"}, {"calibration", "compensation"},
+    {"discrepancy"}, {"report"}, {"cli"},
 ]  # fmt: skip
 LEVEL = {room: k for k, rooms in enumerate(ORDER) for room in rooms} | {"__version__": 0}
 DOORS = {("model", "codegen.runtime")}

@@ -15,7 +15,7 @@ from symstiff.calibration.simulation import Effect, Noise, Truth, nominal_truth,
 from symstiff.discrepancy import workflow
 from symstiff.discrepancy.finding import Finding, Task
 from symstiff.discrepancy.result import Diagnosis, Name
-from symstiff.discrepancy.workflow import run
+from symstiff.discrepancy.workflow import diagnose
 from symstiff.robot import load
 
 BIAS, GEAR = "force_sensor_bias", "nonlinear_stiffness"
@@ -44,13 +44,13 @@ def found_with(
     looks: list[Callable[[Diagnosis], Diagnosis]], monkeypatch: pytest.MonkeyPatch
 ) -> tuple[Finding, int]:
     """What is found where each look sees otherwise than it would, and how many looks there were."""
-    whole, left = workflow.diagnose, list(looks)
+    whole, left = workflow.examine, list(looks)
 
     def look(*args: Any, **keys: Any) -> Diagnosis:
         return left.pop(0)(whole(*args, **keys))
 
-    monkeypatch.setattr(workflow, "diagnose", look)
-    return run(Task(load("kuka_kr270"), data())), len(looks) - len(left)
+    monkeypatch.setattr(workflow, "examine", look)
+    return diagnose(Task(load("kuka_kr270"), data())), len(looks) - len(left)
 
 
 def as_it_is(found: Diagnosis) -> Diagnosis:

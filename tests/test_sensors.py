@@ -12,7 +12,7 @@ from symstiff.calibration.measurements import Measurements
 from symstiff.calibration.simulation import Truth
 from symstiff.discrepancy.finding import Task
 from symstiff.discrepancy.problem import DeviceLaw, Problem
-from symstiff.discrepancy.workflow import run
+from symstiff.discrepancy.workflow import diagnose
 from symstiff.report.law_plots import draw_unnamed
 from symstiff.report.words import sentence
 from symstiff.robot import load
@@ -104,7 +104,7 @@ def test_a_flanges_load_cell_that_reads_one_axis_too_small_is_accused_in_its_own
     table = design("ur10", "deflection", poses=24)
     wrong = np.diag([0.12, 0.0, 0.0])
     seen = read(sheared(table, tool_axes(table), wrong), truth_of("ur10"), 5)
-    found = run(Task(load("ur10"), replace(seen, w=table.w)))
+    found = diagnose(Task(load("ur10"), replace(seen, w=table.w)))
     assert found.verdict == "unexplained"
     device = found.last.device_law
     assert device is not None
@@ -119,7 +119,7 @@ def test_a_device_that_turned_half_way_is_no_frame_that_is_misaligned() -> None:
     half = table.pose >= 12
     values = seen.values.copy()
     values[half, :3] += np.cross([0.0, 0.0, 0.12], values[half, :3])
-    found = run(Task(load("ur10"), replace(seen, values=values)))
+    found = diagnose(Task(load("ur10"), replace(seen, values=values)))
     assert found.verdict == "unexplained"
     device = found.last.device_law
     assert device is not None
@@ -161,7 +161,7 @@ def test_a_rope_from_a_fixed_point_is_accused_and_no_link_named_for_it() -> None
     table = replace(table, w=vertical)
     at, lean = np.array([0.2, 0.1, 0.0]), 0.06 * np.diag([1.0, 1.0, 0.0])
     seen = read(leaning(table, lean, at), truth_of("ur10"), 5)
-    found = run(Task(load("ur10"), replace(seen, w=vertical)))
+    found = diagnose(Task(load("ur10"), replace(seen, w=vertical)))
     assert found.verdict == "unexplained"
     assert found.last.device_law is not None
     assert found.last.device_law.place == "force sensor"

@@ -12,22 +12,23 @@ import pytest
 from symstiff.calibration.rows import predict
 from symstiff.calibration.simulation.experiment import simulate
 from symstiff.calibration.simulation.truth import truth_from_table
+from symstiff.discrepancy.conclusion import _beyond_code
 from symstiff.discrepancy.finding import Finding, Task
 from symstiff.discrepancy.result import Name
 from symstiff.discrepancy.strata import Stratum
-from symstiff.discrepancy.workflow import _beyond_code, run
+from symstiff.discrepancy.workflow import diagnose
 from symstiff.effects.instance import EffectInstance
 from symstiff.model import StiffnessModel
 from symstiff.reduction import reduce
 from symstiff.report import words
-from symstiff.report.folder import write_folder as write_report
+from symstiff.report.folder import write_report
 from symstiff.robot import load
 from tests.diagnosis_data import HARDENING, ROBOT, design, measured
 
 
 @pytest.fixture(scope="module")
 def found() -> Finding:
-    return run(Task(load(ROBOT), measured(HARDENING)))
+    return diagnose(Task(load(ROBOT), measured(HARDENING)))
 
 
 @pytest.mark.parametrize(("p_time", "alone"), [(7e-4, True), (0.02, False)])
@@ -36,8 +37,8 @@ def test_no_place_is_accused_where_one_stratum_alone_rejects(
 ) -> None:
     """As noise that follows itself makes it: tests of laws see nothing, and no law is fitted to what is none."""
     strata = (Stratum("time", 18, 50.0, 2.8, p_time), Stratum("nonlinear in load", 40, 41.0, 1.0, 0.6))
-    monkeypatch.setattr("symstiff.discrepancy.diagnose.strata", lambda *_: strata)
-    said = run(Task(load(ROBOT), measured()))
+    monkeypatch.setattr("symstiff.discrepancy.examine.strata", lambda *_: strata)
+    said = diagnose(Task(load(ROBOT), measured()))
     assert said.verdict == ("unexplained" if alone else "nothing_missing")
     assert words.headline(said).startswith("More is left than independent noise") == alone
     assert ("holds more than noise (time: p = 0.0007" in words.sentence(said)) == alone

@@ -9,12 +9,14 @@ from typing import Any, cast
 import numpy as np
 import pytest
 
+from symstiff.arrays import Array
 from symstiff.discrepancy import search, verdict
 from symstiff.discrepancy.assemble import assemble
 from symstiff.discrepancy.bank import build
-from symstiff.discrepancy.diagnose import beyond, diagnose
+from symstiff.discrepancy.examine import beyond, examine
 from symstiff.discrepancy.prepare import prepare
-from symstiff.discrepancy.problem import ANGLE, CLOCK, Array, Candidate, Parameter, Problem
+from symstiff.discrepancy.problem import ANGLE, CLOCK, Candidate, Parameter, Problem
+from symstiff.discrepancy.reasons import Why
 from symstiff.discrepancy.result import Name
 from symstiff.discrepancy.scan import Scan, coefficients
 from symstiff.discrepancy.search import Proposal, Workshop, polish
@@ -73,7 +75,7 @@ def test_a_single_effect_is_not_named_where_two_others_account_for_the_data_as_w
     problem = measured(bare, 14.0 * a + 12.0 * b)
     near = lawful("both", 12.0 * a + 12.0 * b + 3.0 * c)
     candidates = (near, lawful("one", a), lawful("other", b), *catalogue(bare))
-    found = diagnose(problem, candidates, QUICK)
+    found = examine(problem, candidates, QUICK)
     sets = {n: {e.effect for e in found.effects if e.set_number == n} for n in (0, 1)}
     assert found.verdict == "ambiguous"
     assert {"both"} in sets.values()
@@ -87,7 +89,7 @@ def test_a_law_without_a_name_that_is_less_believable_than_nothing_makes_no_name
     """Two of three hundred draws in which noise looks like a law: a p-value below the level, evidence below none."""
     bare = arm(poses).problem
     gear = of_sign(bare, 1)
-    found = diagnose(measured(bare, scaled(bare, gear, 60.0), seed), (lawful("gear", gear),), QUICK)
+    found = examine(measured(bare, scaled(bare, gear, 60.0), seed), (lawful("gear", gear),), QUICK)
     assert found.verdict == "named"
     assert [e.effect for e in found.effects] == ["gear"]
 
@@ -136,7 +138,7 @@ def test_what_is_less_than_a_hundredth_of_the_signal_is_no_effect_unless_it_is_b
     bare = arm(40).problem
     strong = scaled(bare, of_sign(bare, 0) + 0.05 * of_branch(bare, 0), 9000.0)
     weak = scaled(bare, of_branch(bare, 2), second)
-    found = diagnose(measured(bare, strong + weak, 2), (lawful("strong", strong), *catalogue(bare)), QUICK)
+    found = examine(measured(bare, strong + weak, 2), (lawful("strong", strong), *catalogue(bare)), QUICK)
     assert found.verdict == "named"
     assert [e.effect for e in found.effects if e.set_number == 0] == ["strong", "loop"][:told]
 
@@ -152,7 +154,7 @@ def test_two_effects_that_are_at_one_place_without_being_laws_of_one_joint_are_t
         for name, column in (("drift", moved), ("turn", turned))
     ]
     signal = scaled(bare, moved, 2000.0) + scaled(bare, turned, 120.0)
-    found = diagnose(measured(bare, signal, 4), (*frame, *catalogue(bare)), QUICK)
+    found = examine(measured(bare, signal, 4), (*frame, *catalogue(bare)), QUICK)
     assert found.verdict == "named"
     assert [e.effect for e in found.effects if e.set_number == 0] == ["drift", "turn"]
 
@@ -163,7 +165,7 @@ def test_a_given_effect_that_is_not_needed_leaves_the_set() -> None:
     gear, idle = (scaled(bare, law, 1.0) for law in (of_sign(bare, 0), of_branch(bare, 2)))
     candidates = (lawful("gear", gear), lawful("idle", idle), *catalogue(bare))
     given = [Name(c.effect, c.where) for c in candidates[:2]]
-    found = diagnose(measured(bare, 15.0 * gear, 4), candidates, QUICK, given=given)
+    found = examine(measured(bare, 15.0 * gear, 4), candidates, QUICK, given=given)
     assert found.verdict == "named"
     assert [e.effect for e in found.effects] == ["gear"]
 
@@ -198,7 +200,7 @@ def test_a_set_that_is_behind_one_that_a_law_without_a_name_matches_is_told_with
     )  # fmt: skip
     found = verdict._conclude(cast(Any, [ahead, behind]), [], cast(Any, (None, None, 0.0, 0.0)), QUICK)
     assert found.verdict == verdict_
-    assert verdict_ == "unexplained" or (found.reason, found.chosen) == (verdict.AS_WELL, cast(Any, behind))
+    assert verdict_ == "unexplained" or (found.because.why, found.chosen) == (Why.AS_WELL, cast(Any, behind))
 
 
 def test_a_second_effect_is_as_believable_as_the_first_one() -> None:
@@ -206,7 +208,7 @@ def test_a_second_effect_is_as_believable_as_the_first_one() -> None:
     bare = arm(40).problem
     a, b = (scaled(bare, law, 1.0) for law in (of_sign(bare, 0), of_branch(bare, 1)))
     problem = measured(bare, 10.0 * a + np.sqrt(15.0) * b, 8)
-    found = diagnose(problem, (lawful("first", a), lawful("second", b), *catalogue(bare)), QUICK)
+    found = examine(problem, (lawful("first", a), lawful("second", b), *catalogue(bare)), QUICK)
     assert [e.effect for e in found.effects if e.set_number == 0] == ["first", "second"]
 
 
@@ -224,7 +226,7 @@ def test_what_is_faint_has_to_lead_the_laws_without_a_name_together(
     assert verdict._admissible(cast(Any, faint), QUICK) == told
     if not told:
         found = verdict._conclude(cast(Any, [faint]), [], cast(Any, (None, None, 0.0, 0.0)), QUICK)
-        assert (found.verdict, found.reason) == ("unexplained", verdict.NOT_ALONE)
+        assert (found.verdict, found.because.why) == ("unexplained", Why.NOT_ALONE)
 
 
 def test_an_effect_divides_its_weight_among_kinds_of_places_and_each_among_its_own() -> None:
@@ -250,7 +252,7 @@ def test_a_law_without_a_shape_is_the_limit_of_those_that_bend(shapes: int, verd
     others = [scaled(bare, bare.J[:, 1] * bare.tau[:, 1] ** k, 1.0) for k in range(2, 20)]
     bends = lawful("bends", nearly, *others)
     problem = measured(bare, 15.0 * nearly, 4)
-    found = diagnose(problem, (straight, bends, *catalogue(bare)), QUICK)
+    found = examine(problem, (straight, bends, *catalogue(bare)), QUICK)
     assert found.verdict == verdict_
     assert found.effects[0].effect == "straight"
 
@@ -330,11 +332,11 @@ def test_blocks_that_together_are_another_one_are_no_other_explanation(
     whole = candidates[0].columns({})
     signal = sum(scaled(bare, whole[:, k], 900.0) for k in range(6))
     problem = measured(bare, signal, 2)
-    found = diagnose(problem, candidates, QUICK)
+    found = examine(problem, candidates, QUICK)
     assert found.verdict == "named"
     assert [e.effect for e in found.effects] == ["whole"]
     monkeypatch.setattr(verdict, "_same_columns", lambda scan, one, other: False)
-    assert {e.effect for e in diagnose(problem, candidates, QUICK).effects} == {"most", "rest"}
+    assert {e.effect for e in examine(problem, candidates, QUICK).effects} == {"most", "rest"}
 
 
 def weighed(problem: Problem, name: str, law: Any) -> Candidate:
@@ -370,7 +372,7 @@ def test_two_laws_of_one_joint_take_the_same_weight_for_granted() -> None:
     (both,) = [p for p in search.proposals(shop, [base]) if set(p.members) == {0, 1}]
     assert both.entries == (entry[0, 0.4], entry[1, 0.4])
     found = {
-        name: diagnose(measured(bare, y, 1), (jump, bow), QUICK)
+        name: examine(measured(bare, y, 1), (jump, bow), QUICK)
         for name, y in (("unlike", unlike), ("alike", alike))
     }
     for one in found.values():

@@ -13,7 +13,7 @@ from symstiff.discrepancy import noise as noises
 from symstiff.discrepancy.assemble import assemble
 from symstiff.discrepancy.finding import Task
 from symstiff.discrepancy.sharing import AXES, JOINTS, Sharing, Split, readings
-from symstiff.discrepancy.workflow import run
+from symstiff.discrepancy.workflow import diagnose
 from symstiff.report.verdict import verdict_table
 from symstiff.robot import load
 from tests.test_assemble import complete, design, measured, truth_of
@@ -41,7 +41,7 @@ def laboratory(poses: int = 28) -> Measurements:
 @pytest.mark.slow
 @pytest.mark.parametrize("seed", [1, 2, 3])
 def test_what_moves_all_markers_of_a_reading_is_no_missing_effect(seed: int) -> None:
-    found = run(Task(load("ur10"), shaken(laboratory(), truth_of("ur10"), seed, 0.64)))
+    found = diagnose(Task(load("ur10"), shaken(laboratory(), truth_of("ur10"), seed, 0.64)))
     assert found.verdict == "nothing_missing"
     noise = found.first.noise
     assert noise.reading == pytest.approx(0.64, abs=0.12)
@@ -56,7 +56,7 @@ def test_an_effect_is_named_beside_what_moves_all_markers_of_a_reading() -> None
         load("ur10"), nominal_truth(load("ur10")),
         (Effect("nonlinear_stiffness", {"joint": 2}, "tanh", {"a": 4e-4, "tau0": 60.0}),),
     )  # fmt: skip
-    found = run(Task(load("ur10"), shaken(laboratory(), truth, 4, 0.5)))
+    found = diagnose(Task(load("ur10"), shaken(laboratory(), truth, 4, 0.5)))
     assert found.verdict == "named"
     assert [(e.effect, dict(e.where)) for e in found.effects] == [("nonlinear_stiffness", {"joint": 2})]
     assert found.first.noise.reading == pytest.approx(0.5, abs=0.15)
@@ -64,7 +64,7 @@ def test_an_effect_is_named_beside_what_moves_all_markers_of_a_reading() -> None
 
 @pytest.mark.slow
 def test_markers_that_read_alone_share_nothing() -> None:
-    found = run(Task(load("ur10"), shaken(laboratory(16), truth_of("ur10"), 5, 0.0)))
+    found = diagnose(Task(load("ur10"), shaken(laboratory(16), truth_of("ur10"), 5, 0.0)))
     assert found.first.noise.reading == 0.0
     assert not any("the markers of one reading" in remark for remark in found.remarks)
 

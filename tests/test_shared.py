@@ -10,7 +10,7 @@ import pytest
 import scipy.optimize
 
 from symstiff.calibration.constrained import constrain
-from symstiff.calibration.decomposition import independent
+from symstiff.calibration.decomposition import own_columns
 from symstiff.calibration.estimate import estimate
 from symstiff.calibration.fitting import fit_model
 from symstiff.calibration.poses import with_markers
@@ -224,7 +224,7 @@ def test_many_rows_of_absolute_data_take_little_memory() -> None:
     columns = np.random.default_rng(0).normal(size=(30_000, 8))
     columns[:, 5] = columns[:, 1] - columns[:, 2]
     tracemalloc.start()
-    kept = independent(columns, 1e-6)
+    kept = own_columns(columns, 1e-6)
     peak = tracemalloc.get_traced_memory()[1]
     tracemalloc.stop()
     assert kept == [0, 1, 2, 3, 4, 6, 7]

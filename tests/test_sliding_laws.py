@@ -7,14 +7,15 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from symstiff.arrays import Array
 from symstiff.calibration.measurements import Measurements
 from symstiff.discrepancy.finding import Finding, Task
 from symstiff.discrepancy.law import Law, largest_load
 from symstiff.discrepancy.laws_of_angle import laws_of_angle
 from symstiff.discrepancy.localise import FittedLaw
-from symstiff.discrepancy.problem import Array, Problem
+from symstiff.discrepancy.problem import Problem
 from symstiff.discrepancy.remarks import _of_rows
-from symstiff.discrepancy.workflow import run
+from symstiff.discrepancy.workflow import diagnose
 from symstiff.effects.instance import EffectInstance
 from symstiff.report.code import formulas
 from symstiff.report.html import render
@@ -121,7 +122,7 @@ def test_a_rail_whose_error_repeats_is_no_robot_that_misses_its_poses() -> None:
     values = readings(truth_of("scara"), table)
     values[:, 2] += 1.5e-4 * np.sin(97.0 * table.q[:, 2] + 0.4)
     values[:, :3] += np.random.default_rng(0).normal(size=(len(table), 3)) * 2e-5
-    found = run(Task(load("scara"), replace(table, values=values)))
+    found = diagnose(Task(load("scara"), replace(table, values=values)))
     law = found.last.law
     assert found.verdict == "unexplained"
     assert law is not None
@@ -144,7 +145,7 @@ def found() -> Finding:
     values[:, 2] += 3e-6 * table.w[:, 2] * (x**2 - 0.3 * x)
     values[:, :3] += np.random.default_rng(0).normal(size=(len(table), 3)) * 1e-5
     values[:, 3:] = np.nan
-    return run(Task(load("scara"), replace(table, values=values)))
+    return diagnose(Task(load("scara"), replace(table, values=values)))
 
 
 def test_the_way_of_a_slide_is_no_angle(found: Finding) -> None:

@@ -17,12 +17,12 @@ from symstiff.calibration.measurements import Measurements, concatenate, measure
 from symstiff.calibration.rows import predict
 from symstiff.calibration.simulation import Effect, Noise, Truth, nominal_truth, simulate
 from symstiff.calibration.slips import Reading, joint_hint, marker_hint
-from symstiff.discrepancy.deciding import experiments_like
+from symstiff.discrepancy.deciding import setups_like
 from symstiff.discrepancy.finding import Finding, Found, Task
+from symstiff.discrepancy.reasons import Why
 from symstiff.discrepancy.remarks import astray, remarked
-from symstiff.discrepancy.result import Estimate
-from symstiff.discrepancy.verdict import NO_TEST_NAMES
-from symstiff.discrepancy.workflow import run
+from symstiff.discrepancy.result import Quantity
+from symstiff.discrepancy.workflow import diagnose
 from symstiff.effects.base import Scales
 from symstiff.effects.instance import EffectInstance
 from symstiff.effects.registry import find
@@ -48,7 +48,7 @@ def read(effect: Effect | None = None, start: float = 0.0, poses: int = 12) -> M
 
 
 def diagnosed(table: Measurements) -> Finding:
-    return run(Task(load(ROBOT), table))
+    return diagnose(Task(load(ROBOT), table))
 
 
 @cache
@@ -103,7 +103,7 @@ def test_a_sure_wrong_sign_of_what_would_lead_is_a_matter_of_the_table(
     effect: str, name: str, deviations: float, told: str
 ) -> None:
     found = exchanged()
-    size = {f"{effect}_2_{name}": Estimate(-2e-5 * deviations, 2e-5, "rad")}
+    size = {f"{effect}_2_{name}": Quantity(-2e-5 * deviations, 2e-5, "rad")}
     lead = replace(
         next(c for c in found.last.candidates if c.testable), effect=effect, parameters=size, shape={}
     )
@@ -251,7 +251,7 @@ def test_computed_data_are_named_from_the_joints_alone_too() -> None:
     poses = measurements(np.repeat(q, 2, axis=0), np.repeat(w, 2, axis=0) * np.tile([[0.5], [1.0]], (20, 1)))
     model = StiffnessModel.of(reduce(robot))
     exact = predict(model.with_values(model.steps), poses)
-    found = run(Task(robot, replace(poses, values=exact, kind="deflection"), "joints"))
+    found = diagnose(Task(robot, replace(poses, values=exact, kind="deflection"), "joints"))
     assert found.verdict == "named"
     assert {e.effect for e in found.named} <= {"link_compliance", "base_compliance", "tool_compliance"}
     assert found.rms.after < 1e-9
@@ -260,7 +260,7 @@ def test_computed_data_are_named_from_the_joints_alone_too() -> None:
 def test_a_sigma_that_is_far_too_small_is_named_as_what_speaks_against_the_model() -> None:
     found = diagnosed(measured(stated=0.1))
     assert found.verdict == "unexplained"
-    assert found.reason.endswith(NO_TEST_NAMES)
+    assert found.because.why is Why.SIGMA
     assert "than the stated sigma allows" in headline(found)
     assert "times the stated sigma" in sentence(found)
     assert "check the stated sigma" in sentence(found)
@@ -296,7 +296,7 @@ def test_few_poses_give_no_sure_names() -> None:
     ],
 )
 def test_a_table_that_decides_holds_no_load_twice(levels: tuple[float, ...], wanted: set[float]) -> None:
-    loads = experiments_like(measured(levels=levels))[0].loads
+    loads = setups_like(measured(levels=levels))[0].loads
     assert len(np.unique(np.round(loads, 6), axis=0)) == len(loads)
     sizes = np.linalg.norm(loads, axis=1) / np.linalg.norm(loads, axis=1).max()
     assert {round(float(s), 6) for s in sizes} == wanted
@@ -321,7 +321,7 @@ def test_a_size_that_goes_astray_is_not_named(tmp_path: Path) -> None:
     poses = measurements(q, np.tile([0.0, 0.0, -1000.0, 0.0, 0.0, 0.0], (12, 1)))
     for seed in (0, 5):
         truth = Truth(robot, nominal_truth(robot), noise=Noise((0.01,) * 3, (0.01,) * 3))
-        found = run(Task(robot, simulate(truth, poses, seed)))
+        found = diagnose(Task(robot, simulate(truth, poses, seed)))
         for effect in found.named:
             for p in effect.instance.realise(robot).parameters:
                 width = p.high - p.low
@@ -334,7 +334,7 @@ def test_a_size_that_goes_astray_is_not_named(tmp_path: Path) -> None:
 def test_a_size_is_astray_beyond_its_range_by_more_than_this_is_wide_on_either_side(
     value: float, far: bool
 ) -> None:
-    gap = {"backlash_2_gap": Estimate(value, 1e-5, "rad")}  # physical from 0 to 5 mrad
+    gap = {"backlash_2_gap": Quantity(value, 1e-5, "rad")}  # physical from 0 to 5 mrad
     found = Found("backlash", {"joint": 2}, {}, gap, 0.0, 0.9, ())
     assert astray([found], load("kuka_kr270")) is far
 

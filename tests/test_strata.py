@@ -9,10 +9,11 @@ import numpy as np
 import pytest
 from scipy import stats
 
+from symstiff.arrays import Array
 from symstiff.discrepancy.bank import build
 from symstiff.discrepancy.noise import start
 from symstiff.discrepancy.prepare import prepare
-from symstiff.discrepancy.problem import Array, Problem
+from symstiff.discrepancy.problem import Problem
 from symstiff.discrepancy.scan import open_scan
 from symstiff.discrepancy.sharing import Sharing, Split
 from symstiff.discrepancy.strata import strata

@@ -6,7 +6,7 @@ import pytest
 
 from symstiff.calibration.simulation import Effect, Noise, Truth, nominal_truth, simulate
 from symstiff.discrepancy.finding import Finding, Task
-from symstiff.discrepancy.workflow import run
+from symstiff.discrepancy.workflow import diagnose
 from symstiff.report import words
 from symstiff.robot import load
 from tests.test_assemble import design
@@ -18,7 +18,7 @@ def finding() -> Finding:
     robot = load("scara")
     drift = Effect("thermal_drift", {"link": 3}, "link_time", {"rate": [2e-6, -1e-6, 1e-6]})
     truth = Truth(robot, nominal_truth(robot), (drift,), Noise((0.03, 0.03, 0.03)))
-    return run(Task(robot, simulate(truth, design("scara", "deflection"), 5)))
+    return diagnose(Task(robot, simulate(truth, design("scara", "deflection"), 5)))
 
 
 def test_the_verdict_is_named_and_not_ambiguous(finding: Finding) -> None:

@@ -8,7 +8,7 @@ import pytest
 from symstiff.calibration.measurements import Measurements, measurements
 from symstiff.calibration.simulation import Effect, Noise, Truth, nominal_truth, simulate
 from symstiff.discrepancy.finding import Finding, Task
-from symstiff.discrepancy.workflow import run
+from symstiff.discrepancy.workflow import diagnose
 from symstiff.robot import load
 
 LOADS = (0.2, 0.4, 0.6, 0.8, 1.0)
@@ -34,7 +34,7 @@ def experiment(poses: int = 15, force: float = 1500.0) -> Measurements:
 def diagnosed(*effects: Effect) -> Finding:
     robot = load("kuka_kr270")
     truth = Truth(robot, nominal_truth(robot), effects, Noise((0.015, 0.012, 0.018)))
-    return run(Task(robot, simulate(truth, experiment(), 7)))
+    return diagnose(Task(robot, simulate(truth, experiment(), 7)))
 
 
 GAP = Effect("backlash", {"joint": 1}, "arctan", {"gap": 2e-4, "knee": 0.02 * TORQUE})

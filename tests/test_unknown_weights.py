@@ -18,7 +18,7 @@ from symstiff.calibration.simulation.chain import posture as posture_of
 from symstiff.discrepancy import workflow
 from symstiff.discrepancy.finding import Finding, Task
 from symstiff.discrepancy.result import Diagnosis
-from symstiff.discrepancy.workflow import run
+from symstiff.discrepancy.workflow import diagnose
 from symstiff.effects.arm import FARTHEST, MOMENTS, TAPERS, arm_load, assumed_arms, heaviest, own_load
 from symstiff.effects.base import Scales
 from symstiff.effects.registry import find
@@ -94,7 +94,7 @@ def test_gears_are_named_where_the_file_tells_no_masses(
     effect: str, joint: int, shape: str, sizes: dict[str, Any]
 ) -> None:
     robot = load("ur10")
-    found = run(Task(without_masses(robot), experiment(effect, joint, shape, sizes)))
+    found = diagnose(Task(without_masses(robot), experiment(effect, joint, shape, sizes)))
     assert_named(found, effect, joint)
     weight = sum(link.mass for link in robot.links)
     assert weight / 4 < found.named[0].shape["mass"] < 4 * weight
@@ -106,7 +106,7 @@ def test_gears_are_named_where_the_file_tells_no_masses(
 @pytest.mark.slow
 def test_hysteresis_is_named_where_the_weight_is_many_times_the_load() -> None:
     table = experiment("hysteresis", 2, "constant", {"width": 1e-4, "knee": 1.0}, force=6.0)
-    found = run(Task(without_masses(load("ur10")), table))
+    found = diagnose(Task(without_masses(load("ur10")), table))
     assert_named(found, "hysteresis", 2)
     assert found.named[0].parameters["hysteresis_2_width"].value == pytest.approx(1e-4, rel=0.15)
 
@@ -117,7 +117,7 @@ def test_a_step_as_wide_as_the_loads_is_backlash_where_the_weight_is_many_times_
     joint: int, force: float, knee: float
 ) -> None:
     table = experiment("backlash", joint, "tanh", {"gap": 5e-4, "knee": knee}, force=force)
-    found = run(Task(without_masses(load("ur10")), table))
+    found = diagnose(Task(without_masses(load("ur10")), table))
     assert_named(found, "backlash", joint)
 
 
@@ -142,7 +142,7 @@ def test_the_hysteresis_of_a_quill_is_named_though_nobody_tells_what_it_weighs(m
         states, w, values=values, sigma=np.where(np.isnan(values), np.nan, SIGMA), pose=np.repeat(np.arange(30), 5),
         kind="deflection", joint_units=["m" if j.prismatic else "rad" for j in bare.joint], branch=branch,
     )  # fmt: skip
-    found = run(Task(bare, table))
+    found = diagnose(Task(bare, table))
     assert_named(found, "hysteresis", 3)
     assert found.rms.after == pytest.approx(SIGMA, rel=0.1)
 
@@ -156,7 +156,7 @@ def found_under(
 ) -> Finding:
     """What is found of a KR 270's gear where the file does not tell its weights."""
     bare = load("kuka_kr270")
-    return run(Task(bare, experiment(effect, joint, shape, sizes, 1500.0, weighing(bare, told))))
+    return diagnose(Task(bare, experiment(effect, joint, shape, sizes, 1500.0, weighing(bare, told))))
 
 
 @pytest.mark.slow
@@ -212,7 +212,7 @@ def test_a_gear_that_no_assumed_arm_explains_is_told_to_want_masses() -> None:
     bare = load("kuka_kr270")
     robot = weighing(bare, {2: (900.0, (-2.4, 0.5, 0))})
     table = experiment("nonlinear_stiffness", 2, "polynomial", {"c2": 4e-11}, 1500.0, robot)
-    blind, told = run(Task(bare, table)), run(Task(robot, table))
+    blind, told = diagnose(Task(bare, table)), diagnose(Task(robot, table))
     wanted = "joint 2 carries the arm's weight, which the robot file does not tell"
     assert blind.verdict in ("unexplained", "named_insufficient")
     assert any(wanted in remark for remark in blind.remarks)
@@ -295,7 +295,7 @@ def test_masses_are_tried_where_they_matter_and_are_not_known() -> None:
 @pytest.mark.slow
 def test_what_is_assumed_is_said_once_and_of_what_the_verdict_counts(monkeypatch: pytest.MonkeyPatch) -> None:
     table = experiment("backlash", 2, "tanh", {"gap": 2e-4, "knee": 0.5})
-    whole = workflow.diagnose
+    whole = workflow.examine
 
     def several(*args: Any, **keys: Any) -> Diagnosis:
         found = whole(*args, **keys)
@@ -303,10 +303,10 @@ def test_what_is_assumed_is_said_once_and_of_what_the_verdict_counts(monkeypatch
         elsewhere = tuple(replace(e, where={"joint": 3}, set_number=1) for e in found.effects)
         return replace(found, verdict=verdict, effects=(*found.effects, *again, *elsewhere))
 
-    monkeypatch.setattr(workflow, "diagnose", several)
+    monkeypatch.setattr(workflow, "examine", several)
     told = {}
     for verdict in ("named", "ambiguous"):
-        remarks = run(Task(without_masses(load("ur10")), table)).remarks
+        remarks = diagnose(Task(without_masses(load("ur10")), table)).remarks
         told[verdict] = [r.split(":")[0] for r in remarks if "tells no masses" in r]
     assert told == {
         "named": ["backlash at joint 2"],
@@ -317,6 +317,6 @@ def test_what_is_assumed_is_said_once_and_of_what_the_verdict_counts(monkeypatch
 @pytest.mark.slow
 def test_a_gear_may_bend_where_only_load_and_weight_together_reach() -> None:
     """The file tells the masses: the joint bears three times what the load alone puts on it."""
-    found = run(Task(load("ur10"), experiment("nonlinear_stiffness", 2, "two_slope", KNEE, force=50.0)))
+    found = diagnose(Task(load("ur10"), experiment("nonlinear_stiffness", 2, "two_slope", KNEE, force=50.0)))
     assert_named(found, "nonlinear_stiffness", 2)
     assert found.named[0].shape["load"] == pytest.approx(KNEE["knee"], rel=0.1)

@@ -10,7 +10,7 @@ import pytest
 from symstiff.calibration.experiment.situation import look
 from symstiff.calibration.measurements import Measurements
 from symstiff.calibration.simulation.chain import chain_of, posture
-from symstiff.discrepancy import diagnose as engine
+from symstiff.discrepancy import examine as engine
 from symstiff.discrepancy.assemble import assemble
 from symstiff.discrepancy.bank import build
 from symstiff.discrepancy.finding import Finding, Task
@@ -22,7 +22,7 @@ from symstiff.discrepancy.proof import HeldOut
 from symstiff.discrepancy.result import Rms
 from symstiff.discrepancy.scan import open_scan
 from symstiff.discrepancy.sharing import Split
-from symstiff.discrepancy.workflow import run
+from symstiff.discrepancy.workflow import diagnose
 from symstiff.report import unnamed, words
 from symstiff.robot import load
 from symstiff.robot.schema import Marker
@@ -34,7 +34,7 @@ from tests.test_discrepancy_engine import arm
 
 
 def _diagnosed(table: Measurements) -> Finding:
-    return run(Task(load(ROBOT), table))
+    return diagnose(Task(load(ROBOT), table))
 
 
 def _share(table: Measurements) -> np.ndarray:

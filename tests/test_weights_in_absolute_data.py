@@ -20,11 +20,11 @@ from symstiff.calibration.writing import write_table
 from symstiff.discrepancy.finding import Task
 from symstiff.discrepancy.growth import fit
 from symstiff.discrepancy.scan import column_space
-from symstiff.discrepancy.workflow import run as diagnose
+from symstiff.discrepancy.workflow import diagnose
 from symstiff.effects.instance import EffectInstance
 from symstiff.model import StiffnessModel, joints_only, load_model
 from symstiff.reduction.reduce import reduce
-from symstiff.report.folder import write_folder
+from symstiff.report.folder import write_report
 from symstiff.report.law_plots import draw_law
 from symstiff.report.residuals import draw_residuals
 from symstiff.robot import Robot, from_table, load
@@ -281,7 +281,7 @@ def test_a_diagnosis_writes_no_compliances_that_geometry_hides(
     found = diagnose(
         Task(heavy(), probed({2: 8e-6, 3: 9e-6}, (0.0, 0.0, 0.0934), noise=noise), start, max_poses=60)
     )
-    write_folder(found, tmp_path / "report")
+    write_report(found, tmp_path / "report")
     model = load_model(tmp_path / "report" / "model.toml")
     q = np.array([[0.2, -1.0, 1.4, -0.5, 1.2, 0.1]])
     moved = model.of_robot().deflection(q, [[0.0, 0.0, -50.0, 0.0, 0.0, 0.0]])[0, :3]

@@ -7,7 +7,7 @@ from typing import Any
 import pytest
 
 from symstiff.discrepancy.numbers import milli, number, p_equals, quantity
-from symstiff.discrepancy.result import Estimate
+from symstiff.discrepancy.result import Quantity
 from symstiff.report.words import places
 
 
@@ -39,7 +39,7 @@ def test_places_of_one_effect_are_told_in_one_breath(wheres: list[dict[str, Any]
     ],
 )
 def test_quantities_read_as_a_person_writes_them(value: float, std: float, unit: str, text: str) -> None:
-    assert quantity(Estimate(value, std, unit)) == text
+    assert quantity(Quantity(value, std, unit)) == text
 
 
 def test_a_number_above_its_digits_is_rounded_and_written_out() -> None:

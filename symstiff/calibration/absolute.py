@@ -7,7 +7,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from symstiff.calibration.decomposition import independent, svd
+from symstiff.calibration.decomposition import own_columns, svd
 from symstiff.calibration.estimate import Estimate, estimate
 from symstiff.calibration.experiment.current import Current, settled, sigma_of
 from symstiff.calibration.experiment.placement import best_placed
@@ -93,7 +93,7 @@ def _geometry(current: Current) -> list[_Column]:
     lever = np.sqrt(np.mean(view.J**2, axis=0)) / view.robot.reach
     links = [k for k, v in enumerate(view.joints) if v.kind == "link"]
     links.sort(key=lambda k: view.joints[k].rotational and lever[k] < _LEVER)
-    chosen = sorted(links[k] for k in independent(view.J[:, links], _INSIDE))
+    chosen = sorted(links[k] for k in own_columns(view.J[:, links], _INSIDE))
     return [
         _Column(f"geometry_{v.body}_{v.axis}", "rad" if v.rotational else "m", view.J[:, k], True)
         for k, v in ((k, view.joints[k]) for k in chosen)
@@ -106,7 +106,7 @@ def _hidden(current: Current, geometry: Sequence[_Column]) -> list[_Column]:
     beside = current.A[:, count : count + len(current.hidden)]
     held = [current.A[:, :count], *(c.values[:, None] for c in geometry)]
     first = count + len(geometry)
-    shown = [k - first for k in independent(np.hstack([*held, beside]), _OUTSIDE) if k >= first]
+    shown = [k - first for k in own_columns(np.hstack([*held, beside]), _OUTSIDE) if k >= first]
     return [_Column(current.hidden[k].name, current.hidden[k].unit, beside[:, k]) for k in shown]
 
 

@@ -8,8 +8,8 @@ from itertools import permutations, product
 
 import numpy as np
 
-from symstiff.calibration.compact import Array
-from symstiff.calibration.decomposition import svd
+from symstiff.arrays import Array
+from symstiff.calibration.decomposition import svd, unit_columns
 from symstiff.errors import UserError
 
 _FAR_BETTER = 0.25  # of the unexplained part that is left as measured
@@ -81,8 +81,7 @@ def axis_hint_refit(
         )
     weight = np.ones(3) if sigma is None else 1.0 / np.asarray(sigma, dtype=float)
     whitened = np.asarray(A, dtype=float) * np.tile(weight, len(measured))[:, None]
-    scale = np.linalg.norm(whitened, axis=0)
-    Q, s, Vt = svd(whitened / np.where(scale > 0, scale, 1.0))
+    Q, s, Vt = svd(unit_columns(whitened)[0])
     rank = int(np.sum(s > s[0] * max(whitened.shape) * np.finfo(float).eps))
     changes = signed_permutations()
     targets = np.stack([((measured @ S.T) * weight).ravel() for S in changes], axis=1)  # (3N, 48)

@@ -6,12 +6,10 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 
+from symstiff.arrays import Array
 from symstiff.errors import UserError
 from symstiff.threads import one_thread
-
-Array = npt.NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 import scipy.stats
 
-from symstiff.calibration.compact import Array
+from symstiff.arrays import Array
 from symstiff.calibration.estimate import Estimate
 from symstiff.display import finite
 from symstiff.errors import UserError

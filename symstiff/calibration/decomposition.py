@@ -5,7 +5,9 @@ from __future__ import annotations
 import numpy as np
 from scipy import linalg
 
-from symstiff.calibration.compact import Array, triangular
+from symstiff.arrays import Array
+from symstiff.calibration.compact import triangular
+from symstiff.reduction.svd import independent
 
 
 def svd(A: Array) -> tuple[Array, Array, Array]:
@@ -21,22 +23,16 @@ def svd(A: Array) -> tuple[Array, Array, Array]:
     return np.asarray(U), np.asarray(s), np.asarray(Vt)
 
 
-def independent(A: Array, least: float) -> list[int]:
+def unit_columns(A: Array) -> tuple[Array, Array]:
+    """A (M, N) with columns of length one, and their lengths (N,); columns of zeros stay, as if of length one."""
+    length = np.linalg.norm(A, axis=0)
+    length[length == 0.0] = 1.0
+    return A / length, length
+
+
+def own_columns(A: Array, least: float) -> list[int]:
     """Columns of A (M, N) with more than ``least`` of their length outside those taken before them, in order.
 
-    No pivots: where columns tie, rounding would choose among them, another one on each machine. The triangle of A has
-    the same angles between its columns, and few rows.
+    The triangle of A has the same angles between its columns, and few rows.
     """
-    A = triangular(A)
-    length = np.linalg.norm(A, axis=0)
-    basis = np.zeros((len(A), min(A.shape)))
-    taken: list[int] = []
-    for k in np.flatnonzero(length):
-        left, found = A[:, k] / length[k], basis[:, : len(taken)]
-        for _ in range(2):  # once more against rounding
-            left = left - found @ (found.T @ left)
-        size = float(np.linalg.norm(left))
-        if size > least and len(taken) < basis.shape[1]:
-            basis[:, len(taken)] = left / size
-            taken.append(int(k))
-    return taken
+    return independent(unit_columns(triangular(A))[0], least)

@@ -11,7 +11,8 @@ import numpy as np
 import numpy.typing as npt
 import scipy.stats
 
-from symstiff.calibration.compact import Array, Compact, checked, compact
+from symstiff.arrays import Array
+from symstiff.calibration.compact import Compact, checked, compact
 from symstiff.calibration.components import doubt_of
 from symstiff.calibration.rank import Combination, RankDecision, combinations, decide_rank, resolved_root
 from symstiff.calibration.shared import Blocks, SharedError, shared_error
@@ -131,12 +132,11 @@ def estimate(
     dof = len(y) - rank
     total = float(whitened @ whitened)
     s0_squared = total / dof if dof > 0 else math.nan
-    unit_variance = 1.0 if sigma is not None else s0_squared
+    unit_variance, told = 1.0 if sigma is not None else s0_squared, sigma is not None and not estimated
     covariance, shared = unit_variance * (root @ root.T), None
     if blocks is not None and dof > 0:
-        fixed = 1.0 if sigma is not None and not estimated else None
-        covariance, shared = _with_shared(covariance, A, y, sigma, root, blocks, fixed)
-    freedom = np.full(len(named), float(max(dof, 0)) if sigma is None or estimated else math.inf)
+        covariance, shared = _with_shared(covariance, A, y, sigma, root, blocks, 1.0 if told else None)
+    freedom = np.full(len(named), math.inf if told else float(max(dof, 0)))
     if sigma is not None and estimated and dof > 0:
         doubt = doubt_of(A, residuals, sigma, root)
         covariance, freedom = covariance + doubt.covariance, doubt.freedom
@@ -158,9 +158,7 @@ def estimate(
         dof=dof,
         condition=decision.condition,
         confidence=confidence,
-        fit_p=float(scipy.stats.chi2.sf(total, dof))
-        if sigma is not None and not estimated and dof > 0
-        else None,
+        fit_p=float(scipy.stats.chi2.sf(total, dof)) if told and dof > 0 else None,
         rank=decision,
         combinations=combinations(decision, named, form.scale, values, covariance),
         compact=form,

@@ -32,7 +32,7 @@ from symstiff.calibration.remarks import (
     of_redundant,
     of_sag,
     repeated,
-    settled,
+    unsettled,
 )
 from symstiff.calibration.residuals import ResidualTable, places, residual_table, split
 from symstiff.calibration.robust import RobustEstimate
@@ -170,60 +170,113 @@ def identify(
         _refuse_for_absolute({"--robust": robust, "--physical": physical, "--held-out": held_out > 0})
     table, zeros = without_zeros(as_loading(table))
     table, copies = without_copies(table)
-    remarks += [*zeros, *copies]
     seen = experiment_of(table, robot)
-    remarks += [*of_loads(table, seen.loads), *repeated(table)]
-    experiment = seen.wished(loads, measure)
+    remarks += [*zeros, *copies, *of_loads(table, seen.loads), *repeated(table)]
+    begin = _begin(robot, table, start, seen.wished(loads, measure), per_level)
+    remarks += begin.remarks
+    if table.kind == "absolute":
+        return _from_absolute(begin, table, remarks)
+    return _from_deflections(
+        begin, robot, *_split(table, held_out, seed), remarks, robust=robust, physical=physical
+    )
+
+
+@dataclass(frozen=True, eq=False)
+class _Begin:
+    """The model to fit as the table shows it and as it was ``told``, what it came from, and what is remarked of it."""
+
+    model: StiffnessModel
+    told: StiffnessModel
+    reduction: Reduction | None
+    experiment: ExperimentClass
+    doubts: list[str]
+    """Those of the remarks that the reduction makes."""
+    remarks: list[str]
+
+
+def _begin(
+    robot: Robot,
+    table: Measurements,
+    start: str | Path | StiffnessModel,
+    experiment: ExperimentClass,
+    per_level: int | None,
+) -> _Begin:
+    """The start model, without what no equation of this table holds."""
     model, reduction = start_model(robot, start, experiment)
+    remarks = []
     if experiment.fixed and start in ("complete", "joints"):
         names = ", ".join(f"q{i}" for i in experiment.fixed)
         remarks.append(f"{names} never move(s): the model is reduced for that")
-    remarks += [*outside_class(table.w, model.loads), *outside_fixed(table.q, model)]
     doubts = reduction_remarks(reduction) if reduction is not None else []
-    remarks += doubts
+    remarks += [*outside_class(table.w, model.loads), *outside_fixed(table.q, model), *doubts]
     if per_level is not None:
         whole(per_level, "per_level", 1)
         model = by_level(model, table, per_level)
     _refuse_rows(model)
-    model, left_out = _of_laws(model)
-    told = model
-    model, unseen = seen_in(model, table.kind)
+    told, left_out = _of_laws(model)
+    model, unseen = seen_in(told, table.kind)
     if not model.parameters:
         raise UserError("nothing to identify: " + "; ".join([*left_out, *unseen]))
     model, elsewhere = find_point(model, table, robot)
     remarks += [*left_out, *unseen, *([elsewhere] if elsewhere else [])]
-    if table.kind == "absolute":
-        return _from_absolute(model, told, reduction, table, remarks)
-    train, validation = _split(table, held_out, seed)
+    return _Begin(model, told, reduction, experiment, doubts, remarks)
+
+
+def _from_deflections(
+    begin: _Begin,
+    robot: Robot,
+    train: Measurements,
+    validation: Measurements | None,
+    remarks: list[str],
+    *,
+    robust: bool,
+    physical: bool,
+) -> Identification:
+    """The fit to deflections, judged by what it leaves of them and of those that are held out."""
+    model, reduction = begin.model, begin.reduction
     found, held = _fit(model, train, robust=robust, physical=physical, reduced=reduction is not None)
-    remarks += [of_redundant(held, model)] if held else []
+    remarks = [*remarks, *([of_redundant(held, model)] if held else [])]
     fitted, e = found.estimate, found.equations
     slipped, _ = slip(model, train, left_by)
     remarks += [slipped] if slipped else axis_remarks(fitted.names, train, e)
     slides = [i for i, joint in enumerate(robot.joint, start=1) if joint.prismatic]
     unread = [name for k, name in enumerate(("dx", "dy", "dz")) if not train.measured[:, k].any()]
     kept = [] if validation is None else [_left_to_fit(train, validation)]
-    check_determined(fitted.rank, fitted.names, len(e.y), [*kept, *doubts], slides, unread)
-    behind = _reduced_to(model, experiment) if physical and reduction is None else reduction
+    check_determined(fitted.rank, fitted.names, len(e.y), [*kept, *begin.doubts], slides, unread)
+    behind = _reduced_to(model, begin.experiment) if physical and reduction is None else reduction
     values, constrained = _values(fitted, behind, physical)
     values |= {n: model.values.get(n, 0.0) for n in held}
     model = model.with_values(values, _finite(dict(zip(fitted.names, fitted.std.tolist(), strict=True))))
-    training = residual_table(_measured(train), predict(model, train))
-    remarks += [*settled(found), *explained(training), *fits(fitted, e), *unlike_file(model, robot)]
+    training = residual_table(train.values, predict(model, train))
+    remarks += [*unsettled(found), *explained(training), *fits(fitted, e), *unlike_file(model, robot)]
     remarks += [] if physical or reduction is None else below_zero(values, reduction)
+    fresh = residual_table(validation.values, predict(model, validation)) if validation is not None else None
     return Identification(
-        completed(model, told, table.kind),
-        reduction,
-        fitted,
-        e,
-        training,
-        residual_table(_measured(validation), predict(model, validation)) if validation is not None else None,
-        found.robust,
-        constrained,
-        tuple(remarks),
-        train,
-        validation,
-    )
+        completed(model, begin.told, train.kind), reduction, fitted, e, training, fresh, found.robust, constrained,
+        tuple(remarks), train, validation,
+    )  # fmt: skip
+
+
+def _from_absolute(begin: _Begin, table: Measurements, remarks: list[str]) -> Identification:
+    """The fit to absolute positions, with the geometry beside."""
+    model = begin.model
+    found = fit_absolute(model, table)
+    nothing = (*found.silent, *found.untold)
+    open_ones = [n for n in model.parameters if n not in found.known and n not in nothing]
+    check_beside_geometry(open_ones or ([] if any(n in found.known for n in model.parameters) else nothing))
+    own = {n: found.known[n] for n in model.parameters if n in found.known}
+    values = dict.fromkeys(nothing, 0.0) | {n: value for n, (value, _) in own.items()}
+    model = model.with_values(values, {n: std for n, (_, std) in own.items()})
+    remarks = [
+        *remarks,
+        *beside_geometry(found, model),
+        *unlike_file(model, model.robot),
+        *of_sag(model.robot),
+    ]
+    return Identification(
+        completed(model, begin.told, table.kind), begin.reduction, found.fit, found.equations, found.residuals, None,
+        None, None, tuple(remarks), table, None,
+    )  # fmt: skip
 
 
 def _fit(
@@ -261,32 +314,6 @@ def _of_laws(model: StiffnessModel) -> tuple[StiffnessModel, list[str]]:
     return model.with_effects([e for e, k in zip(model.effects, known, strict=True) if not k]), [
         f"{names}: has no size to fit and no code of its own: left out here, symstiff diagnose counts it"
     ]
-
-
-def _from_absolute(
-    model: StiffnessModel,
-    told: StiffnessModel,
-    reduction: Reduction | None,
-    table: Measurements,
-    remarks: list[str],
-) -> Identification:
-    found = fit_absolute(model, table)
-    nothing = (*found.silent, *found.untold)
-    open_ones = [n for n in model.parameters if n not in found.known and n not in nothing]
-    check_beside_geometry(open_ones or ([] if any(n in found.known for n in model.parameters) else nothing))
-    own = {n: found.known[n] for n in model.parameters if n in found.known}
-    values = dict.fromkeys(nothing, 0.0) | {n: value for n, (value, _) in own.items()}
-    model = model.with_values(values, {n: std for n, (_, std) in own.items()})
-    remarks = [
-        *remarks,
-        *beside_geometry(found, model),
-        *unlike_file(model, model.robot),
-        *of_sag(model.robot),
-    ]
-    model = completed(model, told, table.kind)
-    return Identification(
-        model, reduction, found.fit, found.equations, found.residuals, None, None, None, tuple(remarks), table, None
-    )  # fmt: skip
 
 
 def data_rank(model: StiffnessModel, table: Measurements) -> int:
@@ -332,10 +359,6 @@ def _split(table: Measurements, share: float, seed: int) -> tuple[Measurements, 
 def _left_to_fit(train: Measurements, validation: Measurements) -> str:
     left, kept = (len(set(table.pose.tolist())) for table in (train, validation))
     return f"held_out: {kept} of {counted(left + kept, 'pose')} held out, {left} left to fit"
-
-
-def _measured(table: Measurements) -> np.ndarray:
-    return np.asarray(table.values)
 
 
 def _finite(values: dict[str, float]) -> dict[str, float]:

@@ -7,6 +7,7 @@ from dataclasses import replace
 import numpy as np
 import scipy.linalg
 
+from symstiff.calibration.decomposition import unit_columns
 from symstiff.calibration.measurements import Measurements, measurements
 from symstiff.calibration.rows import equations
 from symstiff.effects.instance import EffectInstance
@@ -69,8 +70,7 @@ def _without_spare(
 
 def _null(A: np.ndarray) -> np.ndarray:
     """(d, P) orthonormal combinations of columns, scaled to length one, that vanish."""
-    size = np.linalg.norm(A, axis=0)
-    _, s, vt = np.linalg.svd(A / np.where(size > 0.0, size, 1.0), full_matrices=False)
+    _, s, vt = np.linalg.svd(unit_columns(A)[0], full_matrices=False)
     return np.asarray(vt[numeric_rank(s, len(A)).rank :])
 
 

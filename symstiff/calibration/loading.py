@@ -11,7 +11,8 @@ from dataclasses import replace
 
 import numpy as np
 
-from symstiff.calibration.measurements import Floats, Ints, Measurements
+from symstiff.arrays import Array, Index
+from symstiff.calibration.measurements import Measurements
 
 
 def as_loading(table: Measurements) -> Measurements:
@@ -30,7 +31,7 @@ def as_loading(table: Measurements) -> Measurements:
     return table if np.array_equal(branch, table.branch, equal_nan=True) else replace(table, branch=branch)
 
 
-def load_factor(table: Measurements) -> Floats:
+def load_factor(table: Measurements) -> Array:
     """(N,) every wrench's component along the largest of its pose, as a share of it; N·m count as N."""
     share = np.zeros(len(table))
     for rows in _by_pose(table):
@@ -41,14 +42,14 @@ def load_factor(table: Measurements) -> Floats:
     return np.round(share, 9)
 
 
-def _by_pose(table: Measurements) -> list[Ints]:
+def _by_pose(table: Measurements) -> list[Index]:
     """The rows of every pose, in the table's order: sorted once, for tables of many poses."""
     order = np.argsort(table.pose, kind="stable")
     starts = np.flatnonzero(np.diff(table.pose[order])) + 1
     return np.split(order, starts) if len(order) else []
 
 
-def _through_zero(share: Floats, branch: Floats, step: Floats) -> float:
+def _through_zero(share: Array, branch: Array, step: Array) -> float:
     """+1 or -1: which way the load goes on the branch up where it runs through zero; 0 where it does not.
 
     One load to each side tells no way where one falls between them (push and pull), or falls the same way after them.

@@ -7,17 +7,15 @@ from dataclasses import dataclass, fields, replace
 from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
 from symstiff.arguments import reals
+from symstiff.arrays import Array, Index, Mask
 from symstiff.errors import UserError
 
 if TYPE_CHECKING:
     import pandas as pd
 
 Kind = Literal["deflection", "absolute", "none"]
-Floats = NDArray[np.float64]
-Ints = NDArray[np.intp]
 
 COMPONENTS = ("x", "y", "z", "rx", "ry", "rz")
 CONTEXT = ("time", "temperature", "load_step", "branch", "repeat")
@@ -36,23 +34,23 @@ class Measurements:
     """
 
     labels: tuple[str, ...]
-    pose: Ints
-    q: Floats
-    w: Floats
+    pose: Index
+    q: Array
+    w: Array
     points: tuple[str, ...]
-    point: Ints
+    point: Index
     kind: Kind
-    values: Floats
-    sigma: Floats
-    time: Floats
-    temperature: Floats
-    load_step: Floats
-    branch: Floats
-    repeat: Floats
+    values: Array
+    sigma: Array
+    time: Array
+    temperature: Array
+    load_step: Array
+    branch: Array
+    repeat: Array
     joint_units: tuple[str, ...]
     files: tuple[str, ...] = ()
-    file: Ints = None  # type: ignore[assignment]
-    line: Ints = None  # type: ignore[assignment]
+    file: Index = None  # type: ignore[assignment]
+    line: Index = None  # type: ignore[assignment]
 
     def __post_init__(self) -> None:
         rows = len(self.q)
@@ -82,13 +80,13 @@ class Measurements:
         return len(self.q)
 
     @property
-    def approach(self) -> Ints:
+    def approach(self) -> Index:
         """(M,) number of the approach that a row belongs to: the rows of one pose and repeat share one."""
         keys = np.column_stack([self.pose, np.nan_to_num(self.repeat, nan=-1.0)])
         return np.asarray(np.unique(keys, axis=0, return_inverse=True)[1]).ravel()
 
     @property
-    def clock(self) -> Floats:
+    def clock(self) -> Array:
         """(M,) when each row was measured: by time where all tell it [s], else in the order of the rows."""
         return self.time if np.isfinite(self.time).all() else np.arange(len(self), dtype=float)
 
@@ -98,7 +96,7 @@ class Measurements:
         return int(self.q.shape[1])
 
     @property
-    def measured(self) -> NDArray[np.bool_]:
+    def measured(self) -> Mask:
         """(M, 6): which components of which rows were measured."""
         return np.isfinite(self.values)
 
@@ -203,6 +201,6 @@ def concatenate(tables: Sequence[Measurements]) -> Measurements:
     return Measurements(**merged)
 
 
-def _rows(given: Any, shape: tuple[int, ...], default: float) -> Floats:
+def _rows(given: Any, shape: tuple[int, ...], default: float) -> Array:
     array = np.full(shape, default) if given is None else np.asarray(given, dtype=float)
     return np.array(np.broadcast_to(array, shape))

@@ -6,10 +6,9 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 import scipy.stats
 
-from symstiff.calibration.compact import Array
+from symstiff.arrays import Array, Index
 from symstiff.calibration.shared import SharedError
 
 UNTESTABLE = 1e-6  # of the noise variance: a residual that the fit itself forces to zero says nothing
@@ -87,7 +86,7 @@ def row_suspects(
 def pose_suspects(
     Q: Array,
     fit: HuberFit,
-    groups: npt.NDArray[np.int_],
+    groups: Index,
     labels: Sequence[str] | None,
     significance: float,
     shared: SharedError | None = None,
@@ -144,8 +143,8 @@ def _spread(Q: Array, fit: HuberFit, shared: SharedError | None) -> tuple[Array,
 
 
 def _pose_statistics(
-    Qg: Array, fit: HuberFit, block: npt.NDArray[np.int_], inverse: Array, spread: Array, among: Array
-) -> tuple[Array, npt.NDArray[np.int_]]:
+    Qg: Array, fit: HuberFit, block: Index, inverse: Array, spread: Array, among: Array
+) -> tuple[Array, Index]:
     """Residuals weighed with their own covariance, (G,), and in how many directions they can vary, (G,).
 
     among: (n, n) or (G, n, n) covariance of the errors of a pose's rows.

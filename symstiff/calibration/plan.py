@@ -62,26 +62,23 @@ def plan(
     [rad].
     ``fixed`` and ``levels`` by joint, 1-based. Raises UserError as ``plan_poses`` does.
     """
+    from symstiff.codegen.runtime import for_poses
+
     require(model, StiffnessModel, *A_MODEL)
     require(goal, Goal, "a goal", "Goal(15) asks for 15 poses")
-    robot: Geometry = geometry(model.robot)
     given = words(markers, "markers", "['p1', 'p2', 'p3']")
     points = given or (("tcp",) if model.measure == "position" else ())
     load, region, search = load or Load(_load_class(model.loads)), region or Region(), search or Search()
-    require(load, Load, "a load", "Load('gravity', 1000.0) is one, in newtons")
-    require(region, Region, "a region", "Region(half_spaces=(above_floor(0.3),)) is one")
-    if progress is not None and not callable(progress):
-        raise UserError(
-            f"expected a function that is told the progress, found {progress!r:.40}: leave it out"
-        )
-    require(search, Search, "a search", "Search(candidates=5000) is one")
+    _check_kinds(load, region, progress, search)
     _check_class(model, load)
     deviations = _two(sigma)
     space = Space(
-        robot, load.on_arm(model.robot.reach), region, _by_joint(fixed, "fixed"), _by_joint(levels, "levels")
+        geometry(model.robot),
+        load.on_arm(model.robot.reach),
+        region,
+        _by_joint(fixed, "fixed"),
+        _by_joint(levels, "levels"),
     )
-    from symstiff.codegen.runtime import for_poses
-
     # machines of a cluster need not have our compiler, and all blocks come from one arithmetic
     observation = model.observation if search.cluster else for_poses(model, search.candidates).observation
     return plan_poses(
@@ -128,6 +125,17 @@ def casadi_observation(model: StiffnessModel) -> Callable[[Any, Any], Any] | Non
 def robot_of(model: StiffnessModel) -> Geometry:
     """Return the floating-point chain that tables and plots of a plan need."""
     return geometry(model.robot)
+
+
+def _check_kinds(load: Load, region: Region, progress: Progress | None, search: Search) -> None:
+    """Refuse arguments of another kind."""
+    require(load, Load, "a load", "Load('gravity', 1000.0) is one, in newtons")
+    require(region, Region, "a region", "Region(half_spaces=(above_floor(0.3),)) is one")
+    if progress is not None and not callable(progress):
+        raise UserError(
+            f"expected a function that is told the progress, found {progress!r:.40}: leave it out"
+        )
+    require(search, Search, "a search", "Search(candidates=5000) is one")
 
 
 def _check_class(model: StiffnessModel, load: Load) -> None:

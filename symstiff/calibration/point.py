@@ -10,7 +10,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from symstiff.calibration.compact import Array
+from symstiff.arrays import Array
 from symstiff.calibration.experiment.placement import closest
 from symstiff.calibration.measurements import Measurements
 from symstiff.calibration.soundness import check_tool

@@ -37,7 +37,7 @@ def explained(residuals: ResidualTable) -> list[str]:
     ]
 
 
-def settled(found: Fitted) -> list[str]:
+def unsettled(found: Fitted) -> list[str]:
     """A warning where the rounds of a fit came to no end."""
     if found.settled:
         return []

@@ -8,13 +8,11 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
-from symstiff.calibration.compact import Array
+from symstiff.arrays import Array, Index
 from symstiff.errors import UserError
 
 AXES = ("x", "y", "z", "rx", "ry", "rz")
-Ints = npt.NDArray[np.int_]
 
 
 @dataclass(frozen=True)
@@ -93,7 +91,7 @@ def sizes(values: Array) -> dict[str, Size]:
     return found
 
 
-def places(groups: Sequence[int] | Ints, told: Array) -> Ints:
+def places(groups: Sequence[int] | Index, told: Array) -> Index:
     """(M,) place of each row's group by the least of what is told (M, K) of its rows: the same in any order of rows."""
     number = np.unique(np.asarray(groups), return_inverse=True)[1].reshape(-1)
     least = np.full((int(number.max(initial=-1)) + 1, told.shape[1]), np.inf)
@@ -103,7 +101,7 @@ def places(groups: Sequence[int] | Ints, told: Array) -> Ints:
     return place[number]
 
 
-def split(groups: Sequence[int] | Ints, share: float = 0.2, seed: int = 0) -> tuple[Ints, Ints]:
+def split(groups: Sequence[int] | Index, share: float = 0.2, seed: int = 0) -> tuple[Index, Index]:
     """Indices of rows to fit and rows to hold out, all rows of a pose together; groups: (M,) pose indices."""
     groups = np.asarray(groups)
     poses = np.unique(groups)

@@ -8,14 +8,15 @@ from pathlib import Path
 
 import numpy as np
 
+from symstiff.arrays import Array
 from symstiff.calibration.checks import same_configuration
 from symstiff.calibration.columns import read_header
-from symstiff.calibration.measurements import Floats, Measurements
+from symstiff.calibration.measurements import Measurements
 from symstiff.calibration.table import Cells
 from symstiff.files import write_file
 
 
-def rewrite_joints(cells: Cells, table: Measurements, q: Floats, output: Path) -> tuple[str, ...]:
+def rewrite_joints(cells: Cells, table: Measurements, q: Array, output: Path) -> tuple[str, ...]:
     """Write the cells of a file, which was read as ``table``, with joint values ``q`` (M, n) in rad and m.
 
     Returns the labels that got a number each, because their rows are no longer one configuration. Raises UserError
@@ -37,7 +38,7 @@ def rewrite_joints(cells: Cells, table: Measurements, q: Floats, output: Path) -
     return split
 
 
-def _labels(table: Measurements, q: Floats) -> tuple[list[str], tuple[str, ...]]:
+def _labels(table: Measurements, q: Array) -> tuple[list[str], tuple[str, ...]]:
     """Every row's label, numbered where its rows are several configurations that no table may give one label."""
     labels = [table.labels[k] for k in table.pose]
     apart = ~same_configuration(table.pose, len(table.labels), q)

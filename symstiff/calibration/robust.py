@@ -9,12 +9,13 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from symstiff.calibration.compact import Array, checked, compact
+from symstiff.arrays import Array
+from symstiff.calibration.compact import checked, compact
 from symstiff.calibration.components import doubt_of
 from symstiff.calibration.estimate import Estimate, estimate, interval_factor
 from symstiff.calibration.outliers import UNTESTABLE, HuberFit, Suspect, pose_suspects, row_suspects
 from symstiff.calibration.rank import combinations, resolved_root
-from symstiff.calibration.shared import Blocks, shared_error
+from symstiff.calibration.shared import Blocks, SharedError, shared_error
 from symstiff.display import finite
 
 HUBER = 1.345  # of the scale: 95 % efficient on normal noise
@@ -136,27 +137,10 @@ def _with_fit(
 ) -> Estimate:
     """The least-squares record with the robust values and Huber's covariance in place of its own."""
     values = root @ fit.solution
-    residuals = y - A @ values
-    inside = np.abs(fit.residual) <= tuning * fit.scale
-    share, (rows, rank) = float(np.mean(inside)), Q.shape
-    spread = float(np.sum(np.clip(fit.residual, -tuning * fit.scale, tuning * fit.scale) ** 2)) / (
-        rows - rank
-    )
-    correction = 1.0 + rank / rows * (1.0 - share) / share
-    variance = correction**2 * spread / share**2
-    covariance = variance * (root @ root.T)
-    shared = None
-    if blocks is not None:
-        # least squares of these pseudo-values is Huber's fit, and they scatter as its estimate does
-        pseudo = Q @ fit.solution + np.clip(fit.residual, -tuning * fit.scale, tuning * fit.scale) / share
-        shared = shared_error(Q, pseudo, blocks, sigma)
-        if shared is not None:
-            own = correction**2 * shared.variance
-            covariance = own * (root @ Q.T @ shared.covariance_times(Q) @ root.T)
+    variance, scatter, covariance, shared = _huber_covariance(root, Q, fit, tuning, blocks, sigma)
     freedom = np.full(len(values), float(start.dof))
     if estimated and sigma is not None:
-        clipped = np.clip(fit.residual, -tuning * fit.scale, tuning * fit.scale) / share
-        doubt = doubt_of(A, clipped * sigma, sigma, root)
+        doubt = doubt_of(A, scatter * sigma, sigma, root)
         covariance, freedom = covariance + doubt.covariance, doubt.freedom
     std = np.where(np.isinf(start.std), np.inf, np.sqrt(np.diag(covariance)))
     half = std * interval_factor(start.confidence, freedom)
@@ -167,7 +151,7 @@ def _with_fit(
         lower=values - half,
         upper=values + half,
         covariance=covariance,
-        residuals=residuals,
+        residuals=y - A @ values,
         whitened=fit.residual,
         s0_squared=float(fit.residual @ fit.residual) / start.dof,
         unit_variance=variance,
@@ -177,3 +161,26 @@ def _with_fit(
         shared=shared,
         combinations=combinations(start.rank, start.names, start.compact.scale, values, covariance),
     )
+
+
+def _huber_covariance(
+    root: Array,
+    Q: Array,
+    fit: HuberFit,
+    tuning: float,
+    blocks: npt.ArrayLike | Blocks | None,
+    sigma: Array | None,
+) -> tuple[float, Array, Array, SharedError | None]:
+    """Huber's variance of a row, what its fit scatters by (M,), the covariance (P, P), the error that rows share."""
+    limit, (rows, rank) = tuning * fit.scale, Q.shape
+    share = float(np.mean(np.abs(fit.residual) <= limit))
+    clipped = np.clip(fit.residual, -limit, limit)
+    correction = 1.0 + rank / rows * (1.0 - share) / share
+    variance = correction**2 * (float(np.sum(clipped**2)) / (rows - rank)) / share**2
+    scatter = clipped / share
+    # least squares of these pseudo-values is Huber's fit, and they scatter as its estimate does
+    shared = None if blocks is None else shared_error(Q, Q @ fit.solution + scatter, blocks, sigma)
+    if shared is None:
+        return variance, scatter, variance * (root @ root.T), None
+    own = correction**2 * shared.variance
+    return variance, scatter, own * (root @ Q.T @ shared.covariance_times(Q) @ root.T), shared

@@ -15,9 +15,8 @@ import scipy.optimize
 import scipy.sparse
 import scipy.stats
 
-from symstiff.calibration.compact import Array
+from symstiff.arrays import Array, Index, Mask
 
-Index = npt.NDArray[np.intp]
 LEVEL = 0.05
 """Probability under independent rows below which a shared error is taken into account."""
 _RANGE = (-7.0, 10.0)
@@ -53,7 +52,7 @@ class Columns:
     labels: Index
     weight: Array
     of: Index
-    joints: npt.NDArray[np.bool_]
+    joints: Mask
 
 
 @dataclass(frozen=True, eq=False)
@@ -124,7 +123,7 @@ class Blocks:
         )
 
 
-def _informative(labels: Index, rows: npt.NDArray[np.bool_]) -> Index:
+def _informative(labels: Index, rows: Mask) -> Index:
     """(M, k) columns of some rows, -1 elsewhere: the first, and others that hold several rows somewhere."""
     kept: list[Index] = []
     for column in labels.T:
@@ -188,7 +187,7 @@ class SharedError:
         of_joints = self.columns.weight**2 @ np.where(self.columns.joints, self._each_column, 0.0)
         return bool(np.sum(of_joints) > 0.5 * np.sum(self._of_own))
 
-    def shared_variance(self, rows: npt.NDArray[np.bool_]) -> float:
+    def shared_variance(self, rows: Mask) -> float:
         """Mean variance of what some rows share, in units of their kind's mean square sigma."""
         return float(np.mean(self.of_rows[rows])) * self.variance
 
@@ -244,7 +243,7 @@ def shared_error(
     return SharedError(variance, tuple(ratios.tolist()), p, columns, given.size(sigma), given.count)
 
 
-def _some(wide: Index) -> npt.NDArray[np.bool_]:
+def _some(wide: Index) -> Mask:
     """(M,) rows of as many wide blocks as a search needs to be near what all of them say."""
     blocks = int(wide.max()) + 1
     if blocks <= 2 * _NEAR:

@@ -8,7 +8,8 @@ from itertools import permutations
 
 import numpy as np
 
-from symstiff.calibration.compact import Array
+from symstiff.arrays import Array
+from symstiff.calibration.decomposition import unit_columns
 from symstiff.calibration.measurements import Measurements
 from symstiff.calibration.rows import equations
 from symstiff.model import StiffnessModel
@@ -50,8 +51,7 @@ def slip(
 def left_by(model: StiffnessModel, table: Measurements) -> Squares:
     """Squares that the model, fitted to deflections, leaves of them [m², rad²], and degrees of freedom."""
     e = equations(model, table)
-    size = np.linalg.norm(e.A, axis=0)
-    columns = e.A / np.where(size > 0, size, 1.0)
+    columns, _ = unit_columns(e.A)
     fitted, _, rank, _ = np.linalg.lstsq(columns, e.y, rcond=1e-10)
     rest = e.y - columns @ fitted
     return float(rest @ rest), len(e.y) - int(rank)

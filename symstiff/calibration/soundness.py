@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from symstiff.calibration.compact import Array
+from symstiff.arrays import Array
 from symstiff.calibration.rank import RankDecision
 from symstiff.display import few
 from symstiff.errors import UserError

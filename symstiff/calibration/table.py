@@ -18,13 +18,12 @@ from typing import Literal
 import numpy as np
 
 from symstiff.arguments import require, require_path
+from symstiff.arrays import Array, Index
 from symstiff.calibration.checks import check_robot, check_rows, check_sigmas
 from symstiff.calibration.columns import SHOWN, Columns, read_header
 from symstiff.calibration.measurements import (
     COMPONENTS,
     CONTEXT,
-    Floats,
-    Ints,
     Kind,
     Measurements,
     concatenate,
@@ -255,7 +254,7 @@ class _Reader:
             raise self._fail(row, name, f"{printable(odd, SHOWN)} holds a character that cannot be printed")
         return tuple(order), index
 
-    def _numbers(self, name: str, rows: Ints | None = None) -> Floats:
+    def _numbers(self, name: str, rows: Index | None = None) -> Array:
         """Return a numeric column (or some rows of it) in SI; every cell must be a plausible number."""
         column = self.columns.named[name]
         cells: Sequence[str] = self.cells[column.index]
@@ -282,7 +281,7 @@ class _Reader:
             raise self._fail(rows[k], name, f"{_shown(cells[k])} {column.complaint}")
         return np.asarray(values)
 
-    def _bad_cell(self, name: str, cells: Sequence[str], rows: Ints) -> UserError:
+    def _bad_cell(self, name: str, cells: Sequence[str], rows: Index) -> UserError:
         for row, cell in zip(rows, cells, strict=True):
             if not cell.strip():
                 return self._fail(row, name, "missing value: fill it in, or drop the row or the column")
@@ -294,7 +293,7 @@ class _Reader:
                 )
         return self._fail(0, name, "cannot be read as numbers")
 
-    def _sigma(self, name: str) -> Floats:
+    def _sigma(self, name: str) -> Array:
         values = self._numbers(name)
         if (values <= 0).any():
             row = int(np.argmax(values <= 0))
@@ -304,7 +303,7 @@ class _Reader:
             raise self._fail(row, name, "no device reads as finely as that: correct it or drop the column")
         return values
 
-    def _context(self, name: str) -> Floats:
+    def _context(self, name: str) -> Array:
         """Return a context column; an empty cell means that it is not known for that row."""
         if name not in self.columns.named:
             return np.full(len(self.lines), np.nan)

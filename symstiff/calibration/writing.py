@@ -9,14 +9,14 @@ from pathlib import Path
 from typing import Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
 from symstiff.arguments import A_TABLE, require
+from symstiff.arrays import Array
 from symstiff.calibration.measurements import COMPONENTS, Measurements
 from symstiff.errors import UserError
 from symstiff.files import write_file
 
-Column = list[str] | NDArray[np.float64]
+Column = list[str] | Array
 
 LOADS = ("fx[N]", "fy[N]", "fz[N]", "mx[N*m]", "my[N*m]", "mz[N*m]")
 _CONTEXT = (("load_step", "load_step"), ("repeat", "repeat"))

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -104,46 +104,47 @@ def run_compensate(model_file: Path, trajectory: Path, output: Path, json: str |
     with stages(out) as progress:
         progress("compensating")
         found = compensate(model, table.q, table.w, context=context_of(model.of_robot(), table))
-    rms = [float(np.sqrt((e[:, :3] ** 2).sum(axis=1).mean())) for e in (found.before, found.after)]
+    before, after = (float(np.sqrt((e[:, :3] ** 2).sum(axis=1).mean())) for e in (found.before, found.after))
     split = rewrite_joints(cells, table, found.q_cmd, output)
     beyond = _beyond(model, found.q_cmd)
-    kept = np.flatnonzero(~found.solved)
-    write_json(
-        json,
-        {
-            "poses": len(table),
-            "rms_mm": {"before": 1e3 * rms[0], "after": 1e3 * rms[1]},
-            "unsolved": len(kept),
-            "kept": [
-                {
-                    "line": int(table.line[k]),
-                    "pose": table.labels[table.pose[k]],
-                    "reason": str(found.kept[k]),
-                }
-                for k in kept
-            ],
-            "beyond_limits": [int(line) for line in table.line[beyond]],
-        },
-    )
+    rms_mm = {"before": 1e3 * before, "after": 1e3 * after}
+    write_json(json, {"poses": len(table), "rms_mm": rms_mm, **_record(found, beyond, table)})
     for warning in known:
         note(out, warning)
     if without:
         note(out, f"without {', '.join(without)}: no law of joints or links, not compensated")
-    before, after = (_millimetres(error) for error in rms)
-    poses = counted(len(table), "pose")
-    out.print(f"{poses}: predicted error {before} rms, after compensation {after} by the model")
-    for remark in of_levers(model.robot, rms[0]):
-        note(out, remark)
-    if not table.w.any() and rms[0] < 1e-12:
-        note(out, "no loads at the tool: nothing that the model compensates; give columns fx[N] … mz[N*m]")
-    if split:
-        note(
-            out,
-            f"several loads need several commands: pose {', '.join(split)} became {split[0]}/1, {split[0]}/2, …",
-        )
-    for remark in _of_rows(found, beyond, table):
+    poses, error, left = counted(len(table), "pose"), _millimetres(before), _millimetres(after)
+    out.print(f"{poses}: predicted error {error} rms, after compensation {left} by the model")
+    unloaded = not table.w.any() and before < 1e-12
+    for remark in (
+        *of_levers(model.robot, before), *_of_loads(unloaded, split), *_of_rows(found, beyond, table)
+    ):  # fmt: skip
         note(out, remark)
     out.print(f"wrote {output}")
+
+
+def _record(found: Compensated, beyond: np.ndarray, table: Measurements) -> dict[str, Any]:
+    """What ``--json`` tells of rows: those that keep their command, and those (N,) whose command leaves the limits."""
+    kept = [
+        {"line": int(table.line[k]), "pose": table.labels[table.pose[k]], "reason": str(found.kept[k])}
+        for k in np.flatnonzero(~found.solved)
+    ]
+    return {
+        "unsolved": len(kept),
+        "kept": kept,
+        "beyond_limits": [int(line) for line in table.line[beyond]],
+    }
+
+
+def _of_loads(unloaded: bool, split: tuple[str, ...]) -> list[str]:
+    """Remarks where no load bends the arm, and on poses that several loads ``split``."""
+    told = []
+    if unloaded:
+        told.append("no loads at the tool: nothing that the model compensates; give columns fx[N] … mz[N*m]")
+    if split:
+        names = ", ".join(split)
+        told.append(f"several loads need several commands: pose {names} became {split[0]}/1, {split[0]}/2, …")
+    return told
 
 
 def _of_rows(found: Compensated, beyond: np.ndarray, table: Measurements) -> list[str]:

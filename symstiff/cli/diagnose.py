@@ -37,8 +37,8 @@ def run_diagnose(request: DiagnoseRequest) -> None:
     """Read, diagnose, grow, write the folder, say the verdict."""
     from symstiff.calibration.table import read_table
     from symstiff.discrepancy.finding import Task
-    from symstiff.discrepancy.workflow import run
-    from symstiff.report.folder import write_folder
+    from symstiff.discrepancy.workflow import diagnose
+    from symstiff.report.folder import write_report
 
     robot = load(request.robot)
     inputs: list[str | Path] = [request.robot, *request.data, request.start]
@@ -56,8 +56,8 @@ def run_diagnose(request: DiagnoseRequest) -> None:
             robot, table, request.start, request.loads, request.measure, request.max_effects,
             request.max_poses, request.seed,
         )  # fmt: skip
-        finding = run(task, progress)
-        written = write_folder(finding, request.output, progress)
+        finding = diagnose(task, progress)
+        written = write_report(finding, request.output, progress)
     write_json(request.json, written.verdict)
     _print(out, finding, written.verdict["sentence"])
     out.print(f"code: {written.code}")

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from symstiff.cli.output import check_targets, console, note, print_table, stages, write_json
-from symstiff.cli.show import whole
+from symstiff.cli.show import whole_number
 from symstiff.errors import UserError
 from symstiff.robot import load
 
@@ -70,7 +70,7 @@ def run_identify(request: IdentifyRequest) -> None:
             progress("reconstructing complete link matrices")
             complete = reconstruct_model(result)
     if request.plot is not None:
-        from symstiff.calibration.planning.poses import save_figure
+        from symstiff.report.figures import save_figure
         from symstiff.report.residuals import draw_residuals
 
         save_figure(draw_residuals(result), request.plot)
@@ -95,7 +95,7 @@ def _check(request: IdentifyRequest) -> None:
 def _joint(text: str | None) -> int | None:
     if text is None:
         return None
-    joint = whole(text.removeprefix("q"))
+    joint = whole_number(text.removeprefix("q"))
     if joint is None:
         raise UserError(f"--per-level {text!r}: name a joint, e.g. q2")
     return joint

@@ -8,17 +8,22 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from symstiff.cli.output import check_targets, console, note, print_table, stages, write_json
-from symstiff.cli.show import parse_fixed, warn_of, whole
+from symstiff.cli.show import parse_fixed, warn_of, whole_number
 from symstiff.errors import UserError
 from symstiff.robot import load
 
 if TYPE_CHECKING:
+    from collections.abc import Callable
+
     from rich.console import Console
 
+    from symstiff.calibration.planning.choice import Plan
     from symstiff.calibration.planning.loads import Load
-    from symstiff.calibration.planning.plan import Plan
     from symstiff.calibration.planning.region import Region
+    from symstiff.model import StiffnessModel
+    from symstiff.reduction import Reduction
     from symstiff.robot import Robot
+    from symstiff.robot.exact import Exact
 
 
 CANDIDATES, LOADS, MEASURE = 20_000, "wrench", "pose"
@@ -55,23 +60,63 @@ class PlanRequest:
     json: str | None
 
 
+@dataclass(frozen=True)
+class _Asked:
+    """What the options say of the experiment; ``sigma_mm`` is of one reading of a coordinate."""
+
+    loads: str
+    fixed: dict[int, Exact]
+    levels: dict[int, int]
+    measure: str
+    points: tuple[str, ...]
+    steps: int
+    sigma_mm: float
+
+    @property
+    def sigma(self) -> tuple[float, float]:
+        """Standard deviations [m, rad] of one reading."""
+        return self.sigma_mm * 1e-3, self.sigma_mm * 1e-3 / 0.3
+
+    @property
+    def together(self) -> tuple[float, float]:
+        """Of the readings at all load steps together."""
+        from symstiff.calibration.poses import gain_of_steps
+
+        gain = gain_of_steps(self.steps) ** 0.5
+        return self.sigma[0] / gain, self.sigma[1] / gain
+
+
 def run_plan(request: PlanRequest) -> None:
     """Choose poses, write them, say what they promise."""
-    from symstiff.calibration.foreseen import doubtful
-    from symstiff.calibration.plan import Goal, Load, Search, robot_of
-    from symstiff.calibration.plan import plan as choose_poses
-    from symstiff.calibration.planning.measurement import Measurement
-    from symstiff.calibration.planning.poses import draw_plan, poses_table, save_figure, summary
-    from symstiff.calibration.poses import gain_of_steps, in_steps, with_markers
-    from symstiff.calibration.table import write_table
-    from symstiff.display import few
-    from symstiff.model import StiffnessModel
-    from symstiff.reduction import reduce
+    from symstiff.calibration.plan import robot_of
 
     _check(request)
     if request.separate is not None:
         return _separate(request)
     robot = load(request.robot)
+    asked = _asked(request, robot)
+    out = console(request.json)
+    with stages(out) as progress:
+        reduction, model, applied, plan = _chosen(request, asked, robot, progress)
+    doubts = _write_poses(request, asked, plan, model, reduction)
+    if request.plot is not None:
+        from symstiff.report.figures import draw_plan, save_figure
+
+        save_figure(draw_plan(plan, robot_of(model)), request.plot)
+    write_json(request.json, _record(request, asked, plan, applied, doubts))
+    warn_of(out, reduction)
+    _print_plan(out, plan, model.units)
+    if doubts:
+        _note_doubts(out, doubts, request.criterion)
+    out.print(_applied(applied))
+    out.print(_measured(request, asked.measure, asked.sigma))
+    out.print(f"wrote {request.output}")
+
+
+def _asked(request: PlanRequest, robot: Robot) -> _Asked:
+    """The options, read before any work."""
+    from symstiff.calibration.planning.measurement import Measurement
+
     fixed, levels = parse_fixed(request.fixed), _levels(request.levels)
     loads = request.loads or LOADS
     measure, points = _read(request, robot)
@@ -79,57 +124,77 @@ def run_plan(request: PlanRequest) -> None:
         raise UserError(
             f"--moment has no effect with --loads {loads}: leave it out, or plan for --loads wrench"
         )
-    force, sigma_mm = _given(request.force, Load.force), _given(request.sigma, 1e3 * Measurement.sigma_t)
-    out = console(request.json)
-    with stages(out) as progress:
-        progress("deriving and reducing")
-        reduction = reduce(robot, loads, measure, fixed, points=points)
-        model = StiffnessModel.of(reduction)
-        test_q, test_w = _test_poses(request, robot)
-        goal = Goal(request.poses, request.criterion, None, test_q, test_w)  # type: ignore[arg-type]
-        load_class: Any = loads
-        applied = Load(load_class, force, request.moment).on_arm(robot.reach)
-        candidates = CANDIDATES if request.candidates is None else request.candidates
-        search = Search(candidates, seed=request.seed, refine=request.refine, cluster=request.cluster)
-        sigma = (sigma_mm * 1e-3, sigma_mm * 1e-3 / 0.3)
-        together = (
-            sigma[0] / gain_of_steps(request.steps) ** 0.5,
-            sigma[1] / gain_of_steps(request.steps) ** 0.5,
-        )
-        plan = choose_poses(
-            model, goal, applied, request.markers, together, _region(request),
-            {j: float(v) for j, v in fixed.items()}, levels, search,
-            lambda label, share: progress(f"{label} {share:.0%}"),
-        )  # fmt: skip
-    geometry = robot_of(model)
-    table = poses_table(plan, geometry)
+    sigma_mm = _given(request.sigma, 1e3 * Measurement.sigma_t)
+    return _Asked(loads, fixed, levels, measure, points, request.steps, sigma_mm)
+
+
+def _chosen(
+    request: PlanRequest, asked: _Asked, robot: Robot, progress: Callable[[str], None]
+) -> tuple[Reduction, StiffnessModel, Load, Plan]:
+    """The reduction for the experiment, its model, the loads as the arm bears them, and the plan."""
+    from symstiff.calibration.plan import Goal, Load, Search
+    from symstiff.calibration.plan import plan as choose_poses
+    from symstiff.model import StiffnessModel
+    from symstiff.reduction import reduce
+
+    progress("deriving and reducing")
+    reduction = reduce(robot, asked.loads, asked.measure, asked.fixed, points=asked.points)
+    model = StiffnessModel.of(reduction)
+    test_q, test_w = _test_poses(request, robot)
+    goal = Goal(request.poses, request.criterion, None, test_q, test_w)  # type: ignore[arg-type]
+    load_class: Any = asked.loads
+    applied = Load(load_class, _given(request.force, Load.force), request.moment).on_arm(robot.reach)
+    candidates = CANDIDATES if request.candidates is None else request.candidates
+    search = Search(candidates, seed=request.seed, refine=request.refine, cluster=request.cluster)
+    plan = choose_poses(
+        model, goal, applied, request.markers, asked.together, _region(request),
+        {j: float(v) for j, v in asked.fixed.items()}, asked.levels, search,
+        lambda label, share: progress(f"{label} {share:.0%}"),
+    )  # fmt: skip
+    return reduction, model, applied, plan
+
+
+def _write_poses(
+    request: PlanRequest, asked: _Asked, plan: Plan, model: StiffnessModel, reduction: Reduction
+) -> tuple[str, ...]:
+    """Write the poses as they are measured; the parameters that they may leave in doubt."""
+    from symstiff.calibration.foreseen import doubtful
+    from symstiff.calibration.plan import robot_of
+    from symstiff.calibration.planning.poses import poses_table
+    from symstiff.calibration.poses import in_steps, with_markers
+    from symstiff.calibration.table import write_table
+
+    table = poses_table(plan, robot_of(model))
     if request.markers:
         table = with_markers(plan.q, plan.w, request.markers, table.joint_units)
-    doubts = doubtful(reduction, table, 3 if request.markers or measure == "position" else 6, together)
+    components = 3 if request.markers or asked.measure == "position" else 6
+    doubts = doubtful(reduction, table, components, asked.together)
     write_table(in_steps(table, request.steps) if request.steps > 1 else table, request.output, "deg")
-    if request.plot is not None:
-        save_figure(draw_plan(plan, geometry), request.plot)
+    return doubts
+
+
+def _record(
+    request: PlanRequest, asked: _Asked, plan: Plan, applied: Load, doubts: tuple[str, ...]
+) -> dict[str, Any]:
+    """What ``--json`` writes."""
     measured = {
-        "points": list(request.markers), "sigma_mm": round(sigma_mm, 9), "measure": measure,
+        "points": list(request.markers), "sigma_mm": round(asked.sigma_mm, 9), "measure": asked.measure,
         "steps": request.steps,
     }  # fmt: skip
-    load_told = {"class": applied.kind, "force": applied.force, "moment": applied.moment}
-    write_json(
-        request.json,
-        {**summary(plan), "load": load_told, "doubtful": list(doubts), "measured": measured},
+    loads = {"class": applied.kind, "force": applied.force, "moment": applied.moment}
+    return {**plan.to_dict(), "load": loads, "doubtful": list(doubts), "measured": measured}
+
+
+def _note_doubts(out: Console, doubts: tuple[str, ...], criterion: str) -> None:
+    """Say which parameters the noise may drown."""
+    from symstiff.display import few
+
+    other = "" if criterion == "D" else ", or by --criterion D"
+    note(
+        out,
+        f"identify may not determine {few(doubts)}: with the compliances that a robot of this size usually has, "
+        f"their noise is half of all that these poses show, or more: plan more poses, more load{other}",
     )
-    warn_of(out, reduction)
-    _print_plan(out, plan, model.units)
-    if doubts:
-        other = "" if request.criterion == "D" else ", or by --criterion D"
-        note(
-            out,
-            f"identify may not determine {few(doubts)}: with the compliances that a robot of this size usually has, "
-            f"their noise is half of all that these poses show, or more: plan more poses, more load{other}",
-        )
-    out.print(_applied(applied))
-    out.print(_measured(request, measure, sigma))
-    out.print(f"wrote {request.output}")
 
 
 def _check(request: PlanRequest) -> None:
@@ -226,7 +291,7 @@ def _separate(request: PlanRequest) -> None:
         request.json,
         {
             "explanations": names, "poses": table.labels, "separation": list(found.separation),
-            "measured": {"points": list(means.experiment.points), "sigma_mm": round(1e3 * float(means.sigma[0]), 9)},
+            "measured": {"points": list(means.setup.points), "sigma_mm": round(1e3 * float(means.sigma[0]), 9)},
         },
     )  # fmt: skip
     out.print(f"{len(found.poses)} poses that best tell apart: " + " | ".join(names))
@@ -234,7 +299,7 @@ def _separate(request: PlanRequest) -> None:
         f"they reach {reach(found.separation[-1])}: the squared distance of the predictions, in units of the noise "
         "variance, that no fit closes"
     )
-    out.print(assumed(means.experiment, means.sigma))
+    out.print(assumed(means.setup, means.sigma))
     if found.separation[-1] < DECIDES:
         note(out, "these loads do not tell them apart: other loads, or more force")
     out.print(f"wrote {request.output}")
@@ -270,7 +335,7 @@ def _levels(text: str | None) -> dict[int, int]:
     for part in (text or "").split(","):
         if part.strip():
             name, _, count = part.partition("=")
-            joint, values = whole(name.strip().removeprefix("q")), whole(count.strip())
+            joint, values = whole_number(name.strip().removeprefix("q")), whole_number(count.strip())
             if joint is None or values is None:
                 raise UserError(f"--levels {part.strip()!r}: write a joint and a number of values, e.g. q2=5")
             if joint in levels:

@@ -2,17 +2,22 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
+from typing import TYPE_CHECKING, Any
 
 from symstiff.cli.output import check_targets, console, print_table, stages, write_json
 from symstiff.cli.show import print_stages
 
+if TYPE_CHECKING:
+    from rich.table import Table
+
+    from symstiff.calibration.seed_tables import Row
+
 
 def run_reproduce(seed: int, plot: Path | None, json: str | None) -> None:
     """Print Table 1 (exact) and Table 2 (a virtual robot) beside the seed's figures."""
-    from rich.table import Table
-
-    from symstiff.calibration.seed_tables import ROBOT, SEED, table2
+    from symstiff.calibration.seed_tables import ROBOT, table2
     from symstiff.reduction import reduce
     from symstiff.robot import load
 
@@ -21,6 +26,40 @@ def run_reproduce(seed: int, plot: Path | None, json: str | None) -> None:
     reduction = reduce(load(ROBOT), "gravity", "pose")
     with stages(out) as progress:
         measured, rows = table2(seed, progress)
+    if plot is not None:
+        from symstiff.report.figures import save_figure
+        from symstiff.report.residuals import draw_models
+
+        save_figure(draw_models(measured, {row.name: row.model for row in rows}), plot)
+    write_json(json, {row.name: _record(row) for row in rows})
+    print_stages(out, reduction)
+    print_table(out, _beside_the_seed(rows))
+    out.print(
+        "comp.: share of the deflection compensated; fresh RMS: on poses that were not used for the fit"
+    )
+    if plot is not None:
+        out.print(f"wrote {plot}")
+
+
+def _record(row: Row) -> dict[str, Any]:
+    """What ``--json`` tells of a model."""
+    after, fresh = row.fitted.after["positional"], row.fresh.after["positional"]
+    return {
+        "parameters": row.parameters,
+        "rank": row.rank,
+        "max_mm": 1e3 * after.max,
+        "rms_mm": 1e3 * after.rms,
+        "compensated": row.fitted.compensated,
+        "fresh_rms_mm": 1e3 * fresh.rms,
+    }
+
+
+def _beside_the_seed(rows: Sequence[Row]) -> Table:
+    """Errors of the models, the seed's in the last columns."""
+    from rich.table import Table
+
+    from symstiff.calibration.seed_tables import SEED
+
     table = Table(
         title="positional errors [mm]: a virtual KR 270, and the seed's Table 2", title_justify="left"
     )
@@ -30,32 +69,11 @@ def run_reproduce(seed: int, plot: Path | None, json: str | None) -> None:
     table.add_row(
         "none", "–", "–", f"{1e3 * before.max:.2f}", f"{1e3 * before.rms:.2f}", "–", "–", "–", "8.18", "4.58"
     )
-    record = {}
     for row in rows:
-        after, fresh = row.fitted.after["positional"], row.fresh.after["positional"]
+        told = _record(row)
         n, largest, rms = SEED[row.name]
         table.add_row(
-            row.name, str(row.parameters), str(row.rank), f"{1e3 * after.max:.2f}", f"{1e3 * after.rms:.2f}",
-            f"{100 * row.fitted.compensated:.1f} %", f"{1e3 * fresh.rms:.2f}", str(n), f"{largest}", f"{rms}",
+            row.name, str(row.parameters), str(row.rank), f"{told['max_mm']:.2f}", f"{told['rms_mm']:.2f}",
+            f"{100 * row.fitted.compensated:.1f} %", f"{told['fresh_rms_mm']:.2f}", str(n), f"{largest}", f"{rms}",
         )  # fmt: skip
-        record[row.name] = {
-            "parameters": row.parameters,
-            "rank": row.rank,
-            "max_mm": 1e3 * after.max,
-            "rms_mm": 1e3 * after.rms,
-            "compensated": row.fitted.compensated,
-            "fresh_rms_mm": 1e3 * fresh.rms,
-        }
-    if plot is not None:
-        from symstiff.calibration.planning.poses import save_figure
-        from symstiff.report.residuals import draw_models
-
-        save_figure(draw_models(measured, {row.name: row.model for row in rows}), plot)
-    write_json(json, record)
-    print_stages(out, reduction)
-    print_table(out, table)
-    out.print(
-        "comp.: share of the deflection compensated; fresh RMS: on poses that were not used for the fit"
-    )
-    if plot is not None:
-        out.print(f"wrote {plot}")
+    return table

@@ -50,7 +50,7 @@ def parse_fixed(text: str | None) -> dict[int, Exact]:
         if not part.strip():
             continue
         name, _, value = part.partition("=")
-        joint = whole(name.strip().removeprefix("q"))
+        joint = whole_number(name.strip().removeprefix("q"))
         if joint is None or not value.strip():
             raise UserError(f"--fixed {part.strip()!r}: write a joint and its value, e.g. q1=0 or q4=pi/2")
         if joint in fixed:
@@ -62,7 +62,7 @@ def parse_fixed(text: str | None) -> dict[int, Exact]:
     return fixed
 
 
-def whole(text: str) -> int | None:
+def whole_number(text: str) -> int | None:
     """The whole number that a text of plain digits stands for, None for any other text."""
     return int(text) if text.isascii() and text.isdigit() and len(text) <= 9 else None
 

@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from functools import reduce
-from operator import mul
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING, Any
 
 import sympy as sp
 
+from symstiff.symbolic.algebras import NumpyAlgebra
 from symstiff.symbolic.program import Constant, Program, evaluate
 
 if TYPE_CHECKING:
@@ -20,8 +19,8 @@ if TYPE_CHECKING:
 _NAMES = {"Abs": "fabs", "asin": "asin", "acos": "acos", "atan": "atan"}
 
 
-class CasadiAlgebra:
-    """Scalar SX expressions."""
+class CasadiAlgebra(NumpyAlgebra):
+    """Scalar SX expressions; sums and products as of doubles."""
 
     def __init__(self) -> None:
         import casadi
@@ -36,23 +35,11 @@ class CasadiAlgebra:
         """A constant node of the exact value."""
         return self.ca.SX(float(sp.N(constant.exact, 30)))
 
-    def sum(self, terms: Sequence[tuple[int, Any]]) -> Any:
-        """Σ ±x."""
-        sign, total = terms[0]
-        total = total if sign > 0 else -total
-        for sign, x in terms[1:]:
-            total = total + x if sign > 0 else total - x
-        return total
-
-    def product(self, factors: Sequence[Any]) -> Any:
-        """Π x."""
-        return reduce(mul, factors)
-
     def power(self, base: Any, exponent: sp.Expr) -> Any:
         """x**e."""
         if exponent == -1:
             return 1 / base
-        return base ** (int(exponent) if exponent.is_Integer else float(exponent))
+        return super().power(base, exponent)
 
     def call(self, function: str, arguments: Sequence[Any]) -> Any:
         """CasADi's function of that name."""

@@ -11,6 +11,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from symstiff.arrays import Array
 from symstiff.calibration.experiment.current import Current, settled, sigma_of
 from symstiff.calibration.experiment.situation import Situation, View, has_weights, loads_of, under_weights
 from symstiff.calibration.loading import load_factor
@@ -19,7 +20,7 @@ from symstiff.discrepancy.candidates import candidates as candidates_of
 from symstiff.discrepancy.candidates import grouped, structural
 from symstiff.discrepancy.devices import DeviceLaws
 from symstiff.discrepancy.noise import Noise
-from symstiff.discrepancy.problem import Array, Candidate, Problem
+from symstiff.discrepancy.problem import Candidate, Problem
 from symstiff.effects.base import Effect
 from symstiff.effects.instance import EffectInstance
 from symstiff.effects.registry import catalogue

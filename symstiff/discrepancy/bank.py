@@ -9,7 +9,8 @@ from functools import cached_property
 
 import numpy as np
 
-from symstiff.discrepancy.problem import Array, Candidate, Index, Parameter, Problem, Shape
+from symstiff.arrays import Array, Index, Mask
+from symstiff.discrepancy.problem import Candidate, Parameter, Problem, Shape
 
 UNNAMED = 0.3
 """Prior share of laws without a name: the catalogue holds most of what robots have, and not all."""
@@ -22,7 +23,7 @@ class Bank:
     """Columns of all candidates and shapes; entry = one shape of one candidate."""
 
     candidates: tuple[Candidate, ...]
-    generic: NDArrayBool
+    generic: Mask
     log_prior: Array
     columns: Array
     """(M, K) columns, each of unit length in the units of ``scale``."""
@@ -38,7 +39,7 @@ class Bank:
     """(S,) number of the shape within its candidate."""
     usual: Array
     """(K,) lengths of the columns for parameters of usual size, the longest of an entry one."""
-    sized: NDArrayBool
+    sized: Mask
     """(S,) whether an entry has several parameters whose usual sizes are known."""
     share: Array
     """(S,) prior share of each entry among its candidate's."""
@@ -121,9 +122,6 @@ class Bank:
         of_batch = [columns[:, np.array(np.triu_indices(columns.shape[1], 1))] for columns in self.batches]
         one, other = (np.concatenate([self.start[:0], *(p[:, k].ravel() for p in of_batch)]) for k in (0, 1))
         return one, other
-
-
-NDArrayBool = np.ndarray[tuple[int, ...], np.dtype[np.bool_]]
 
 
 def build(
@@ -221,7 +219,7 @@ def _blocks(candidate: Candidate) -> list[tuple[int, Array]]:
     return out
 
 
-def _log_prior(kept: Sequence[Candidate], generic: NDArrayBool) -> Array:
+def _log_prior(kept: Sequence[Candidate], generic: Mask) -> Array:
     """Every effect weighs the same and divides its weight among the kinds of its places, and each kind among its own.
 
     A frame drifts as often as any of the links. Unnamed laws divide ``UNNAMED``.

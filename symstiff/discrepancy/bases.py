@@ -12,8 +12,8 @@ from typing import TypeVar
 
 import numpy as np
 
-from symstiff.discrepancy.bank import Bank, NDArrayBool
-from symstiff.discrepancy.problem import Array, Index
+from symstiff.arrays import Array, Index, Mask
+from symstiff.discrepancy.bank import Bank
 
 Single = np.ndarray[tuple[int, ...], np.dtype[np.float32]]
 Numbers = TypeVar("Numbers", Array, Single)
@@ -38,7 +38,7 @@ class Bases:
     """(K,) how usual sizes spread over an entry's directions, where they are known; sums to one within an entry."""
     rank: Array
     """(S,)"""
-    alive: NDArrayBool
+    alive: Mask
     """(K,) whether a direction is there."""
 
     def __call__(self, products: Numbers) -> Numbers:
@@ -84,7 +84,7 @@ class Turned:
     """(n, w, w)"""
     share: Array
     """(n, w) of every direction in the square of a signal of usual size."""
-    alive: NDArrayBool
+    alive: Mask
     """(n, w)"""
 
 
@@ -118,7 +118,7 @@ def _sized(bank: Bank, columns: Index) -> bool:
     return bool(bank.sized[np.searchsorted(bank.start, columns[0, 0])])
 
 
-def _bases(bank: Bank, scale: Array, there: NDArrayBool, several: list[tuple[Index, Turned]]) -> Bases:
+def _bases(bank: Bank, scale: Array, there: Mask, several: list[tuple[Index, Turned]]) -> Bases:
     """Bases from what entries of one column and of several have."""
     variance, alive = np.ones(len(scale)), np.array(there)
     rank = there[bank.start].astype(float)

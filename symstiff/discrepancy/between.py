@@ -8,8 +8,9 @@ from itertools import product
 
 import numpy as np
 
+from symstiff.arrays import Array, Index
 from symstiff.discrepancy.bank import Bank, build
-from symstiff.discrepancy.problem import Array, Candidate, Index, Move, Problem, Shape
+from symstiff.discrepancy.problem import Candidate, Move, Problem, Shape
 from symstiff.discrepancy.scan import (
     Evidence,
     Layer,

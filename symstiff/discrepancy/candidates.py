@@ -7,6 +7,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
+from symstiff.arrays import Array
 from symstiff.calibration.experiment.current import sigma_of, spread_of
 from symstiff.calibration.experiment.placement import placement_columns
 from symstiff.calibration.experiment.situation import (
@@ -18,16 +19,7 @@ from symstiff.calibration.experiment.situation import (
     under_weights,
 )
 from symstiff.calibration.measurements import Measurements
-from symstiff.discrepancy.problem import (
-    ANGLE,
-    CLOCK,
-    HISTORY,
-    Array,
-    Candidate,
-    Parameter,
-    Problem,
-    Shape,
-)
+from symstiff.discrepancy.problem import ANGLE, CLOCK, HISTORY, Candidate, Parameter, Problem, Shape
 from symstiff.discrepancy.ranges import Extent, at_size, extent_of
 from symstiff.discrepancy.scan import column_space
 from symstiff.effects.base import Effect, Move, Realisation, Scales, Where

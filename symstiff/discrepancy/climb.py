@@ -13,12 +13,14 @@ from typing import Any
 import numpy as np
 from scipy import stats
 
+from symstiff.arrays import Index
 from symstiff.calibration.experiment.readings import ExperimentClass
 from symstiff.calibration.identify import start_model
 from symstiff.discrepancy.finding import Found, Rung, Task
-from symstiff.discrepancy.growth import Fitted
-from symstiff.discrepancy.problem import Index, key_of
-from symstiff.discrepancy.result import Diagnosis, Estimate, Step
+from symstiff.discrepancy.growth import JointFit
+from symstiff.discrepancy.problem import key_of
+from symstiff.discrepancy.reasons import Reason, Why
+from symstiff.discrepancy.result import Diagnosis, Quantity, Step
 from symstiff.discrepancy.verdict import AMBIGUOUS, INSUFFICIENT, NAMED, NOTHING, UNEXPLAINED
 from symstiff.effects.common import link_axes
 from symstiff.effects.instance import EffectInstance
@@ -41,8 +43,8 @@ class Wider:
     model: StiffnessModel
     title: str
     """Of the step of growth."""
-    reason: str
-    """Of the verdict, where nothing else is missing."""
+    why: Why
+    """The reason for the verdict, where nothing else is missing."""
     remark: str
     parts: tuple[EffectInstance, ...] = ()
     """The effects that joined it; none where elastic links did."""
@@ -88,9 +90,9 @@ class Ladder:
         return self.models[-1].title if self.models else "start model"
 
     @property
-    def reason(self) -> str:
-        """Of the verdict, where nothing is missing beside what joined."""
-        return self.models[-1].reason if self.models else ""
+    def because(self) -> Reason:
+        """The reason for the verdict, where nothing is missing beside what joined."""
+        return Reason(self.models[-1].why if self.models else Why.NOTHING)
 
     @property
     def remarks(self) -> list[str]:
@@ -108,7 +110,7 @@ class Ladder:
         parts = [e.realise(self.start.robot) for wider in self.models for e in wider.parts]
         return frozenset(p.name for part in parts for p in part.parameters)
 
-    def climbed(self, wider: Wider, left: Diagnosis, fitted: Fitted) -> Ladder:
+    def climbed(self, wider: Wider, left: Diagnosis, fitted: JointFit) -> Ladder:
         """With one model more, as fitted; ``left`` is the diagnosis of the base."""
         first = left.growth[0]
         rung = Rung(self.title, self.count, first.residual, first.strata, left.p_missing)
@@ -143,7 +145,7 @@ def _of_all_frames(
     return Wider(
         model.with_effects((*model.effects, *more)),
         "frames of all links",
-        "the frames of the links are off; beyond them no test rejects",
+        Why.FRAMES,
         "no few links whose frames are off account for what is left as well as all of them do: an arm whose frames are "
         "all where the data show them takes the place of the drawn one, and the diagnosis goes on from there. Its "
         "constants that nothing tells apart are zero, others bear what they would",
@@ -167,7 +169,7 @@ def _of_all_links(
     return Wider(
         replace(complete, file_tool=model.file_tool).with_effects(model.effects),
         "complete model (all links elastic)",
-        "the links give way; beyond the complete model no test rejects",
+        Why.LINKS,
         "no few links account for what the joints leave as well as all of them do: the complete model takes the place "
         "of the joints-only model, and the diagnosis goes on from there",
     )
@@ -278,15 +280,15 @@ def _of_links(found: Diagnosis, fitted: StiffnessModel) -> Iterator[Found]:
             yield _joined(found, EffectInstance(effect, {"link": link}), own)
 
 
-def _joined(found: Diagnosis, effect: EffectInstance, parameters: Mapping[str, Estimate]) -> Found:
+def _joined(found: Diagnosis, effect: EffectInstance, parameters: Mapping[str, Quantity]) -> Found:
     """An effect of the verdict that joined the model with others of its kind."""
     p = found.p_missing
     return Found(effect.effect, dict(effect.where), {}, parameters, p, _certain(p), ())
 
 
-def _estimates(fitted: StiffnessModel) -> dict[str, Estimate]:
+def _estimates(fitted: StiffnessModel) -> dict[str, Quantity]:
     return {
-        n: Estimate(value, fitted.deviations.get(n, np.inf), fitted.units[n])
+        n: Quantity(value, fitted.deviations.get(n, np.inf), fitted.units[n])
         for n, value in fitted.values.items()
     }
 

@@ -8,13 +8,13 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from symstiff.arrays import Array, Index
 from symstiff.calibration.experiment.placement import placement_columns
 from symstiff.calibration.experiment.situation import Laws, Situation, has_weights, look, under_weights
 from symstiff.calibration.loading import load_factor
 from symstiff.calibration.measurements import Measurements, concatenate, measurements
 from symstiff.discrepancy.candidates import scales_of
 from symstiff.discrepancy.growth import columns_of
-from symstiff.discrepancy.problem import Array, Index
 from symstiff.discrepancy.scan import column_space
 from symstiff.discrepancy.separation import Decider, Hypotheses, deciding_poses
 from symstiff.effects.base import Scales
@@ -51,7 +51,7 @@ class Rival:
 
 
 @dataclass(frozen=True)
-class Experiment:
+class Setup:
     """How the next poses can be measured: markers, what is read, load cases of every pose (k, 6) [N, N·m]."""
 
     kind: str
@@ -76,8 +76,8 @@ class Choice:
     """Labels of other poses, that no new one may have."""
 
 
-def experiments_like(table: Measurements) -> list[Experiment]:
-    """The experiments that a table's poses came from: its markers, components, and the loads of its richest poses.
+def setups_like(table: Measurements) -> list[Setup]:
+    """The setups that a table's poses came from: its markers, components, and the loads of its richest poses.
 
     Of poses with as many levels of load those whose loads point in unlike directions, a few, whatever their order.
     """
@@ -90,7 +90,7 @@ def experiments_like(table: Measurements) -> list[Experiment]:
         if count == max(levels)
     ]
     both = (table.branch > 0).any() and (table.branch < 0).any()
-    like = Experiment(
+    like = Setup(
         table.kind, table.points, tuple(int(k) for k in np.flatnonzero(table.measured.any(axis=0))), cases[0],
         (1.0, -1.0) if both else (float("nan"),), table.joint_units,
     )  # fmt: skip
@@ -131,7 +131,7 @@ def _with_levels(loads: Array) -> Array:
 
 @one_thread()
 def decide_poses(
-    model: StiffnessModel, rivals: Sequence[Rival], experiment: Experiment, sigma: Array, choice: Choice,
+    model: StiffnessModel, rivals: Sequence[Rival], setup: Setup, sigma: Array, choice: Choice,
     taken: Measurements | None = None, tell: Callable[[str], None] = lambda stage: None,
 ) -> tuple[Measurements, Decider]:  # fmt: skip
     """A table of poses with their loads that tells the rivals apart, and how far it does, with the data taken.
@@ -139,7 +139,7 @@ def decide_poses(
     ``model`` has its fitted values; ``sigma`` (6,) is the noise of a component [m, rad]. Every rival may fit with
     other shapes of its laws than the one that was named.
     """
-    offered = _on_offer(model, experiment, choice)
+    offered = _on_offer(model, setup, choice)
     table = offered if taken is None else concatenate([taken, offered])
     new = np.zeros(len(table), dtype=bool)
     new[len(table) - len(offered) :] = True
@@ -157,13 +157,13 @@ def decide_poses(
 
 
 def decide_by(
-    experiments: Sequence[Experiment], model: StiffnessModel, rivals: Sequence[Rival], sigma: Array, choice: Choice,
+    setups: Sequence[Setup], model: StiffnessModel, rivals: Sequence[Rival], sigma: Array, choice: Choice,
     taken: Measurements, tell: Callable[[str], None] = lambda stage: None,
-) -> tuple[Experiment, Measurements, Decider]:  # fmt: skip
-    """As ``decide_poses``, by the first experiment that tells the rivals apart well enough, else by the best."""
+) -> tuple[Setup, Measurements, Decider]:  # fmt: skip
+    """As ``decide_poses``, by the first setup that tells the rivals apart well enough, else by the best."""
     found = []
-    for experiment in experiments:
-        found.append((experiment, *decide_poses(model, rivals, experiment, sigma, choice, taken, tell)))
+    for setup in setups:
+        found.append((setup, *decide_poses(model, rivals, setup, sigma, choice, taken, tell)))
         if max(found[-1][2].separation, default=0.0) >= choice.enough:
             return found[-1]
     return max(found, key=lambda one: max(one[2].separation, default=0.0))
@@ -276,7 +276,7 @@ def _missed(signal: Array, outside: Array) -> float:
     return float(np.sum((signal - fitted) ** 2))
 
 
-def _on_offer(model: StiffnessModel, experiment: Experiment, choice: Choice) -> Measurements:
+def _on_offer(model: StiffnessModel, setup: Setup, choice: Choice) -> Measurements:
     """Configurations over the joint limits, each under every load case, branch and marker."""
     from symstiff.calibration.planning import Load, Space, geometry
     from symstiff.calibration.planning.candidates import draw
@@ -284,25 +284,20 @@ def _on_offer(model: StiffnessModel, experiment: Experiment, choice: Choice) -> 
 
     space = Space(geometry(model.robot), Load(), choice.region or Region())
     q = _round(model, draw(space, choice.offered, choice.seed).q)
-    cases = [
-        (w, b, p)
-        for w in experiment.loads
-        for b in experiment.branches
-        for p in range(len(experiment.points))
-    ]
+    cases = [(w, b, p) for w in setup.loads for b in setup.branches for p in range(len(setup.points))]
     values = np.full((len(cases), 6), np.nan)
-    values[:, list(experiment.components)] = 0.0
+    values[:, list(setup.components)] = 0.0
     return measurements(
         np.repeat(q, len(cases), axis=0),
         np.tile(np.array([w for w, _, _ in cases]), (len(q), 1)),
         labels=[f"offered {k + 1}" for k in range(len(q))],
         pose=np.repeat(np.arange(len(q)), len(cases)),
-        points=experiment.points,
+        points=setup.points,
         point=np.tile([p for _, _, p in cases], len(q)),
-        kind="absolute" if experiment.kind == "absolute" else "deflection",
+        kind="absolute" if setup.kind == "absolute" else "deflection",
         values=np.tile(values, (len(q), 1)),
         branch=np.tile([b for _, b, _ in cases], len(q)),
-        joint_units=experiment.joint_units or None,
+        joint_units=setup.joint_units or None,
     )
 
 

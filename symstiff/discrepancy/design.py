@@ -8,8 +8,8 @@ from functools import lru_cache
 import numpy as np
 from scipy import optimize, stats
 
+from symstiff.arrays import Array
 from symstiff.discrepancy.marginal import log_bayes
-from symstiff.discrepancy.problem import Array
 from symstiff.discrepancy.scan import Scan, basis_of
 
 

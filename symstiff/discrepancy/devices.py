@@ -9,11 +9,12 @@ from typing import overload
 
 import numpy as np
 
+from symstiff.arrays import Array
 from symstiff.calibration.experiment.situation import Situation, View, has_weights, under_weights
 from symstiff.calibration.loading import load_factor
 from symstiff.discrepancy.drawing import drawing_laws
 from symstiff.discrepancy.posture import posture_laws
-from symstiff.discrepancy.problem import Array, DeviceLaw, Parameter
+from symstiff.discrepancy.problem import DeviceLaw, Parameter
 from symstiff.discrepancy.sensors import FLANGE, SENSOR, sensor_laws
 from symstiff.effects.common import XYZ, turned
 from symstiff.symbolic.terms import AXES, Term, VirtualJoint, deflection, link_joint, w

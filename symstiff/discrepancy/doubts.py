@@ -11,7 +11,7 @@ from symstiff.calibration.measurements import Measurements
 from symstiff.calibration.remarks import axis_remarks
 from symstiff.calibration.rows import equations
 from symstiff.calibration.slips import left_by, slip
-from symstiff.discrepancy.verdict import CORRECT
+from symstiff.discrepancy.reasons import Reason, Why
 from symstiff.model import StiffnessModel
 
 _PLACEMENT = 6
@@ -20,18 +20,18 @@ _AWAY = 0.03
 """Distance from the measured positions, in reaches, that no uncalibrated robot has."""
 
 
-def doubted(model: StiffnessModel, table: Measurements) -> str:
-    """Why the table is to be looked at first: axes or places that cannot be as they are told; empty if they can."""
+def doubted(model: StiffnessModel, table: Measurements) -> Reason | None:
+    """Why the table is to be looked at first: axes or places that cannot be as they are told."""
     absolute = table.kind == "absolute"
     hint, wrong = slip(model, table, _excess if absolute else left_by)
     if hint:
-        return f"{hint}{CORRECT}{wrong}"
+        return Reason(Why.DOUBTED, (hint, wrong))
     if absolute:
         return _misplaced(model, table)
     if not any(not p.is_joint for p in model.compliances):
-        return ""
+        return None
     hints = axis_remarks(model.parameters, table, equations(model, table))
-    return f"{hints[0]}{CORRECT}table, or the signs of its loads" if hints else ""
+    return Reason(Why.DOUBTED, (hints[0], "table, or the signs of its loads")) if hints else None
 
 
 def _excess(model: StiffnessModel, table: Measurements) -> tuple[float, int]:
@@ -42,13 +42,13 @@ def _excess(model: StiffnessModel, table: Measurements) -> tuple[float, int]:
     return float(beyond @ beyond), len(beyond) - _PLACEMENT
 
 
-def _misplaced(model: StiffnessModel, table: Measurements) -> str:
+def _misplaced(model: StiffnessModel, table: Measurements) -> Reason | None:
     """Why absolute positions cannot be this robot's: placed as well as possible it is far from them."""
     square, freedom = _excess(model, table)
     away = float(np.sqrt(3.0 * square / (freedom + _PLACEMENT)))
     if away < _AWAY * model.robot.reach:
-        return ""
-    return (
-        f"the robot of this file, placed as well as it can be, misses the measured positions by {1e3 * away:.0f} mm "
-        f"rms{CORRECT}units, order, signs or zeros of its joints, axes or markers of the table, or the file"
-    )
+        return None
+    mm = f"{1e3 * away:.0f} mm rms"
+    far = f"the robot of this file, placed as well as it can be, misses the measured positions by {mm}"
+    wrong = "units, order, signs or zeros of its joints, axes or markers of the table, or the file"
+    return Reason(Why.DOUBTED, (far, wrong))

@@ -6,8 +6,9 @@ from collections.abc import Iterator
 
 import numpy as np
 
+from symstiff.arrays import Array
 from symstiff.calibration.experiment.situation import Situation, View
-from symstiff.discrepancy.problem import Array, DeviceLaw, Parameter
+from symstiff.discrepancy.problem import DeviceLaw, Parameter
 from symstiff.effects.base import at_lever
 
 DRAWING = "robot file's"

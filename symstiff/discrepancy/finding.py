@@ -6,12 +6,14 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
+from symstiff.arrays import Array
 from symstiff.calibration.kept import completed
 from symstiff.calibration.measurements import Measurements
 from symstiff.discrepancy.assemble import Assembly
-from symstiff.discrepancy.growth import Fitted
-from symstiff.discrepancy.problem import Array, Shape
-from symstiff.discrepancy.result import CandidateResult, Diagnosis, Estimate, Name, Rms
+from symstiff.discrepancy.growth import JointFit
+from symstiff.discrepancy.problem import Shape
+from symstiff.discrepancy.reasons import Reason
+from symstiff.discrepancy.result import CandidateResult, Diagnosis, Name, Quantity, Rms
 from symstiff.discrepancy.strata import Stratum
 from symstiff.effects.instance import EffectInstance
 from symstiff.model import StiffnessModel
@@ -44,7 +46,7 @@ class Found:
     effect: str
     where: Mapping[str, Any]
     shape: Shape
-    parameters: Mapping[str, Estimate]
+    parameters: Mapping[str, Quantity]
     p_value: float
     confidence: float
     confounded_with: tuple[Name, ...]
@@ -75,8 +77,8 @@ class Finding:
 
     task: Task
     table: Measurements
-    start: Fitted
-    grown: Fitted
+    start: JointFit
+    grown: JointFit
     told: StiffnessModel
     """The start model as it was told, with what the data cannot show."""
     first: Diagnosis
@@ -85,7 +87,7 @@ class Finding:
     """Of the last diagnosis."""
     verdict: str
     testable: bool
-    reason: str
+    because: Reason
     effects: tuple[Found, ...]
     """The named set; all admissible sets, best first, where the verdict is ambiguous."""
     alternatives: tuple[Found, ...]
@@ -93,6 +95,11 @@ class Finding:
     steps: tuple[Rung, ...]
     rms: Rms
     remarks: tuple[str, ...]
+
+    @property
+    def reason(self) -> str:
+        """Why the verdict is what it is, as a sentence."""
+        return str(self.because)
 
     @property
     def model(self) -> StiffnessModel:

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
+from symstiff.arrays import Array, Index
 from symstiff.discrepancy.finding import Finding
-from symstiff.discrepancy.problem import Array, Index
 
 FAR = 6.0
 """Usual residuals by which a reading is beside the others of its pose; of normal noise two in a billion are."""

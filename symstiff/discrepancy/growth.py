@@ -7,8 +7,9 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from symstiff.arrays import Array
 from symstiff.calibration.absolute import untold
-from symstiff.calibration.decomposition import independent
+from symstiff.calibration.decomposition import own_columns
 from symstiff.calibration.experiment.placement import best_placed
 from symstiff.calibration.experiment.rounding import without_rounding
 from symstiff.calibration.experiment.situation import Situation
@@ -18,7 +19,7 @@ from symstiff.discrepancy.assemble import Assembly, assemble
 from symstiff.discrepancy.bank import build
 from symstiff.discrepancy.noise import Noise
 from symstiff.discrepancy.prepare import at_first, prepare
-from symstiff.discrepancy.problem import Array, Problem
+from symstiff.discrepancy.problem import Problem
 from symstiff.discrepancy.scan import Scan, coefficients, one_sharing, open_scan
 from symstiff.effects.instance import EffectInstance
 from symstiff.effects.registry import find
@@ -33,7 +34,7 @@ _INSIDE = 1e-5
 
 
 @dataclass(frozen=True, eq=False)
-class Fitted:
+class JointFit:
     """A model with jointly identified values.
 
     ``absorbed`` are parameters whose columns are combinations of the others': zero, without a deviation.
@@ -60,7 +61,7 @@ def grow(model: StiffnessModel, instances: Iterable[EffectInstance]) -> Stiffnes
 
 def fit(
     model: StiffnessModel, table: Measurements, noise: Noise | None = None, without: Collection[str] = ()
-) -> Fitted:
+) -> JointFit:
     """Identify all parameters of a model jointly but those ``without``, with the noise as the data show it.
 
     The device's placement in absolute data is estimated along. Loads and readings that lean on the
@@ -83,7 +84,7 @@ def _linear(model: StiffnessModel, table: Measurements) -> bool:
 def _linearised(
     model: StiffnessModel, near: StiffnessModel, table: Measurements, without: Collection[str],
     noise: Noise | None = None,
-) -> Fitted:  # fmt: skip
+) -> JointFit:  # fmt: skip
     """The fit of linearisations from the values of ``near`` on, by a noise or as the model alone shows it."""
     known, weights, found = near, noise, None
     for _ in range(1 if _linear(model, table) else _ROUNDS):
@@ -99,7 +100,7 @@ def _linearised(
         known = model.with_values(values, deviations)
         left, before = problem.y - fitted, found.residual if found is not None else None
         absorbed = tuple(n for n in model.parameters if n not in own and n not in _nominal(model))
-        found = Fitted(
+        found = JointFit(
             known, absorbed, left, best_placed(assembly.situation.view, problem.y), assembly, weights
         )
         if before is not None and _length(left - before) < _SETTLED * _length(left):
@@ -122,8 +123,8 @@ def _length(rows: Array) -> float:
 
 
 def fit_told(
-    model: StiffnessModel, table: Measurements, noise: Noise | None = None, like: Fitted | None = None
-) -> Fitted:
+    model: StiffnessModel, table: Measurements, noise: Noise | None = None, like: JointFit | None = None
+) -> JointFit:
     """``fit``, where the table holds absolute positions without the compliances that these do not tell.
 
     An error of the geometry looks like compliances in them, of sizes that no arm has: those are zero, not values.
@@ -162,7 +163,7 @@ def with_meaning(problem: Problem, sizes: Sequence[float]) -> list[int]:
     A = problem.A / sigma[:, None]
     A[:, :named] = without_rounding(A[:, :named], np.array(sizes))
     order = np.roll(np.arange(A.shape[1]), -named)
-    return sorted(int(order[k]) for k in independent(A[:, order], _INSIDE))
+    return sorted(int(order[k]) for k in own_columns(A[:, order], _INSIDE))
 
 
 def contribution(assembly: Assembly, instance: EffectInstance, values: dict[str, float]) -> Array:

@@ -7,7 +7,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from symstiff.discrepancy.problem import Array, Problem
+from symstiff.arrays import Array
+from symstiff.discrepancy.problem import Problem
 
 TINY = 1e-300
 """Size that stands for none where something is divided by it."""

@@ -8,8 +8,9 @@ from dataclasses import replace
 
 import numpy as np
 
+from symstiff.arrays import Array
 from symstiff.discrepancy.law import Law, largest_load
-from symstiff.discrepancy.problem import Array, Problem
+from symstiff.discrepancy.problem import Problem
 
 _SPOTS = 6
 """Widths of a spot that a joint's range holds."""

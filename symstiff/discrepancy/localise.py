@@ -10,9 +10,10 @@ import numpy as np
 from scipy import stats
 from scipy.special import logsumexp
 
+from symstiff.arrays import Array, Index
 from symstiff.discrepancy.law import Law, largest_load
 from symstiff.discrepancy.laws import every_law
-from symstiff.discrepancy.problem import Array, Index, Problem
+from symstiff.discrepancy.problem import Problem
 from symstiff.discrepancy.scan import Evidence, Layer, Scan, at_sharing, basis_of, coefficients, likeliest
 
 _ROUNDING = 1e-9

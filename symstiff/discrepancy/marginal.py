@@ -12,7 +12,7 @@ from functools import lru_cache
 import numpy as np
 from scipy.sparse import csr_matrix
 
-from symstiff.discrepancy.problem import Array, Index
+from symstiff.arrays import Array, Index
 
 EXPECTED = (12.0, 48.0, 200.0, 1000.0)
 """Noncentralities that an effect is expected to have; the evidence averages over them."""

@@ -8,7 +8,8 @@ from dataclasses import dataclass, field
 import numpy as np
 from scipy import stats
 
-from symstiff.discrepancy.problem import Array, Problem
+from symstiff.arrays import Array
+from symstiff.discrepancy.problem import Problem
 from symstiff.discrepancy.sharing import (
     ALIKE,
     AXES,
@@ -231,14 +232,9 @@ def report(
     """
     rows = main_rows(problem)
     square, repeats = between
-    # directions that the shared error takes over say nothing of the rows' own
-    taken = sum(
-        float(np.sum(sharing.ratio * value / (1.0 + sharing.ratio * value)))
-        for _, _, value in noise.ways[sharing.way]
-    )
     alone = 1.0 + _square(noise, noise.reading)  # a row's own variance, by what its reading's rows share
     whole = float(np.mean(alone[rows]))
-    source, found, freedom = "residual", scale2 * whole, max(dof - taken, 1.0)
+    source, found, freedom = "residual", scale2 * whole, max(dof - _taken(noise, sharing), 1.0)
     if repeats >= ENOUGH:
         source, found, freedom = "repeats", square / repeats * whole, float(repeats)
     sigma = float(np.sqrt(found * np.mean(noise.spread[rows] ** 2)))
@@ -247,9 +243,7 @@ def report(
     misstated = False
     if problem.sigma is not None and (dof >= 1 or source == "repeats"):
         relative = float(np.sqrt(found * np.mean((noise.spread / problem.sigma) ** 2)))
-        low = np.sqrt(freedom / stats.chi2.ppf(0.98, freedom))
-        high = np.sqrt(freedom / stats.chi2.ppf(0.02, freedom))
-        interval = (float(relative * low), float(relative * high))
+        interval = _interval(relative, freedom)
         misstated = off(interval) and not (problem.differences and _off_by_half(interval, noise, sharing))
     axes = [(int(a), problem.axis == a) for a in np.unique(problem.axis)]
     mean = float(np.mean((residual / noise.spread) ** 2))
@@ -263,6 +257,20 @@ def report(
         not shares(problem, AXES), {a: float(np.sqrt(np.mean(common[own]))) for a, own in axes},
         reading=1.0 - 1.0 / whole,
     )  # fmt: skip
+
+
+def _taken(noise: Noise, sharing: Sharing) -> float:
+    """Directions that the shared error takes over: they say nothing of the rows' own."""
+    return sum(
+        float(np.sum(sharing.ratio * value / (1.0 + sharing.ratio * value)))
+        for _, _, value in noise.ways[sharing.way]
+    )
+
+
+def _interval(ratio: float, freedom: float) -> tuple[float, float]:
+    """Between what a ratio of deviations, known with some degrees of freedom, is in 96 % of cases."""
+    low, high = (np.sqrt(freedom / stats.chi2.ppf(p, freedom)) for p in (0.98, 0.02))
+    return float(ratio * low), float(ratio * high)
 
 
 def _mostly(problem: Problem, noise: Noise, sharing: Sharing) -> str:

@@ -6,8 +6,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from symstiff.discrepancy.problem import Array
-from symstiff.discrepancy.scan import Mask, Scan, back, candidate_evidence, entry_evidence
+from symstiff.arrays import Array, Mask
+from symstiff.discrepancy.scan import Scan, back, candidate_evidence, entry_evidence
 from symstiff.threads import in_threads
 
 _AT_ONCE = 128

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 
-from symstiff.discrepancy.result import Estimate
+from symstiff.discrepancy.result import Quantity
 
 _SHOWN = {"m": ("mm", 1e3), "rad": ("mrad", 1e3), "1": ("", 1.0)}
 _SUPER = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
@@ -35,7 +35,7 @@ def milli(value: float) -> str:
     return f"{1e3 * value:.3f}" if value == 0 or abs(value) >= 1e-5 else f"{1e3 * value:.2g}"
 
 
-def quantity(estimate: Estimate) -> str:
+def quantity(estimate: Quantity) -> str:
     """A value with its standard deviation and unit: ``(1.44 ± 0.10)·10⁻⁷ rad/(N·m)``."""
     unit, factor = _SHOWN.get(estimate.unit, (unit_text(estimate.unit), 1.0))
     value, std = factor * estimate.value, factor * estimate.std
@@ -52,7 +52,7 @@ def quantity(estimate: Estimate) -> str:
     return f"{text} {unit}".strip()
 
 
-def size_text(estimate: Estimate) -> str:
+def size_text(estimate: Quantity) -> str:
     """A smallest detectable size."""
     unit, factor = _SHOWN.get(estimate.unit, (unit_text(estimate.unit), 1.0))
     return f"{number(factor * estimate.value)} {unit}".strip() if math.isfinite(estimate.value) else "never"

@@ -7,8 +7,9 @@ from itertools import combinations
 
 import numpy as np
 
+from symstiff.arrays import Array
 from symstiff.calibration.experiment.situation import Situation
-from symstiff.discrepancy.problem import Array, DeviceLaw, Parameter
+from symstiff.discrepancy.problem import DeviceLaw, Parameter
 from symstiff.effects.common import load_of
 from symstiff.robot.schema import Robot
 from symstiff.symbolic.terms import Term, actuated_joint

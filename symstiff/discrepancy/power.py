@@ -14,8 +14,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy import stats
 
+from symstiff.arrays import Array, Index
 from symstiff.discrepancy.bank import Bank
-from symstiff.discrepancy.problem import Array, Index
 from symstiff.discrepancy.scan import Layer, Scan, back, candidate_evidence, entry_evidence, outside
 
 POWER = 0.8

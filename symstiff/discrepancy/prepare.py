@@ -8,11 +8,12 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy import stats
 
+from symstiff.arrays import Array, Index
 from symstiff.discrepancy import noise as noises
 from symstiff.discrepancy.bank import Bank, build
 from symstiff.discrepancy.between import between, with_shapes
 from symstiff.discrepancy.laws import unnamed_laws
-from symstiff.discrepancy.problem import Array, Candidate, Index, Problem
+from symstiff.discrepancy.problem import Candidate, Problem
 from symstiff.discrepancy.scan import (
     Scan,
     at_sharing,
@@ -95,7 +96,7 @@ def prepare(problem: Problem, candidates: Sequence[Candidate]) -> Prepared:
     return Prepared(seen.scan, bank, report, _data_residual(seen.scan))
 
 
-def settled(problem: Problem, ready: Prepared, entries: tuple[int, ...]) -> Prepared:
+def noise_told_anew(problem: Problem, ready: Prepared, entries: tuple[int, ...]) -> Prepared:
     """The same with the noise told that is left after what was found, which may have passed for a shared error."""
     told = ready.report
     report = _report(problem, ready.scan, extend(ready.scan, entries), entries, told.growth, told.by_marker)

@@ -7,14 +7,12 @@ from dataclasses import dataclass, field
 from typing import Protocol
 
 import numpy as np
-from numpy.typing import NDArray
 
+from symstiff.arrays import Array, Index
 from symstiff.calibration.experiment.rounding import without_rounding
 from symstiff.calibration.residuals import places
 from symstiff.errors import UserError
 
-Array = NDArray[np.float64]
-Index = NDArray[np.intp]
 Shape = Mapping[str, float]
 
 

@@ -7,11 +7,12 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from symstiff.arrays import Array, Index
 from symstiff.calibration.decomposition import svd
 from symstiff.discrepancy.bank import Bank
 from symstiff.discrepancy.between import moved
 from symstiff.discrepancy.noise import Noise
-from symstiff.discrepancy.problem import Array, Index, Options, Problem
+from symstiff.discrepancy.problem import Options, Problem
 from symstiff.discrepancy.scan import evidence, extend, open_scan
 from symstiff.discrepancy.sharing import Roots
 

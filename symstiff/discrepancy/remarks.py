@@ -6,6 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from symstiff.arrays import Array
 from symstiff.calibration.experiment.situation import View
 from symstiff.calibration.measurements import Measurements
 from symstiff.calibration.remarks import of_sag
@@ -13,9 +14,9 @@ from symstiff.discrepancy.drawing import DRAWING
 from symstiff.discrepancy.finding import Found
 from symstiff.discrepancy.noise import CONTRADICTED, NoiseReport
 from symstiff.discrepancy.numbers import p_equals, quantity
-from symstiff.discrepancy.problem import Array, Options
+from symstiff.discrepancy.problem import Options
 from symstiff.discrepancy.ranges import CATALOGUE, Extent, at_size, extent_of
-from symstiff.discrepancy.result import Diagnosis, Estimate
+from symstiff.discrepancy.result import Diagnosis, Quantity
 from symstiff.discrepancy.sharing import JOINTS
 from symstiff.discrepancy.speech import named as named_at
 from symstiff.discrepancy.verdict import INSUFFICIENT, NAMED, NOTHING, UNEXPLAINED, UNTESTABLE
@@ -361,17 +362,17 @@ def _of_a_sum(merged: str) -> str:
     )
 
 
-def _outside(parameter: EffectParameter, found: Estimate) -> float:
+def _outside(parameter: EffectParameter, found: Quantity) -> float:
     """How far a size is out of its physical range, in its unit."""
     return max(found.value - parameter.high, parameter.low - found.value, 0.0)
 
 
-def _unbelievable(parameter: EffectParameter, found: Estimate) -> bool:
+def _unbelievable(parameter: EffectParameter, found: Quantity) -> bool:
     """Whether a size is out of its physical range; one that is zero within its deviation may fall below zero."""
     return found.value > parameter.high or found.value + found.std < parameter.low
 
 
-def _beyond(parameter: EffectParameter, found: Estimate) -> str:
+def _beyond(parameter: EffectParameter, found: Quantity) -> str:
     high = found.value > parameter.high
     side, limit = ("at most", parameter.high) if high else ("at least", parameter.low)
-    return f"{parameter.name} is {quantity(found)}, where {side} {quantity(Estimate(limit, 0.0, parameter.unit))}"
+    return f"{parameter.name} is {quantity(found)}, where {side} {quantity(Quantity(limit, 0.0, parameter.unit))}"

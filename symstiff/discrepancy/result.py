@@ -5,16 +5,17 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 
+from symstiff.arrays import Array
 from symstiff.discrepancy.localise import FittedDevice, FittedLaw, Localisation
 from symstiff.discrepancy.noise import NoiseReport
-from symstiff.discrepancy.problem import Array, Shape
+from symstiff.discrepancy.problem import Shape
 from symstiff.discrepancy.proof import HeldOut, closed
+from symstiff.discrepancy.reasons import Reason, Why
 from symstiff.discrepancy.strata import Stratum
-from symstiff.discrepancy.verdict import CORRECT, NO_TEST_NAMES, ONE_STRATUM
 
 
 @dataclass(frozen=True)
-class Estimate:
+class Quantity:
     """A coefficient with its standard deviation and unit."""
 
     value: float
@@ -37,7 +38,7 @@ class NamedEffect:
     effect: str
     where: Mapping[str, object]
     shape: Shape
-    parameters: Mapping[str, Estimate]
+    parameters: Mapping[str, Quantity]
     p_value: float
     """Family-wise, given the other effects of its set."""
     confidence: float
@@ -64,10 +65,10 @@ class CandidateResult:
     """None where the question did not arise."""
     plausible: bool | None
     shape: Shape
-    parameters: Mapping[str, Estimate]
+    parameters: Mapping[str, Quantity]
     share_left: float
     """Share of its signal that the model does not absorb."""
-    smallest_detectable: Mapping[str, Estimate]
+    smallest_detectable: Mapping[str, Quantity]
     """Size of each parameter alone seen in 80 % of cases (std is 0)."""
     confused_with: tuple[Name, ...]
     needed: float = float("inf")
@@ -83,7 +84,7 @@ class Step:
     """(P,) joint estimates of the model's parameters, least norm where the data do not determine them."""
     model_std: Array
     """(P,) inf where the data do not determine the parameter."""
-    effects: tuple[tuple[Name, Mapping[str, Estimate]], ...]
+    effects: tuple[tuple[Name, Mapping[str, Quantity]], ...]
     rms: float
     """Residual root mean square of the translations, data's unit."""
     strata: tuple[Stratum, ...]
@@ -124,10 +125,10 @@ class Rms:
 
 @dataclass(frozen=True)
 class Diagnosis:
-    """The result of `diagnose`."""
+    """The result of `examine`."""
 
     verdict: str
-    reason: str
+    because: Reason
     effects: tuple[NamedEffect, ...]
     candidates: tuple[CandidateResult, ...]
     """Best first, untestable ones last."""
@@ -148,22 +149,27 @@ class Diagnosis:
     confusability: Array
     """(n, n) D_ij of the leading candidates, in the order of ``confusability_names``."""
     confusability_names: tuple[Name, ...]
-    leading: tuple[tuple[Name, Shape, Mapping[str, Estimate]], ...] = ()
+    leading: tuple[tuple[Name, Shape, Mapping[str, Quantity]], ...] = ()
     """The effects of the set that explains most, whether the verdict names it or not."""
+
+    @property
+    def reason(self) -> str:
+        """Why the verdict is what it is, as a sentence."""
+        return str(self.because)
 
     @property
     def doubtful(self) -> bool:
         """Whether the table is to be corrected before anything can be said."""
-        return CORRECT in self.reason
+        return self.because.why is Why.DOUBTED
 
     @property
     def stratum_alone(self) -> Stratum | None:
         """The stratum that rejects where no test of laws does: then no place is accused."""
-        if self.reason != ONE_STRATUM:
+        if self.because.why is not Why.ONE_STRATUM:
             return None
         return min((s for s in self.strata if s.p_value is not None), key=lambda s: s.p_value or 0.0)
 
     @property
     def against_sigma(self) -> bool:
         """Whether nothing but the stated sigma speaks against the model."""
-        return self.reason.endswith(NO_TEST_NAMES)
+        return self.because.why is Why.SIGMA

@@ -12,16 +12,14 @@ from functools import cached_property
 
 import numpy as np
 
-from symstiff.calibration.decomposition import svd
+from symstiff.arrays import Array, Index, Mask
+from symstiff.calibration.decomposition import svd, unit_columns
 from symstiff.discrepancy.bank import Bank
 from symstiff.discrepancy.bases import Bases, Single, bases_of, inner
 from symstiff.discrepancy.marginal import of_groups, of_ranks, of_sizes
 from symstiff.discrepancy.noise import Noise
-from symstiff.discrepancy.problem import Array, Index
 from symstiff.discrepancy.sharing import Roots, Sharing
 from symstiff.threads import in_threads
-
-Mask = np.ndarray[tuple[int, ...], np.dtype[np.bool_]]
 
 _ROWS = 128
 """Rows whose columns are worked on together, so that they stay near the processor."""
@@ -359,9 +357,8 @@ def coefficients(scan: Scan, A: Array, y: Array, entries: tuple[int, ...]) -> tu
     chosen = [scan.bank.columns[:, scan.bank.slice(e)] for e in entries]
     X = np.hstack([A, *chosen])
     W = scan.noise.apply(layer.whiten, np.column_stack([y, X]) / D)
-    length = np.linalg.norm(W[:, 1:], axis=0)
-    length[length == 0] = 1.0
-    U, s, Vt = svd(W[:, 1:] / length)
+    unit_length, length = unit_columns(W[:, 1:])
+    U, s, Vt = svd(unit_length)
     keep = s > 1e-9 * s.max(initial=0.0)
     beta = Vt[keep].T @ ((U[:, keep].T @ W[:, 0]) / s[keep])
     residual = W[:, 0] - W[:, 1:] @ (beta / length)

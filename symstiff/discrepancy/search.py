@@ -8,12 +8,13 @@ from itertools import combinations
 
 import numpy as np
 
+from symstiff.arrays import Array
 from symstiff.calibration.decomposition import svd
 from symstiff.discrepancy.bank import Bank
 from symstiff.discrepancy.design import effective_rank
 from symstiff.discrepancy.laws import of_load
 from symstiff.discrepancy.null import Null, null
-from symstiff.discrepancy.problem import Array, Options
+from symstiff.discrepancy.problem import Options
 from symstiff.discrepancy.scan import (
     Evidence,
     Layer,

@@ -6,9 +6,10 @@ from collections.abc import Iterator
 
 import numpy as np
 
+from symstiff.arrays import Array
 from symstiff.calibration.experiment.situation import Situation
 from symstiff.calibration.loading import load_factor
-from symstiff.discrepancy.problem import Array, DeviceLaw, Parameter
+from symstiff.discrepancy.problem import DeviceLaw, Parameter
 from symstiff.symbolic.terms import AXES, Term, VirtualJoint, w
 
 SENSOR, FLANGE = "force sensor", "flange"

@@ -10,14 +10,14 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from symstiff.arrays import Array
 from symstiff.calibration.experiment.readings import ExperimentClass, read_at
 from symstiff.calibration.identify import start_model
 from symstiff.calibration.measurements import Measurements
 from symstiff.calibration.planning.loads import Load
 from symstiff.calibration.planning.measurement import Measurement
 from symstiff.calibration.writing import LOADS
-from symstiff.discrepancy.deciding import OFFERED, Choice, Experiment, Rival, decide_poses, several_levels
-from symstiff.discrepancy.problem import Array
+from symstiff.discrepancy.deciding import OFFERED, Choice, Rival, Setup, decide_poses, several_levels
 from symstiff.discrepancy.separation import Decider
 from symstiff.discrepancy.speech import named
 from symstiff.effects.base import Scales
@@ -68,11 +68,11 @@ class Wish:
 
 @dataclass(frozen=True)
 class Means:
-    """What the next measurement is taken to be: classes of the model's reduction, experiment, noise (6,) [m, rad]."""
+    """What the next measurement is taken to be: classes of the model's reduction, setup, noise (6,) [m, rad]."""
 
     loads: str
     measure: str
-    experiment: Experiment
+    setup: Setup
     sigma: Array
 
 
@@ -101,7 +101,7 @@ def separate(
     chosen, found = decide_poses(
         _model(robot, table, values, means),
         rivals,
-        means.experiment,
+        means.setup,
         means.sigma,
         Choice(
             wish.poses,
@@ -193,8 +193,8 @@ def _model(robot: Robot, table: Mapping[str, Any], told: Mapping[str, float], me
     values = {n: v for n, v in told.items() if n in known}
     start = table.get("start", "complete")
     if start in ("complete", "joints") or not values:
-        seen, points = read_at(robot, means.experiment.points)
-        points = points if seen == means.measure and max(means.experiment.components) < 3 else ()
+        seen, points = read_at(robot, means.setup.points)
+        points = points if seen == means.measure and max(means.setup.components) < 3 else ()
         experiment = ExperimentClass(means.loads, means.measure, {}, points)
         model = start_model(robot, "joints" if start == "joints" else "complete", experiment)[0]
         return model.with_values({n: values.get(n, 0.0) for n in model.parameters})
@@ -206,20 +206,20 @@ def _means(robot: Robot, rivals: list[Rival], table: Mapping[str, Any], wish: Wi
     told, model = table.get("decide") or {}, table.get("model") or {}
     loads = wish.loads or str(model.get("loads", "wrench"))
     measure = wish.measure or str(model.get("measure", "pose"))
-    usual = _experiment(robot, rivals, wish.load(loads), measure, wish.markers)
+    usual = _setup(robot, rivals, wish.load(loads), measure, wish.markers)
     try:
-        experiment = usual if "components" not in told else _as_told(usual, told, wish)
+        setup = usual if "components" not in told else _as_told(usual, told, wish)
         sigma = _noise(table) if wish.sigma is None else wish.sigma
     except (AttributeError, KeyError, TypeError, ValueError) as error:
         raise UserError(
             f"{origin}: not a verdict.json: decide and noise do not tell an experiment"
         ) from error
-    rotation = sigma if wish.sigma is None and min(experiment.components) >= 3 else sigma / _TURN
-    return Means(loads, measure, experiment, np.repeat([sigma, rotation], 3))
+    rotation = sigma if wish.sigma is None and min(setup.components) >= 3 else sigma / _TURN
+    return Means(loads, measure, setup, np.repeat([sigma, rotation], 3))
 
 
-def _as_told(usual: Experiment, told: Mapping[str, Any], wish: Wish) -> Experiment:
-    """The experiment with what the verdict tells of its data, where nothing else was wished."""
+def _as_told(usual: Setup, told: Mapping[str, Any], wish: Wish) -> Setup:
+    """The setup with what the verdict tells of its data, where nothing else was wished."""
     found = replace(usual, kind=str(told["kind"]))
     if not wish.markers:
         found = replace(found, points=tuple(str(p) for p in told["points"]))
@@ -239,9 +239,7 @@ def _noise(table: Mapping[str, Any]) -> float:
     return found or Measurement.sigma_t
 
 
-def _experiment(
-    robot: Robot, rivals: list[Rival], load: Load, measure: str, markers: tuple[str, ...]
-) -> Experiment:
+def _setup(robot: Robot, rivals: list[Rival], load: Load, measure: str, markers: tuple[str, ...]) -> Setup:
     effects = [find(e.effect) for r in rivals for e in r.effects]
     absolute = all(e.seen_in == frozenset({"absolute"}) for e in effects)
     nan = float("nan")
@@ -250,7 +248,7 @@ def _experiment(
     loads = np.zeros((1, 6)) if absolute else _cases(load.on_arm(robot.reach))
     units = tuple("m" if j.prismatic else "rad" for j in robot.joint)
     kind = "absolute" if absolute else "deflection"
-    return Experiment(kind, markers or ("tcp",), components, loads, branches, units)
+    return Setup(kind, markers or ("tcp",), components, loads, branches, units)
 
 
 def _cases(load: Load) -> Array:

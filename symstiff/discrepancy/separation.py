@@ -8,7 +8,7 @@ from functools import partial
 
 import numpy as np
 
-from symstiff.discrepancy.problem import Array, Index
+from symstiff.arrays import Array, Index
 from symstiff.threads import in_threads
 
 _HARD, _SOFT = 1e-10, 1e-3

@@ -8,7 +8,8 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from symstiff.discrepancy.problem import Array, Index, Problem
+from symstiff.arrays import Array, Index
+from symstiff.discrepancy.problem import Problem
 
 RATIOS = (0.03, 0.1, 0.35, 1.0, 3.0, 10.0, 35.0, 120.0, 400.0)
 """Grid of (variance of the approach error) / (variance of the noise); every second one is looked at first."""

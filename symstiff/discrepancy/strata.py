@@ -7,8 +7,9 @@ from dataclasses import dataclass
 import numpy as np
 from scipy import stats
 
+from symstiff.arrays import Array, Index
 from symstiff.calibration.decomposition import svd
-from symstiff.discrepancy.problem import Array, Index, Problem
+from symstiff.discrepancy.problem import Problem
 from symstiff.discrepancy.scan import Scan, directions
 
 PROPORTIONAL = "proportional to load, by pose"

@@ -7,13 +7,14 @@ from dataclasses import replace
 
 import numpy as np
 
+from symstiff.arrays import Array
 from symstiff.discrepancy.bank import Bank
 from symstiff.discrepancy.design import confusability, share_left
 from symstiff.discrepancy.null import critical
 from symstiff.discrepancy.power import visible
 from symstiff.discrepancy.prepare import Prepared
-from symstiff.discrepancy.problem import Array, Candidate, Options, Problem, Shape
-from symstiff.discrepancy.result import CandidateResult, Estimate, Name, NamedEffect, Step
+from symstiff.discrepancy.problem import Candidate, Options, Problem, Shape
+from symstiff.discrepancy.result import CandidateResult, Name, NamedEffect, Quantity, Step
 from symstiff.discrepancy.scan import (
     Scan,
     at_sharing,
@@ -38,16 +39,16 @@ def _name(candidate: Candidate) -> Name:
     return Name(candidate.effect, candidate.where)
 
 
-def _estimates(bank: Bank, entry: int, value: Array, std: Array) -> Mapping[str, Estimate]:
+def _estimates(bank: Bank, entry: int, value: Array, std: Array) -> Mapping[str, Quantity]:
     return {
-        p.name: Estimate(float(v), float(s), p.unit)
+        p.name: Quantity(float(v), float(s), p.unit)
         for p, v, s in zip(bank.parameters(entry), value, std, strict=False)
     }
 
 
 def _fitted(
     problem: Problem, ready: Prepared, entries: tuple[int, ...]
-) -> tuple[Array, Array, Array, list[tuple[Name, Mapping[str, Estimate]]]]:
+) -> tuple[Array, Array, Array, list[tuple[Name, Mapping[str, Quantity]]]]:
     """Model estimates, their deviations, fitted values, and each entry's estimates."""
     bank: Bank = ready.bank
     value, std, fitted = coefficients(ready.scan, problem.A, problem.y, entries)
@@ -82,7 +83,7 @@ def named_effects(problem: Problem, ready: Prepared, outcome: Outcome) -> tuple[
 
 def leading(
     problem: Problem, ready: Prepared, outcome: Outcome
-) -> tuple[tuple[Name, Shape, Mapping[str, Estimate]], ...]:
+) -> tuple[tuple[Name, Shape, Mapping[str, Quantity]], ...]:
     """The effects of the leading set with their shapes and estimates, none where nothing was found."""
     if outcome.chosen is None:
         return ()
@@ -184,7 +185,7 @@ def _after(scan: Scan, entries: tuple[int, ...]) -> Scan:
     return replace(scan, layers=tuple(layers), freedom=after.freedom)
 
 
-def _within(bank: Bank, entry: int, estimates: Mapping[str, Estimate]) -> bool:
+def _within(bank: Bank, entry: int, estimates: Mapping[str, Quantity]) -> bool:
     return all(
         estimates[p.name].value + 2 * estimates[p.name].std >= p.low
         and estimates[p.name].value - 2 * estimates[p.name].std <= p.high
@@ -194,7 +195,7 @@ def _within(bank: Bank, entry: int, estimates: Mapping[str, Estimate]) -> bool:
 
 
 def _untested(
-    candidate: Candidate, reason: str, left: float, smallest: Mapping[str, Estimate]
+    candidate: Candidate, reason: str, left: float, smallest: Mapping[str, Quantity]
 ) -> CandidateResult:
     return CandidateResult(
         candidate.effect, candidate.where, -np.inf, 1.0, False, reason, None, None,

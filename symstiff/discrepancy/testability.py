@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 
+from symstiff.arrays import Array
 from symstiff.discrepancy.design import effective_rank, least_sizes, share_left
 from symstiff.discrepancy.prepare import Prepared
-from symstiff.discrepancy.problem import Array, Problem
+from symstiff.discrepancy.problem import Problem
 from symstiff.discrepancy.strata import SEVERAL, fills
 
 _USUAL = 0.4

@@ -9,34 +9,16 @@ from itertools import islice
 import numpy as np
 from scipy.special import expit, logsumexp
 
+from symstiff.arrays import Array
 from symstiff.discrepancy.null import Null
-from symstiff.discrepancy.problem import Array, Options
+from symstiff.discrepancy.problem import Options
+from symstiff.discrepancy.reasons import Reason, Why
 from symstiff.discrepancy.scan import Evidence, Scan, directions
 from symstiff.discrepancy.search import Judged, Proposal, Workshop, judge, polish, proposals
 from symstiff.discrepancy.strata import Stratum
 
 NOTHING, NAMED, AMBIGUOUS = "nothing_missing", "named", "ambiguous"
 INSUFFICIENT, UNEXPLAINED, UNTESTABLE = "named_insufficient", "unexplained", "untestable"
-
-NOT_ALONE = "effects of the catalogue account for the data, and a law without a name does so as well"
-"""Reason for a verdict that names nothing although something suffices."""
-
-AS_WELL = "it accounts for the data, and what has no name does so as well"
-"""Reason for a verdict that names the leader as insufficient although nothing is left."""
-
-REFUTED = "without some of the poses another effect is in front, and it does not predict them"
-"""Reason for a verdict that names the leader as insufficient although it accounts for the data."""
-
-ENOUGH = "as many effects as were looked for do not account for the data, and a further one is there"
-"""Reason for a verdict that names the leader as insufficient because no larger set was tried."""
-
-ONE_STRATUM = "one part of the residual alone holds more than noise, and no law at any place is seen in it"
-"""Reason for a verdict that neither names anything nor accuses a place."""
-
-CORRECT = ": correct the "
-"""Between what is wrong with a table and what has to be corrected, in a reason."""
-NO_TEST_NAMES = "either that is too small, or something is missing that no test names"
-"""End of the reason for a verdict that rests on the stated sigma alone."""
 
 CALIBRATION = (0.0, 0.7, 4.5)
 """Offset, slope and limit of the confidence's logit, fitted on simulated benchmarks."""
@@ -72,7 +54,7 @@ class Outcome:
     """The verdict before it is written out."""
 
     verdict: str
-    reason: str
+    because: Reason
     null: Null
     found: Evidence
     p_named: float
@@ -105,9 +87,9 @@ def decide(
     strata_p = min((s.p_value for s in parts if s.p_value is not None), default=1.0)
     seen = p_named < options.alpha
     if not seen and min(p_unnamed, strata_p) >= options.alpha_strata:
-        return Outcome(NOTHING, "no test rejects", *tests, None, (), (), ())
+        return Outcome(NOTHING, Reason(Why.NOTHING), *tests, None, (), (), ())
     if not seen and p_unnamed >= options.alpha_strata:
-        return Outcome(UNEXPLAINED, ONE_STRATUM, *tests, None, (), (), ())
+        return Outcome(UNEXPLAINED, Reason(Why.ONE_STRATUM), *tests, None, (), (), ())
     tried: list[Judged] = []
     weighed: list[Proposal] = []
     base = _together(shop, given)
@@ -268,19 +250,18 @@ def _conclude(
     if good and good[0].score > refused - CLOSE:
         leader = good[0]
         half = tuple(0.5 for _ in leader.members)
-        return Outcome(INSUFFICIENT, AS_WELL, *tests, leader, (leader,), half, tuple(tried))
+        return Outcome(INSUFFICIENT, Reason(Why.AS_WELL), *tests, leader, (leader,), half, tuple(tried))
     needed = [j for j in tried if max(j.p_members) < options.alpha]
     enough = max((j for j in needed if j.sufficient), key=lambda j: j.score, default=None)
     best = max(needed, key=lambda j: j.score, default=None)
     if best is not None and best.rival < -CLOSE and _ahead(best) and best.missed_share < 0.3:
         confidence = tuple(0.5 for _ in best.members)
         stopped = len(best.members) >= options.max_effects and best.p_left_named < options.alpha_further
-        reason = ENOUGH if stopped else "the leader explains most, but not all"
-        return Outcome(INSUFFICIENT, reason, *tests, best, (best,), confidence, tuple(tried))
+        because = Reason(Why.ENOUGH if stopped else Why.PARTLY)
+        return Outcome(INSUFFICIENT, because, *tests, best, (best,), confidence, tuple(tried))
     if enough is not None and enough.rival < CLOSE:
-        return Outcome(UNEXPLAINED, NOT_ALONE, *tests, enough, (), (), tuple(tried))
-    reason = "no set of the catalogue accounts for the data"
-    return Outcome(UNEXPLAINED, reason, *tests, best, (), (), tuple(tried))
+        return Outcome(UNEXPLAINED, Reason(Why.NOT_ALONE), *tests, enough, (), (), tuple(tried))
+    return Outcome(UNEXPLAINED, Reason(Why.NO_SET), *tests, best, (), (), tuple(tried))
 
 
 def _named(
@@ -306,8 +287,8 @@ def _named(
     kept = tuple(j for j in good if share[_set(j, known)] > 0.05 * own and first[_set(j, known)] is j)
     ahead = own >= options.name_at and (at_best[_set(leader, known)] >= 0.5 or _without_shape(leader))
     verdict = NAMED if ahead or len(kept) < 2 else AMBIGUOUS
-    reason = "sufficient, plausible and ahead" if verdict == NAMED else "several sets account for the data"
-    return Outcome(verdict, reason, *tests, leader, kept, confidence, tuple(tried))
+    because = Reason(Why.AHEAD if verdict == NAMED else Why.SEVERAL)
+    return Outcome(verdict, because, *tests, leader, kept, confidence, tuple(tried))
 
 
 def _set(found: Proposal | Judged, twin: Sequence[int]) -> frozenset[int]:

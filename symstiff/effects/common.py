@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
 from functools import lru_cache
 from typing import Any
 
@@ -10,8 +9,7 @@ import sympy as sp
 
 from symstiff.effects.base import EffectParameter, Shape, Where, place_name
 from symstiff.robot.schema import Robot
-from symstiff.symbolic.builder import Builder
-from symstiff.symbolic.chain import ElasticChain
+from symstiff.symbolic.chain import ElasticChain, cross
 from symstiff.symbolic.terms import AXES, Term, VirtualJoint, actuated_joint, deflection, link_joint, tau
 
 GRAVITY = sp.Rational(980665, 100000)  # m/s²
@@ -109,19 +107,13 @@ def load_of(joint: int) -> sp.Symbol:
     return tau(actuated_joint(joint))
 
 
-def couple(values: Iterable[sp.Expr], other: Iterable[sp.Expr]) -> tuple[sp.Expr, sp.Expr, sp.Expr]:
-    """Vector product of two triples."""
-    (a, b, c), (x, y, z) = values, other
-    return b * z - c * y, c * x - a * z, a * y - b * x
-
-
 def turned(name: str, axis: int) -> list[Term]:
     """Terms of a device that is turned about one of its axes, 0 to 2: δ × d for translations and rotations."""
     about = [int(axis == i) for i in range(3)]
     return [
         Term(name, VirtualJoint("measure", 0, first + i + 1), change)
         for first in (0, 3)
-        for i, change in enumerate(couple(about, [deflection(first + n) for n in (1, 2, 3)]))
+        for i, change in enumerate(cross(about, [deflection(first + n) for n in (1, 2, 3)]))
         if change != 0
     ]
 
@@ -134,10 +126,7 @@ def link_axes(link: int) -> tuple[VirtualJoint, ...]:
 @lru_cache(maxsize=64)
 def wrench_at(robot: Robot, body: int) -> tuple[sp.Expr, ...]:
     """The load's force (3) and moment (3) about the origin of a body's DH frame, in that frame's axes."""
-    b = Builder("axes", ())
-    axes = ElasticChain(robot).elastic_axes(b, body)
-    exact_of = {c.symbol: c.exact for c in b.constants}
-    along = [[sp.sympify(x).xreplace(exact_of) for x in axis] for axis in axes]
+    along = ElasticChain(robot).exact_axes(body)
     return tuple(
         sp.Add(*[along[k][r] * tau(link_joint(body, k + 1 + h)) for k in range(3)])
         for h in (0, 3)

@@ -7,8 +7,9 @@ between flange and tool.
 from __future__ import annotations
 
 from symstiff.effects.base import Effect, Realisation, Scales, Shape, Where
-from symstiff.effects.common import DEFLECTION, XYZ, couple, parameter, wrench_at
+from symstiff.effects.common import DEFLECTION, XYZ, parameter, wrench_at
 from symstiff.robot.schema import Robot
+from symstiff.symbolic.chain import cross
 from symstiff.symbolic.terms import AXES, Term, VirtualJoint, w
 
 NAME = "force_sensor_misalignment"
@@ -23,7 +24,7 @@ def _realise(robot: Robot, where: Where, shape: Shape) -> Realisation:
         parameters.append(p)
         turn = [int(k == i) for i in range(3)]
         for first in (0, 3):
-            for i, change in enumerate(couple(turn, wrench[first : first + 3])):
+            for i, change in enumerate(cross(turn, wrench[first : first + 3])):
                 if change != 0:
                     terms.append(Term(p.name, VirtualJoint(kind, body, first + i + 1), change))
     return Realisation(tuple(parameters), tuple(terms))

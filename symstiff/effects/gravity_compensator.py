@@ -26,7 +26,6 @@ import sympy as sp
 from symstiff.effects.base import Effect, Move, Realisation, Scales, Shape, Where
 from symstiff.effects.common import BOTH, exact, load_of, parameter
 from symstiff.robot.schema import ANCHORS_MEET, Robot
-from symstiff.symbolic.builder import Builder
 from symstiff.symbolic.chain import ElasticChain
 from symstiff.symbolic.terms import Term, actuated_joint, q
 
@@ -142,9 +141,7 @@ def _hats(x: sp.Expr, knots: list[sp.Rational]) -> list[sp.Expr]:
 
 def _own_compliance(robot: Robot, j: int) -> tuple[str, ...]:
     """A model's names for the joint's compliance: its own, or that of the link before it about the axis."""
-    axes = ElasticChain(robot).elastic_axes(Builder("axes", ()), j - 1)
-    about = [k for k, axis in enumerate(axes, start=4) if axis[0] == 0 and axis[1] == 0]
-    return (f"c{j}", *(f"k{j - 1}_{k}{k}" for k in about))
+    return (f"c{j}", *(f"k{j - 1}_{k}{k}" for k in ElasticChain(robot).turns_with_joint(j - 1)))
 
 
 def _known(robot: Robot) -> dict[str, float]:

@@ -4,8 +4,9 @@ from __future__ import annotations
 
 from symstiff.effects.arm import heaviest
 from symstiff.effects.base import Realisation, Where
-from symstiff.effects.common import GRAVITY, XYZ, couple, parameter
+from symstiff.effects.common import GRAVITY, XYZ, parameter
 from symstiff.robot.schema import Robot
+from symstiff.symbolic.chain import cross
 from symstiff.symbolic.terms import Term, VirtualJoint, up
 
 
@@ -34,7 +35,7 @@ def weight(effect: str, where: Where, robot: Robot, body: int, lightest: float) 
     ]
     for k, moment in enumerate(moments):
         unit = [int(k == i) for i in range(3)]
-        for i, arm in enumerate(couple(unit, upward)):
+        for i, arm in enumerate(cross(unit, upward)):
             if arm != 0:
                 terms.append(Term(moment.name, VirtualJoint("body", body, 4 + i), -GRAVITY * arm))
     return Realisation((mass, *moments), tuple(terms))

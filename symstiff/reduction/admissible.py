@@ -7,11 +7,9 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 
+from symstiff.arrays import Array
 from symstiff.errors import UserError
-
-Array = npt.NDArray[np.float64]
 
 BEAM_RATIO = 4.0 / 3.0  # k22·k66/k26² of a uniform cantilever: (L³/3EI)·(L/EI)/(L²/2EI)²
 LINK = re.compile(r"k(\d+)_([1-6])([1-6])")

@@ -4,11 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-import sympy as sp
-
 from symstiff.reduction.physical import Parameter, Stage, terms_of
 from symstiff.reduction.structural import ExactEngine, Experiment
-from symstiff.symbolic.builder import Builder
 from symstiff.symbolic.chain import ElasticChain
 from symstiff.symbolic.programs import observation_program
 
@@ -37,11 +34,8 @@ def inexact_aggregations(
 def joint_direction(chain: ElasticChain, joint: int) -> dict[int, float]:
     """Components of a joint's axis along the elastic axes (1 to 6) of the link before it; zeros left out."""
     shift = 0 if chain.rows[joint - 1].prismatic else 3
-    b = Builder("axes", ())
-    axes = chain.elastic_axes(b, joint - 1)
-    exact = {c.symbol: c.exact for c in b.constants}
-    components = {k + shift: sp.sympify(axis[2]) for k, axis in enumerate(axes, start=1)}
-    return {k: float(u.xreplace(exact)) for k, u in components.items() if u != 0}
+    components = {k + shift: axis[2] for k, axis in enumerate(chain.exact_axes(joint - 1), start=1)}
+    return {k: float(u) for k, u in components.items() if u != 0}
 
 
 def _absorbed(stages: Sequence[Stage]) -> tuple[Parameter, ...]:

@@ -8,8 +8,9 @@ from typing import Any
 
 import numpy as np
 
+from symstiff.arrays import Array
 from symstiff.display import finite
-from symstiff.reduction.admissible import AdmissibleSet, Array
+from symstiff.reduction.admissible import AdmissibleSet
 from symstiff.reduction.conic import Constraint, semidefinite, solve
 from symstiff.reduction.nearest import Affine
 

@@ -8,7 +8,8 @@ from dataclasses import dataclass, field
 import numpy as np
 import scipy.sparse
 
-from symstiff.reduction.admissible import AdmissibleSet, Array, Block
+from symstiff.arrays import Array
+from symstiff.reduction.admissible import AdmissibleSet, Block
 
 _ROOT2 = np.sqrt(2.0)
 _STEPS = (0.99, 0.95, 0.9)

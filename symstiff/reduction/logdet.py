@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
+from symstiff.arrays import Array
 from symstiff.errors import UserError
-from symstiff.reduction.admissible import AdmissibleSet, Array, Block
+from symstiff.reduction.admissible import AdmissibleSet, Block
 from symstiff.reduction.nearest import Affine, deepest_point
 
 _LEAST_DEPTH = 1e-9

@@ -8,8 +8,9 @@ from functools import cached_property
 
 import numpy as np
 
+from symstiff.arrays import Array
 from symstiff.errors import UserError
-from symstiff.reduction.admissible import AdmissibleSet, Array
+from symstiff.reduction.admissible import AdmissibleSet
 from symstiff.reduction.conic import Constraint, Solution, block_rows, semidefinite, solve
 
 

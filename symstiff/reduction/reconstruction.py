@@ -14,11 +14,11 @@ from typing import Any, Literal
 
 import numpy as np
 
+from symstiff.arrays import Array
 from symstiff.display import finite
 from symstiff.errors import UserError
 from symstiff.reduction.admissible import (
     AdmissibleSet,
-    Array,
     admissible_set,
     joint_compliances,
     link_matrices,
@@ -126,18 +126,15 @@ def reconstruct(
     affine = Affine(P, reduced, scale)
     depth = deepest(affine, rules)
     is_admissible = depth > -1e-9 * affine.gain
-    moved = affine
+    moved, inner = affine, min(margin, 0.5 * max(depth, 0.0))
     if not is_admissible:
         moved = Affine(P, project_reduced(affine, rules, covariance, margin), scale)
         inner = 0.5 * min(margin, max(deepest(moved, rules), 0.0))
-    else:
-        inner = min(margin, 0.5 * max(depth, 0.0))
     if metric == "logdet":
         x, value = nearest_logdet(moved, rules, target)
     else:
         x, value = nearest_relative(moved, rules, target, relations, inner)
-    values = scale * moved.restore(x)
-    given = _deviations(covariance, len(reduced))
+    values, shift = scale * moved.restore(x), moved.reduced - reduced
     return Reconstruction(
         names=tuple(names),
         values=values,
@@ -145,8 +142,8 @@ def reconstruct(
         reduced=P @ values,
         admissible=is_admissible,
         depth=depth,
-        distance=0.0 if is_admissible else _mahalanobis(moved.reduced - reduced, covariance),
-        shifts=np.zeros(len(reduced)) if is_admissible else (moved.reduced - reduced) / given,
+        distance=0.0 if is_admissible else _mahalanobis(shift, covariance),
+        shifts=np.zeros(len(reduced)) if is_admissible else shift / _deviations(covariance, len(reduced)),
         metric=f"{metric}: {METRICS[metric]}",
         metric_value=value,
         smallest=rules.smallest(values, scale),

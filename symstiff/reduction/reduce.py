@@ -17,8 +17,8 @@ from symstiff.reduction.aggregation import inexact_aggregations
 from symstiff.reduction.physical import Parameter, Stage, physical_stages, terms_of
 from symstiff.reduction.structural import ExactEngine, Experiment, Partition, in_rationals, in_unit_axes
 from symstiff.robot.exact import parse_exact
-from symstiff.robot.schema import LONGEST, WIDEST, Robot, whole
-from symstiff.symbolic.builder import Builder
+from symstiff.robot.quantities import LONGEST, WIDEST, in_parts_of_pi
+from symstiff.robot.schema import Robot
 from symstiff.symbolic.chain import ElasticChain
 from symstiff.symbolic.programs import observation_program
 from symstiff.symbolic.terms import Term
@@ -232,7 +232,7 @@ def _fixed(robot: Robot, fixed: Mapping[int, Any]) -> dict[int, sp.Expr]:
             unit, right = ("millimetres", "metres") if prismatic else ("degrees", "radians")
             raise UserError(f"cannot fix q{joint} at {float(value):g}: looks like {unit}, give {right}")
         # tables have decimals: joints may stand square to each other by sums of tenths of a degree
-        values[joint] = (value if prismatic else whole(value, _TENTHS)).sympy()
+        values[joint] = (value if prismatic else in_parts_of_pi(value, _TENTHS)).sympy()
     return values
 
 
@@ -262,16 +262,8 @@ def preference(
 
 
 def _sense(chain: ElasticChain, p: Parameter) -> int:
-    if p.is_joint or (not p.is_coupling and p.row > 3 and _is_joint_axis(chain, p)):
+    if p.is_joint or (not p.is_coupling and p.row in chain.turns_with_joint(p.body)):
         return 0
     if p.is_coupling:
         return 3
     return 1 if p.row > 3 else 2
-
-
-def _is_joint_axis(chain: ElasticChain, p: Parameter) -> bool:
-    """Whether axis ``row`` of the link is the next joint's axis, z of DH frame i."""
-    if p.body >= chain.dof or chain.rows[p.body].prismatic:
-        return False
-    axis = chain.elastic_axes(Builder("axes", ()), p.body)[p.row - 4]
-    return bool(axis[0] == 0 and axis[1] == 0)

@@ -51,7 +51,8 @@ def numeric_partition(
     _, s, vt = np.linalg.svd(matrix / scale, full_matrices=False)
     decision = numeric_rank(s, len(matrix))
     row_space = vt[: decision.rank]
-    kept = _independent(row_space, [names.index(n) for n in preference])
+    order = [names.index(n) for n in preference]
+    kept = [order[k] for k in independent(row_space[:, order], 1e-8)]
     mixing = np.linalg.solve(row_space[:, kept], row_space) if kept else np.zeros((0, len(names)))
     # rule 2 comes out by itself: where the row of [V_1 … V_r] vanishes, nothing is left of any kept one
     couplings: Couplings = {
@@ -66,16 +67,19 @@ def numeric_partition(
     return partition(names, [names[k] for k in kept], couplings), decision
 
 
-def _independent(row_space: np.ndarray, order: Sequence[int]) -> list[int]:
-    """Columns in order of preference that are independent of those before them (orthogonal projection, twice)."""
-    basis = np.zeros((0, row_space.shape[0]))
-    kept: list[int] = []
-    for c in order:
-        v = row_space[:, c]
-        rest = v - basis.T @ (basis @ v)
-        rest = rest - basis.T @ (basis @ rest)
-        size = np.linalg.norm(rest)
-        if size > 1e-8 * max(1.0, float(np.linalg.norm(v))) and len(kept) < row_space.shape[0]:
-            basis = np.vstack([basis, rest / size])
-            kept.append(c)
-    return kept
+def independent(A: np.ndarray, least: float) -> list[int]:
+    """Columns of A (M, N), of length one at most, with more than ``least`` outside those taken before them, in order.
+
+    No pivots: where columns tie, rounding would choose among them, another one on each machine.
+    """
+    basis = np.zeros((len(A), min(A.shape)))
+    taken: list[int] = []
+    for k, column in enumerate(A.T):
+        left, found = column, basis[:, : len(taken)]
+        for _ in range(2):  # once more against rounding
+            left = left - found @ (found.T @ left)
+        size = float(np.linalg.norm(left))
+        if size > least and len(taken) < basis.shape[1]:
+            basis[:, len(taken)] = left / size
+            taken.append(k)
+    return taken

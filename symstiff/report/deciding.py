@@ -7,8 +7,8 @@ from typing import Any
 
 import numpy as np
 
-from symstiff.discrepancy.deciding import Experiment
-from symstiff.discrepancy.problem import Array
+from symstiff.arrays import Array
+from symstiff.discrepancy.deciding import Setup
 
 DECIDES = 9.0
 """Separation from which explanations are told apart: three standard deviations."""
@@ -51,11 +51,11 @@ def decides(decide: Mapping[str, Any]) -> bool:
     return bool(poses) and poses[-1]["separation"] >= DECIDES
 
 
-def assumed(experiment: Experiment, sigma: Array) -> str:
+def assumed(setup: Setup, sigma: Array) -> str:
     """What the separation of planned poses takes for granted, in words."""
-    force, moment = (float(np.abs(part).max()) for part in np.split(experiment.loads, 2, axis=1))
-    loads = f"{len(experiment.loads)} loads of up to {force:g} N" + f" and {moment:g} N·m" * (moment > 0)
-    read = ", ".join(experiment.points)
+    force, moment = (float(np.abs(part).max()) for part in np.split(setup.loads, 2, axis=1))
+    loads = f"{len(setup.loads)} loads of up to {force:g} N" + f" and {moment:g} N·m" * (moment > 0)
+    read = ", ".join(setup.points)
     noise = f"σ {1e3 * sigma[0]:.2g} mm a coordinate"
-    whole = f", {1e3 * sigma[3]:.2g} mrad a rotation" if max(experiment.components) >= 3 else ""
+    whole = f", {1e3 * sigma[3]:.2g} mrad a rotation" if max(setup.components) >= 3 else ""
     return f"assumed: {loads if force or moment else 'no load'}; measured: {read}, {noise}{whole}"

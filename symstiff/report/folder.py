@@ -15,16 +15,16 @@ from symstiff.calibration.experiment.readings import experiment_of
 from symstiff.calibration.identify import start_model
 from symstiff.calibration.measurements import COMPONENTS, Measurements
 from symstiff.calibration.writing import LOADS
-from symstiff.discrepancy.deciding import Choice, Rival, decide_by, experiments_like
+from symstiff.discrepancy.deciding import Choice, Rival, decide_by, setups_like
 from symstiff.discrepancy.finding import Finding
 from symstiff.discrepancy.separate import TAKEN
+from symstiff.discrepancy.verdict import AMBIGUOUS
 from symstiff.errors import UserError
 from symstiff.files import DIAGNOSIS, new_folder
 from symstiff.model import StiffnessModel
 from symstiff.report.code import Line, core, difference, excerpt
 from symstiff.report.html import render
 from symstiff.report.verdict import verdict_table
-from symstiff.report.words import sentence
 
 FEWEST, MOST, AMPLE = 6, 15, 100.0
 """Poses in decide.csv: as many as make the explanations differ amply, within these bounds."""
@@ -42,16 +42,15 @@ class Written:
         return f"Written({str(self.folder)!r}: report.html, verdict.json, model.toml; {self.code})"
 
 
-def write_folder(finding: Finding, folder: Path, tell: Callable[[str], None] = lambda stage: None) -> Written:
+def write_report(finding: Finding, folder: Path, tell: Callable[[str], None] = lambda stage: None) -> Written:
     """Write everything that a diagnosis leaves behind. Raises UserError where the place cannot be written."""
     require(finding, Finding, "a finding", "diagnose(Task(robot, table)) gives one")
     with new_folder(folder, DIAGNOSIS) as temporary:
-        verdict = verdict_table(finding)
         tell("code")
         code = _code(finding, temporary.resolve() / "code")
         changes = _changes(finding, temporary / "code") if code["folder"] else []
-        decide = write_deciding_poses(finding, temporary, verdict, tell)
-        verdict["code"] = code
+        decide = write_deciding_poses(finding, temporary, tell)
+        verdict = {**verdict_table(finding, decide), "code": code}
         finding.model.save(temporary / "model.toml")
         tell("report")
         page = render(finding, {"code": code, "decide": decide}, changes)
@@ -115,19 +114,19 @@ def _changes(finding: Finding, code: Path) -> list[Line]:
 
 
 def write_deciding_poses(
-    finding: Finding, folder: Path, verdict: dict[str, Any], tell: Callable[[str], None]
+    finding: Finding, folder: Path, tell: Callable[[str], None]
 ) -> dict[str, Any] | None:
-    """decide.csv for an ambiguous verdict: poses and loads that tell the admissible sets apart."""
+    """decide.csv for an ambiguous verdict: poses and loads that tell the admissible sets apart; its record."""
     from symstiff.calibration.table import write_table
 
-    if finding.verdict != "ambiguous":
+    if finding.verdict != AMBIGUOUS:
         return None
     rivals = rivals_of(finding)
     if len(rivals) < 2:
         return None
     choice, model = Choice(MOST, FEWEST, AMPLE, finding.task.seed), _free_model(finding)
-    experiment, table, found = decide_by(
-        experiments_like(finding.table),
+    setup, table, found = decide_by(
+        setups_like(finding.table),
         model,
         rivals,
         finding.last.noise.by_component(),
@@ -138,11 +137,11 @@ def write_deciding_poses(
     record = {
         "file": "decide.csv" if found.poses else None,
         "taken": TAKEN if found.poses else None,
-        "kind": experiment.kind,
-        "components": list(experiment.components),
-        "points": list(experiment.points),
-        "loads": [dict(zip(LOADS, map(float, w), strict=True)) for w in experiment.loads],
-        "branches": [b for b in ("up", "down") if len(experiment.branches) > 1],
+        "kind": setup.kind,
+        "components": list(setup.components),
+        "points": list(setup.points),
+        "loads": [dict(zip(LOADS, map(float, w), strict=True)) for w in setup.loads],
+        "branches": [b for b in ("up", "down") if len(setup.branches) > 1],
         "poses": [
             {"pose": label, "q": _joints(table, k), "separation": float(s)}
             for k, (label, s) in enumerate(zip(table.labels, found.separation, strict=True))
@@ -151,7 +150,6 @@ def write_deciding_poses(
     if found.poses:
         write_table(table, folder / "decide.csv", "deg")
         write_table(_without_readings(finding.table), folder / TAKEN)
-    verdict["decide"], verdict["sentence"] = record, sentence(finding, record)
     return record
 
 

@@ -13,10 +13,10 @@ from symstiff.calibration.measurements import COMPONENTS
 from symstiff.discrepancy import numbers
 from symstiff.discrepancy.finding import Finding, Found
 from symstiff.discrepancy.noise import off
-from symstiff.discrepancy.result import CandidateResult, Estimate, Name
+from symstiff.discrepancy.result import CandidateResult, Name, Quantity
 from symstiff.discrepancy.sharing import JOINTS
 from symstiff.discrepancy.speech import named, spoken
-from symstiff.discrepancy.verdict import INSUFFICIENT
+from symstiff.discrepancy.verdict import AMBIGUOUS, INSUFFICIENT, NOTHING, UNEXPLAINED, UNTESTABLE
 from symstiff.display import few
 from symstiff.effects.registry import catalogue
 from symstiff.report import law_plots, plots, unnamed, words
@@ -48,7 +48,7 @@ def _context(finding: Finding, files: dict[str, Any], changes: list[Line]) -> di
         "start": finding.task.origin,
         "headline": words.headline(finding),
         "sentence": words.sentence(finding, files.get("decide")),
-        "verdict": finding.verdict if finding.testable else "untestable",
+        "verdict": finding.verdict if finding.testable else UNTESTABLE,
         "remarks": finding.remarks,
         "facts": _facts(finding),
         "explanations": _explanations(finding),
@@ -102,7 +102,7 @@ def _fall(finding: Finding, before: float | None, after: float | None) -> str:
 
 def _explanations(finding: Finding) -> list[dict[str, Any]]:
     """Cards of the effects; those of an ambiguous verdict by what all explanations share, then by explanation."""
-    if finding.verdict != "ambiguous":
+    if finding.verdict != AMBIGUOUS:
         return [{"title": "", "cards": _effects(finding, finding.effects)}] if finding.effects else []
     common, own = words.explanations(finding)
     out = [{"title": "In every explanation", "cards": _effects(finding, common)}] if common else []
@@ -231,9 +231,7 @@ def _laws(finding: Finding) -> list[dict[str, Any]]:
     out = []
     for e in sorted(shown, key=lambda e: count[e.effect] > _MANY)[:_MOST_LAWS]:
         found = formulas(finding.task.robot, e.instance)
-        tag = (
-            f"explanation {e.set_number + 1}: " if finding.verdict == "ambiguous" and e not in common else ""
-        )
+        tag = f"explanation {e.set_number + 1}: " if finding.verdict == AMBIGUOUS and e not in common else ""
         out.append(
             {
                 "name": tag + named(e.effect, e.where),
@@ -245,7 +243,7 @@ def _laws(finding: Finding) -> list[dict[str, Any]]:
 
 
 def _unnamed(finding: Finding) -> dict[str, Any] | None:
-    known = finding.verdict not in ("unexplained", "named_insufficient")
+    known = finding.verdict not in (UNEXPLAINED, INSUFFICIENT)
     if known or not finding.testable or finding.last.against_sigma or finding.last.stratum_alone is not None:
         return None
     where, law, device = finding.last.localisation, finding.last.law, finding.last.device_law
@@ -328,7 +326,7 @@ def _names(found: Iterable[Name]) -> list[str]:
 
 def _sensitivity(finding: Finding) -> list[tuple[str, str, str]]:
     """Per effect the place where it would have been seen best, and how large it had to be there."""
-    source = finding.last.candidates if finding.verdict == "nothing_missing" else finding.candidates
+    source = finding.last.candidates if finding.verdict == NOTHING else finding.candidates
     best: dict[str, list[CandidateResult]] = {}
     for c in source:
         if any(math.isfinite(e.value) for e in c.smallest_detectable.values()):
@@ -365,7 +363,7 @@ def _moved(finding: Finding) -> list[dict[str, str]]:
 def _value(value: float | None, std: float | None) -> str:
     if value is None or std is None:
         return "–"
-    return numbers.quantity(Estimate(value, std, "plain")).removesuffix(" plain")
+    return numbers.quantity(Quantity(value, std, "plain")).removesuffix(" plain")
 
 
 def _noise(finding: Finding) -> list[str]:

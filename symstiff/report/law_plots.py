@@ -9,11 +9,12 @@ from typing import Any
 import numpy as np
 import sympy as sp
 
+from symstiff.arrays import Array
+from symstiff.calibration.decomposition import unit_columns
 from symstiff.calibration.measurements import COMPONENTS
 from symstiff.discrepancy.finding import Finding, Found
 from symstiff.discrepancy.growth import contribution
 from symstiff.discrepancy.localise import back_project
-from symstiff.discrepancy.problem import Array
 from symstiff.discrepancy.speech import named
 from symstiff.report.plots import AFTER, LAW, Picture, drawing
 from symstiff.report.tables import rotates, shift, weights
@@ -143,10 +144,8 @@ def left_with(finding: Finding, signal: Array) -> Array:
     """(M,) what is left of the data once a signal has joined the model, all coefficients fitted again."""
     problem, weight = finding.assembly.problem, 1.0 / weights(finding)
     before = finding.last.growth[0].residual if finding.last.growth else np.zeros(problem.rows)
-    X = problem.A * weight[:, None]
-    length = np.linalg.norm(X, axis=0)
-    length[length == 0] = 1.0
-    absorbed = np.linalg.lstsq(X / length, signal * weight, rcond=1e-9)[0] / length
+    X, length = unit_columns(problem.A * weight[:, None])
+    absorbed = np.linalg.lstsq(X, signal * weight, rcond=1e-9)[0] / length
     return np.asarray(before - signal + problem.A @ absorbed)
 
 

@@ -7,9 +7,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from symstiff.arrays import Array
 from symstiff.calibration.residuals import Size, sizes
 from symstiff.discrepancy.finding import Finding
-from symstiff.discrepancy.problem import Array
 
 
 def by_state(finding: Finding, rows: Array) -> Array:

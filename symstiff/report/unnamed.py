@@ -8,7 +8,7 @@ from symstiff.discrepancy.finding import Finding
 from symstiff.discrepancy.laws import READING
 from symstiff.discrepancy.localise import FittedDevice, FittedLaw
 from symstiff.discrepancy.numbers import number, quantity
-from symstiff.discrepancy.result import Estimate
+from symstiff.discrepancy.result import Quantity
 from symstiff.display import listing
 from symstiff.report.tables import rotates
 
@@ -38,7 +38,7 @@ def device_text(law: FittedDevice) -> str:
     clear = [term for term in law.terms if abs(term[1]) > _CLEAR * term[2]]
     for text, value, deviation, unit in clear if clear and len(law.terms) > _MANY else law.terms:
         name, _, part = text.partition(": ")
-        size = quantity(Estimate(value, deviation, unit))
+        size = quantity(Quantity(value, deviation, unit))
         parts.setdefault(name, []).append(f"{part.replace('*', '·')} {size}".strip())
     own = law.place.startswith(READING)
     told = ", ".join(

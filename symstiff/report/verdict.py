@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from symstiff.discrepancy.finding import Finding, Found
-from symstiff.discrepancy.result import CandidateResult, Estimate, Name
+from symstiff.discrepancy.result import CandidateResult, Name, Quantity
 from symstiff.discrepancy.sharing import JOINTS
 from symstiff.discrepancy.strata import Stratum
 from symstiff.display import finite
@@ -17,13 +17,13 @@ from symstiff.report.tables import sizes_of
 from symstiff.report.words import sentence
 
 
-def verdict_table(finding: Finding) -> dict[str, Any]:
-    """The verdict as plain values; what is not finite or unknown is null."""
+def verdict_table(finding: Finding, decide: Mapping[str, Any] | None = None) -> dict[str, Any]:
+    """The verdict as plain values; what is not finite or unknown is null. ``decide``: the poses that decide."""
     last = finding.last
-    return {
+    table = {
         "verdict": finding.verdict,
         "testable": finding.testable,
-        "sentence": sentence(finding),
+        "sentence": sentence(finding, decide),
         "reason": finding.reason,
         "remarks": list(finding.remarks),
         "robot": finding.task.robot.name,
@@ -66,6 +66,7 @@ def verdict_table(finding: Finding) -> dict[str, Any]:
             "values": {n: finite(v) for n, v in finding.start.model.values.items()},
         },
     }  # fmt: skip
+    return table if decide is None else {**table, "decide": decide}
 
 
 def _mm(value: float | None) -> float | None:
@@ -81,7 +82,7 @@ def _json(value: Any) -> Any:
     return value.item() if isinstance(value, np.generic) else value
 
 
-def _estimates(parameters: Mapping[str, Estimate]) -> dict[str, Any]:
+def _estimates(parameters: Mapping[str, Quantity]) -> dict[str, Any]:
     return {
         n: {"value": finite(e.value), "std": finite(e.std), "unit": e.unit} for n, e in parameters.items()
     }

@@ -8,10 +8,11 @@ from typing import Any
 
 from symstiff.discrepancy.finding import Finding, Found
 from symstiff.discrepancy.numbers import milli, number, p_equals, quantity
+from symstiff.discrepancy.reasons import Why
 from symstiff.discrepancy.remarks import FEW, hiding
 from symstiff.discrepancy.result import Name
 from symstiff.discrepancy.speech import named, place, spoken
-from symstiff.discrepancy.verdict import AS_WELL, ENOUGH, INSUFFICIENT, NOT_ALONE, REFUTED
+from symstiff.discrepancy.verdict import AMBIGUOUS, INSUFFICIENT, NAMED, NOTHING, UNEXPLAINED
 from symstiff.effects.instance import EffectInstance
 from symstiff.report.deciding import deciding
 from symstiff.report.tables import shift
@@ -51,20 +52,20 @@ def headline(finding: Finding) -> str:
     """The verdict in a few words."""
     if not finding.testable:
         return "Nothing can be tested with these data"
-    if finding.reason == NOT_ALONE:
+    if finding.because.why is Why.NOT_ALONE:
         return "Something is missing, and the data do not tell whether the catalogue has a name for it"
     if finding.last.against_sigma:
         return "More is left than the stated sigma allows, and no test finds anything missing"
     if finding.last.stratum_alone is not None:
         return "More is left than independent noise leaves, and no place stands out"
-    if finding.reason in (AS_WELL, REFUTED):
+    if finding.because.why in (Why.AS_WELL, Why.REFUTED):
         return f"Something is missing, perhaps: {names(finding.named)}"
     return {
-        "named": "Missing: " + names(finding.named),
-        "nothing_missing": _nothing_missing(finding),
-        "ambiguous": "Ambiguous: more than one explanation accounts for the data",
-        "named_insufficient": "Missing, but not all of it: " + names(finding.named),
-        "unexplained": "Something is missing that has no name in the catalogue",
+        NAMED: "Missing: " + names(finding.named),
+        NOTHING: _nothing_missing(finding),
+        AMBIGUOUS: "Ambiguous: more than one explanation accounts for the data",
+        INSUFFICIENT: "Missing, but not all of it: " + names(finding.named),
+        UNEXPLAINED: "Something is missing that has no name in the catalogue",
     }[finding.verdict]
 
 
@@ -120,11 +121,11 @@ def sentence(finding: Finding, decide: Mapping[str, Any] | None = None) -> str:
     if not finding.testable:
         return f"Nothing can be tested with these data: {finding.reason}."
     text = {
-        "named": _named,
-        "nothing_missing": _nothing,
-        "ambiguous": _ambiguous,
-        "named_insufficient": _insufficient,
-        "unexplained": _unexplained,
+        NAMED: _named,
+        NOTHING: _nothing,
+        AMBIGUOUS: _ambiguous,
+        INSUFFICIENT: _insufficient,
+        UNEXPLAINED: _unexplained,
     }[finding.verdict](finding)
     return text if decide is None else f"{text} {deciding(decide)}"
 
@@ -283,12 +284,12 @@ def _insufficient(finding: Finding) -> str:
     why = (
         "a law still stands out in what it leaves: another shape of it, or a further effect too faint to name"
     )
-    if finding.reason == AS_WELL:
+    if finding.because.why is Why.AS_WELL:
         why = "a law without a name accounts for the data as well"
-    if finding.reason == ENOUGH:
+    if finding.because.why is Why.ENOUGH:
         why = f"{_further(finding)} stands out beside as many effects as were looked for: allow more (--max-effects)"
-    if finding.reason == REFUTED:
-        why = f"{REFUTED}: measure more poses before relying on it"
+    if finding.because.why is Why.REFUTED:
+        why = f"{finding.reason}: measure more poses before relying on it"
     return f"The leading explanation is {listed(finding)}, but {why}; {gap(finding)}."
 
 
@@ -315,7 +316,7 @@ def _unexplained(finding: Finding) -> str:
         )
     accused = finding.last.localisation.accused if finding.last.localisation else ""
     text = "No effect of the catalogue accounts for the data"
-    if finding.reason == NOT_ALONE:
+    if finding.because.why is Why.NOT_ALONE:
         told = [named(name.effect, name.where) for name, _, _ in finding.last.leading]
         sets, verb = ", ".join(told), "account" if len(told) > 1 else "accounts"
         text = f"{sets[:1].upper()}{sets[1:]} {verb} for the data, but a law without a name does so as well"

@@ -133,6 +133,19 @@ class ElasticChain:
             (-cf * sp_, -sf * sp_, cp),
         )
 
+    def exact_axes(self, i: int) -> Axes:
+        """``elastic_axes`` as exact numbers."""
+        b = Builder("axes", ())
+        axes = self.elastic_axes(b, i)
+        exact = {c.symbol: c.exact for c in b.constants}
+        return tuple(tuple(sp.sympify(x).xreplace(exact) for x in axis) for axis in axes)  # type: ignore[return-value]
+
+    def turns_with_joint(self, i: int) -> tuple[int, ...]:
+        """Which of link i's rotations, 4 to 6, are about the axis of the joint behind it; none where that slides."""
+        if i >= self.dof or self.rows[i].prismatic:
+            return ()
+        return tuple(k for k, axis in enumerate(self.exact_axes(i), start=4) if axis[0] == 0 and axis[1] == 0)
+
     def axis_lengths(self, i: int) -> Vec:
         """Lengths of link i's elastic axes: one, or of oblique axes without ``unit_axes`` a root each."""
         axis = self._beam_axis(i)
@@ -199,7 +212,7 @@ def dot(a: Sequence[sp.Expr], b: Sequence[sp.Expr]) -> sp.Expr:
     return sp.Add(*[x * y for x, y in zip(a, b, strict=True)])
 
 
-def cross(a: Vec, b: Vec) -> Vec:
+def cross(a: Sequence[sp.Expr], b: Sequence[sp.Expr]) -> Vec:
     """Vector product."""
     return a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]
 

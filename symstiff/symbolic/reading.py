@@ -13,7 +13,6 @@ import sympy as sp
 from symstiff.arguments import A_CHAIN, require
 from symstiff.display import html_table
 from symstiff.errors import UserError
-from symstiff.symbolic.builder import Builder
 from symstiff.symbolic.chain import ElasticChain
 from symstiff.symbolic.latex import aligned, latex
 from symstiff.symbolic.program import Let, Program
@@ -114,10 +113,7 @@ def chain_html(chain: ElasticChain) -> str:
         if i:
             kind = "translation along" if chain.rows[i - 1].prismatic else "rotation about"
             rows.append((f"joint {i}", str(first - 1), f"{kind} z of frame {i - 1}"))
-        builder = Builder("axes", ())
-        found = chain.elastic_axes(builder, i)
-        exact = {c.symbol: c.exact for c in builder.constants}
-        axes = ", ".join(_axis([sp.sympify(c).xreplace(exact) for c in e]) for e in found)
+        axes = ", ".join(_axis(e) for e in chain.exact_axes(i))
         what = f"translations along, rotations about {axes} of frame {i}"
         rows.append((f"link {i}", f"{first} … {first + 5}", what))
     caption = f"{chain.robot.title or chain.robot.name}: {len(chain.virtual_joints)} virtual joints"

@@ -9,7 +9,8 @@ from dataclasses import replace
 
 import numpy as np
 
-from symstiff.discrepancy.problem import Array, Problem
+from symstiff.arrays import Array
+from symstiff.discrepancy.problem import Problem
 from symstiff.discrepancy.scan import Scan, basis_of, explained, extend, outside
 
 

@@ -20,7 +20,7 @@ from symstiff.discrepancy.prepare import prepare
 from symstiff.discrepancy.problem import Problem
 from symstiff.discrepancy.scan import column_space
 from symstiff.discrepancy.verdict import NAMED, NOTHING
-from symstiff.discrepancy.workflow import run as diagnose
+from symstiff.discrepancy.workflow import diagnose
 from symstiff.threads import one_thread
 from tests.blind.apart import apart, limit
 from tests.blind.baselines import aic, bic, cross_validation, lasso

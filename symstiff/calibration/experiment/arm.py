@@ -6,16 +6,17 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from symstiff.calibration.experiment.situation import Floats, Laws, View, look, under_weights
+from symstiff.arrays import Array
+from symstiff.calibration.experiment.situation import Laws, View, look, under_weights
 
 
 @dataclass(frozen=True, eq=False)
 class Arm:
     """An arm under its loads, base axes."""
 
-    points: Floats
+    points: Array
     """(N, 3) where the measured points are."""
-    beyond: Floats
+    beyond: Array
     """(N, 6) twists by which equations that are linear about the arm of the file miss that."""
     laws: Laws
     """By which it gives way."""
@@ -27,7 +28,7 @@ def drawn(view: View, laws: Laws) -> Arm:
     return Arm(view.found.T[:, :3, 3] + view.offset + moved[:, :3], np.zeros_like(moved), laws)
 
 
-def standing(view: View, laws: Laws, off: Floats) -> Arm:
+def standing(view: View, laws: Laws, off: Array) -> Arm:
     """The arm whose virtual joints are ``off`` (V,) without load, besides what the laws say of that.
 
     One whose frames are off by a milliradian stands some micrometres beside what linear equations say, by a hundredth
@@ -45,7 +46,7 @@ def standing(view: View, laws: Laws, off: Floats) -> Arm:
     return Arm(points + moved[:, :3], beyond, laws)
 
 
-def turns_between(one: Floats, other: Floats) -> Floats:
+def turns_between(one: Array, other: Array) -> Array:
     """Rotation vectors (N, 3) from attitudes (N, 3, 3) to others."""
     from scipy.spatial.transform import Rotation
 

@@ -7,13 +7,14 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from symstiff.arrays import Array
 from symstiff.calibration.decomposition import svd
 from symstiff.calibration.experiment.arm import Arm, drawn, standing
+from symstiff.calibration.experiment.full import full_laws
 from symstiff.calibration.experiment.placement import placed, placement_columns, turns_of
 from symstiff.calibration.experiment.readings import experiment_of
 from symstiff.calibration.experiment.rounding import without_rounding
 from symstiff.calibration.experiment.situation import (
-    Floats,
     Laws,
     Situation,
     View,
@@ -23,7 +24,6 @@ from symstiff.calibration.experiment.situation import (
     look,
     under_weights,
 )
-from symstiff.calibration.experiment.whole import whole
 from symstiff.calibration.measurements import Measurements
 from symstiff.calibration.rows import stated_sigma
 from symstiff.effects.base import Realisation, Shape, Where
@@ -60,8 +60,8 @@ class Current:
     situation: Situation
     names: tuple[str, ...]
     hidden: tuple[Compliance, ...]
-    A: Floats
-    y: Floats
+    A: Array
+    y: Array
     fitted: dict[str, float]
     arm: Arm
     """From which ``y`` starts."""
@@ -98,7 +98,7 @@ def _found(model: StiffnessModel, current: Current) -> Arm:
     return standing(current.situation.view, replace(laws, numbers=numbers), off)
 
 
-def _as_found(model: StiffnessModel, current: Current) -> tuple[dict[str, float], Floats]:
+def _as_found(model: StiffnessModel, current: Current) -> tuple[dict[str, float], Array]:
     """Values of the model, and what all links are off besides (V,), as the data show them.
 
     Each is as small as it can be where the data do not tell it from others, but for the parameters of effects.
@@ -142,7 +142,7 @@ def _standing(model: StiffnessModel, current: Current) -> Current:
     return replace(current, A=A, fitted=fitted)
 
 
-def _shares(model: StiffnessModel, hidden: Sequence[Compliance], table: Measurements) -> Floats:
+def _shares(model: StiffnessModel, hidden: Sequence[Compliance], table: Measurements) -> Array:
     """(compliances, hidden) coefficients of hidden columns in the model's, under loads of its class at the tool."""
     parameters = (*model.compliances, *hidden)
     points = experiment_of(table, model.robot).points
@@ -208,7 +208,7 @@ def _current(
         solution, weighed = _fitted(np.hstack([A, extra]), target, view, begin, weigh)
         fit = dict(zip(free, solution, strict=True))
         own = [k for k, n in enumerate(free) if n in {p.name for p in model.effect_parameters}]
-        laws = whole(model, view, np.hstack([A[:, own], extra]), {**fit, **nominal}, target, weighed)
+        laws = full_laws(model, view, np.hstack([A[:, own], extra]), {**fit, **nominal}, target, weighed)
     situation = Situation(_under(view, laws), laws)
     keep = np.any(A != 0, axis=0)
     kept = [n for n, k in zip(free, keep, strict=True) if k]
@@ -216,7 +216,7 @@ def _current(
     return Current(situation, names, beside, np.hstack([A[:, keep], extra]), target, fit | nominal, arm)
 
 
-def _sizes(model: StiffnessModel, names: Sequence[str]) -> Floats:
+def _sizes(model: StiffnessModel, names: Sequence[str]) -> Array:
     """Usual sizes of parameters, the hidden ones included."""
     return np.array([model.steps.get(n, _COMPLIANCE) for n in names])
 
@@ -229,7 +229,7 @@ def _under(view: View, laws: Laws) -> View:
     return replace(view, more=sum(laws.numbers.get(name, 0.0) * load for name, load in loads.items()))
 
 
-def _bent(situation: Situation) -> Floats:
+def _bent(situation: Situation) -> Array:
     """(M,) by which columns of added loads exceed their share: laws that are not linear are seen under all loads."""
     view, more = situation.view, situation.view.more
     if not isinstance(more, np.ndarray):
@@ -240,7 +240,7 @@ def _bent(situation: Situation) -> Floats:
 
 def _own_columns(
     situation: Situation, identifier: str, where: Where, shape: Shape, realised: Realisation
-) -> Iterator[tuple[str, Floats]]:
+) -> Iterator[tuple[str, Array]]:
     columns = find(identifier).columns
     if columns is not None:
         block = columns(situation, where, shape)
@@ -249,7 +249,7 @@ def _own_columns(
 
 
 def _fitted(
-    A: Floats, y: Floats, view: View, start: Sequence[float], weigh: Weigh | None
+    A: Array, y: Array, view: View, start: Sequence[float], weigh: Weigh | None
 ) -> tuple[list[float], Weigh]:
     """Least squares about the start values, and how it weighed the rows: sigma as stated, else what is left.
 
@@ -273,13 +273,13 @@ def _fitted(
     return [float(x) for x in (begin + step)[:count]], lambda rows: plain(rows) / scale
 
 
-def spread_of(view: View) -> Floats:
+def spread_of(view: View) -> Array:
     """Standard deviation of every row where stated, else one for lengths and one for angles."""
     stated = sigma_of(view)
     return np.where(view.component < 3, 1e-4, 1e-3) if stated is None else stated
 
 
-def sigma_of(view: View) -> Floats | None:
+def sigma_of(view: View) -> Array | None:
     """(M,) stated sigma; gaps take the median of their kind, None where a kind has none.
 
     A row of an attitude is a small turn of the tool: of the stated sigma of a rotation vector's components, which

@@ -6,15 +6,16 @@ from dataclasses import replace
 
 import numpy as np
 
+from symstiff.arrays import Array
 from symstiff.calibration.experiment.arm import Arm, turns_between
-from symstiff.calibration.experiment.situation import Floats, View
+from symstiff.calibration.experiment.situation import View
 from symstiff.errors import UserError
 
 _NO_TURN = 1e-4
 """Angle [rad] below which a turn's Jacobian is that of none, to its square."""
 
 
-def placed(view: View, arm: Arm) -> tuple[View, Floats]:
+def placed(view: View, arm: Arm) -> tuple[View, Array]:
     """The view in the device's axes, and what its rows read beyond the rigid robot of the file (M,).
 
     Deflections are read in base axes and come back as they are. For absolute data the device's placement is
@@ -37,7 +38,7 @@ def placed(view: View, arm: Arm) -> tuple[View, Floats]:
     return view, np.array(excess[view.state, view.component])
 
 
-def closest(points: Floats, seen: Floats) -> tuple[Floats, Floats]:
+def closest(points: Array, seen: Array) -> tuple[Array, Array]:
     """Rotation and shift with seen ≈ turn·point + shift, least squares."""
     if not len(points):
         return np.eye(3), np.zeros(3)
@@ -48,7 +49,7 @@ def closest(points: Floats, seen: Floats) -> tuple[Floats, Floats]:
     return turn, b - turn @ a
 
 
-def _attitudes(view: View, turn: Floats) -> Floats:
+def _attitudes(view: View, turn: Array) -> Array:
     """Rotation vectors (N, 3) from the rigid robot's tool attitude to the measured one, device axes."""
     from scipy.spatial.transform import Rotation
 
@@ -56,7 +57,7 @@ def _attitudes(view: View, turn: Floats) -> Floats:
     return turns_between(turn @ view.found.T[:, :3, :3], Rotation.from_rotvec(values).as_matrix())
 
 
-def turns_of(vectors: Floats) -> Floats:
+def turns_of(vectors: Array) -> Array:
     """(N, 3, 3) small turns by small changes of rotation vectors (N, 3): the left Jacobian of SO(3)."""
     angle = np.linalg.norm(vectors, axis=1)
     size = np.where(angle > _NO_TURN, angle, 1.0)
@@ -67,7 +68,7 @@ def turns_of(vectors: Floats) -> Floats:
     return np.eye(3) + first[:, None, None] * cross + second[:, None, None] * (cross @ cross)
 
 
-def placement_columns(view: View) -> Floats:
+def placement_columns(view: View) -> Array:
     """(M, 6) small shifts and turns of the device about the arm of the file; none (M, 0) for deflections."""
     if view.table.kind != "absolute":
         return np.zeros((len(view.state), 0))
@@ -77,7 +78,7 @@ def placement_columns(view: View) -> Floats:
     return np.asarray(twist[view.state, view.component])
 
 
-def best_placed(view: View, y: Floats) -> Floats:
+def best_placed(view: View, y: Array) -> Array:
     """(M,) what rows read beyond the rigid robot where that is placed as well as it can be."""
     columns = placement_columns(view)
     return np.asarray(y - columns @ np.linalg.lstsq(columns, y, rcond=None)[0]) if columns.size else y

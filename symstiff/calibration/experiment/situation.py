@@ -13,8 +13,8 @@ from typing import Any
 
 import numpy as np
 import sympy as sp
-from numpy.typing import NDArray
 
+from symstiff.arrays import Array, Index
 from symstiff.calibration.measurements import Measurements
 from symstiff.effects.base import Body, at_lever
 from symstiff.effects.common import GRAVITY
@@ -36,9 +36,7 @@ from symstiff.symbolic.terms import (
     w,
 )
 
-Floats = NDArray[np.float64]
-Ints = NDArray[np.intp]
-Weigh = Callable[[Floats], Floats]
+Weigh = Callable[[Array], Array]
 """Rows (M, k) in units of the noise, what they share taken into account."""
 _ALGEBRA = NumpyAlgebra()
 _STEP = 1e-4
@@ -56,15 +54,15 @@ class View:
     robot: Robot
     table: Measurements
     found: Kinematics
-    offset: Floats
+    offset: Array
     """(N, 3) tool centre point to measured point, base axes."""
-    state: Ints
-    component: Ints
-    tau: Floats
+    state: Index
+    component: Index
+    tau: Array
     """(N, V) by the wrenches of the table, in absolute data by the links' weight as well."""
-    turn: Floats
-    shift: Floats = field(default_factory=lambda: np.zeros(3))
-    more: Floats | float = 0.0
+    turn: Array
+    shift: Array = field(default_factory=lambda: np.zeros(3))
+    more: Array | float = 0.0
     """(N, V) loads that the model's effects add by their fitted values: every law but a compliance's sees them."""
 
     @cached_property
@@ -78,18 +76,18 @@ class View:
         return {v: k for k, v in enumerate(self.joints)}
 
     @cached_property
-    def at_point(self) -> Floats:
+    def at_point(self) -> Array:
         """(N, 6, V) twists of the measured points for unit deflections, in the device's axes."""
         J = at_lever(self.found.J_theta, self.offset)
         return np.concatenate([self.turn @ J[:, :3], self.turn @ J[:, 3:]], axis=1)
 
     @cached_property
-    def points(self) -> Floats:
+    def points(self) -> Array:
         """(N, 3) where the device would read the measured points of the arm of the file: no noise is in them."""
         return np.asarray((self.found.T[:, :3, 3] + self.offset) @ self.turn.T + self.shift)
 
     @cached_property
-    def J(self) -> Floats:
+    def J(self) -> Array:
         """(M, V) rows of the virtual-joint Jacobian."""
         return np.asarray(self.at_point[self.state, self.component])
 
@@ -102,15 +100,15 @@ class View:
             for i, link in enumerate(self.robot.links) if i and link.mass
         )  # fmt: skip
 
-    def read(self, twists: Floats) -> Floats:
+    def read(self, twists: Array) -> Array:
         """Rows (M,) of twists (N, 6) of the measured points, device axes."""
         return np.asarray(twists[self.state, self.component])
 
     @cached_property
-    def values(self) -> dict[sp.Symbol, Floats]:
+    def values(self) -> dict[sp.Symbol, Array]:
         """Numbers (N,) for the symbols of a factor."""
         acting = self.tau + self.more
-        known: dict[sp.Symbol, Floats] = {tau(v): acting[:, k] for k, v in enumerate(self.joints)}
+        known: dict[sp.Symbol, Array] = {tau(v): acting[:, k] for k, v in enumerate(self.joints)}
         known |= {q(j + 1): self.table.q[:, j] for j in range(self.table.dof)}
         known |= {w(c): self.table.w[:, c - 1] for c in AXES}
         frames = self.found.R.shape[1]
@@ -127,7 +125,7 @@ class View:
         """What parts of factors are: laws at one place, and their shapes, have most of their parts in common."""
         return {}
 
-    def factor(self, expression: sp.Expr, more: Mapping[sp.Symbol, Floats] | None = None) -> Floats:
+    def factor(self, expression: sp.Expr, more: Mapping[sp.Symbol, Array] | None = None) -> Array:
         """A term's factor at every state (N,)."""
         if more:
             found = walk(expression, {**self.values, **more}, _ALGEBRA)
@@ -135,7 +133,7 @@ class View:
             found = walk(expression, self.values, _ALGEBRA, self._parts)
         return np.asarray(np.broadcast_to(found, (len(self.table),)))
 
-    def load_of(self, at: VirtualJoint, factor: Floats) -> Floats:
+    def load_of(self, at: VirtualJoint, factor: Array) -> Array:
         """Loads (N, V) that a term of the wrench or of a body's weight puts on the virtual joints."""
         J = self.found.J_theta
         if at.kind == "load":
@@ -153,9 +151,9 @@ class View:
         return np.asarray(load * factor[:, None])
 
 
-def loads_of(view: View, terms: Iterable[Term]) -> dict[str, Floats]:
+def loads_of(view: View, terms: Iterable[Term]) -> dict[str, Array]:
     """Loads (N, V) on the virtual joints by one unit of each parameter whose terms act on the wrench or on bodies."""
-    loads: dict[str, Floats] = {}
+    loads: dict[str, Array] = {}
     for term in terms:
         if term.at.kind in ("load", "body"):
             load = view.load_of(term.at, view.factor(term.factor))
@@ -163,7 +161,7 @@ def loads_of(view: View, terms: Iterable[Term]) -> dict[str, Floats]:
     return loads
 
 
-def look(robot: Robot, table: Measurements, turn: Floats | None = None, stand: Floats | None = None) -> View:
+def look(robot: Robot, table: Measurements, turn: Array | None = None, stand: Array | None = None) -> View:
     """Geometry and external loads of a table's states, of an arm whose virtual joints ``stand`` (N, V) off."""
     poses, back = np.unique(table.q, axis=0, return_inverse=True)
     back = back.reshape(-1)
@@ -211,7 +209,7 @@ class Laws:
     numbers: Mapping[str, float]
 
     @cached_property
-    def _parts(self) -> tuple[Floats, list[tuple[int, sp.Expr, float]]]:
+    def _parts(self) -> tuple[Array, list[tuple[int, sp.Expr, float]]]:
         """Compliance matrix (V, V) of the linear terms, and the other terms."""
         index = {tau(v): k for k, v in enumerate(self.view.joints)}
         matrix = np.zeros((len(self.view.joints),) * 2)
@@ -227,11 +225,11 @@ class Laws:
                 rest.append((at, term.factor, number))
         return matrix, rest
 
-    def linear(self, loads: Floats) -> Floats:
+    def linear(self, loads: Array) -> Array:
         """Δθ (N, V) under loads (N, V) by the compliances alone."""
         return np.asarray(loads @ self._parts[0].T)
 
-    def __call__(self, loads: Floats) -> Floats:
+    def __call__(self, loads: Array) -> Array:
         """Δθ (N, V) under loads (N, V)."""
         rest = self._parts[1]
         theta = self.linear(loads)
@@ -242,7 +240,7 @@ class Laws:
         return np.asarray(theta)
 
 
-def linear_columns(view: View, terms: Sequence[Term], names: Sequence[str]) -> Floats:
+def linear_columns(view: View, terms: Sequence[Term], names: Sequence[str]) -> Array:
     """(M, len(names)) columns of terms at links and joints; other terms are left out.
 
     A compliance is a column of the table's loads alone: what it answers to further loads is in their columns.
@@ -273,18 +271,18 @@ class Situation:
         return tuple(label for k, label in enumerate(self.view.table.labels) if k in present)
 
     @property
-    def row_pose(self) -> Ints:
+    def row_pose(self) -> Index:
         """(M,) position in ``labels``."""
         _, number = np.unique(self.view.table.pose, return_inverse=True)
         return np.asarray(number.reshape(-1)[self.view.state], dtype=np.intp)
 
     @property
-    def row_axis(self) -> Ints:
+    def row_axis(self) -> Index:
         """(M,) component 0–5."""
         return self.view.component
 
     @property
-    def J(self) -> Floats:
+    def J(self) -> Array:
         """(N, 6, V) at the tool centre point, base axes."""
         return self.view.found.J_theta
 
@@ -294,22 +292,22 @@ class Situation:
         return self.view.joints
 
     @property
-    def wrench(self) -> Floats:
+    def wrench(self) -> Array:
         """(N, 6)"""
         return self.view.table.w
 
     @property
-    def offset(self) -> Floats:
+    def offset(self) -> Array:
         """(N, 3) tool centre point to measured point, base axes."""
         return self.view.offset
 
     @cached_property
-    def theta(self) -> Floats:
+    def theta(self) -> Array:
         """(N, V) deflections by the current model."""
         return self.laws(self.view.tau + self.view.more)
 
     @cached_property
-    def sag(self) -> Floats:
+    def sag(self) -> Array:
         """(N, V) deflections under the links' known weight that deflections do not show; 0 in absolute data."""
         if self.view.table.kind == "absolute" or not has_weights(self.view.robot):
             return np.zeros_like(self.view.tau)
@@ -320,27 +318,27 @@ class Situation:
         """The links whose mass the robot file tells."""
         return self.view.bodies
 
-    def respond(self, loads: Floats) -> Floats:
+    def respond(self, loads: Array) -> Array:
         """(N, V) further deflections under further loads (N, V)."""
         return np.asarray(self.laws(self.view.tau + self.view.more + loads) - self.theta)
 
-    def slope(self, loads: Floats) -> Floats:
+    def slope(self, loads: Array) -> Array:
         """(N, V) change of the deflections by each unit of further loads (N, V), where the loads are now."""
         step = _STEP * float(np.abs(self.view.tau).max()) / max(float(np.abs(loads).max()), 1e-300)
         return self.respond(step * loads) / step if step > 0 else self.respond(loads)
 
-    def rows(self, twists: Floats) -> Floats:
+    def rows(self, twists: Array) -> Array:
         """Rows (M,) of twists (N, 6) of the measured points, base axes."""
         turn = self.view.turn
         return self.view.read(np.concatenate([twists[:, :3] @ turn.T, twists[:, 3:] @ turn.T], axis=1))
 
     @cached_property
-    def reading(self) -> dict[sp.Symbol, Floats]:
+    def reading(self) -> dict[sp.Symbol, Array]:
         """Predicted deflection (N,) of the measured points by component, for terms of the measuring device."""
         twist = np.einsum("nrv,nv->nr", self.view.at_point, self.theta)
         return {deflection(c): twist[:, c - 1] for c in AXES}
 
-    def columns(self, terms: Sequence[Term], names: Sequence[str]) -> Floats:
+    def columns(self, terms: Sequence[Term], names: Sequence[str]) -> Array:
         """(M, len(names)): what one unit of each parameter adds to the data."""
         view = self.view
         total = linear_columns(view, terms, names)

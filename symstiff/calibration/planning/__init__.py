@@ -1,14 +1,14 @@
 """Choice of measurement poses: candidates, criteria, exchange, refinement, workspace maps."""
 
 from symstiff.calibration.planning.candidates import Space
+from symstiff.calibration.planning.choice import Goal, Plan, Search, plan_poses
 from symstiff.calibration.planning.frames import Geometry, geometry
 from symstiff.calibration.planning.loads import Load
 from symstiff.calibration.planning.measurement import Measurement, measurement_of
 from symstiff.calibration.planning.parallel import map_blocks
-from symstiff.calibration.planning.plan import Goal, Plan, Search, plan_poses
-from symstiff.calibration.planning.poses import draw_plan, poses_table, save_figure, summary
+from symstiff.calibration.planning.poses import poses_table
 from symstiff.calibration.planning.region import Box, HalfSpace, Region, above_floor
-from symstiff.calibration.planning.workspace import WorkspaceMap, draw_map, workspace_map
+from symstiff.calibration.planning.workspace import WorkspaceMap, workspace_map
 
 __all__ = [
     "Box",
@@ -23,14 +23,10 @@ __all__ = [
     "Space",
     "WorkspaceMap",
     "above_floor",
-    "draw_map",
-    "draw_plan",
     "geometry",
     "map_blocks",
     "measurement_of",
     "plan_poses",
     "poses_table",
-    "save_figure",
-    "summary",
     "workspace_map",
 ]

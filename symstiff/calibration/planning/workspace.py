@@ -87,33 +87,6 @@ def workspace_map(
     return _map(joints, q, origins(robot, flat)[:, -1], moved, load)
 
 
-def draw_map(result: WorkspaceMap, quantity: str = "deflection") -> Any:
-    """Return a matplotlib Figure of the slice, seen across the plane in which the tool moves most.
-
-    ``quantity`` is deflection [mm] or stiffness [N/µm].
-    """
-    from matplotlib.figure import Figure
-
-    shown = {
-        "deflection": (1e3 * result.magnitude, "deflection [mm]"),
-        "stiffness": (1e-6 * result.stiffness, "stiffness along the force [N/µm]"),
-    }
-    if quantity not in shown:
-        raise UserError(f"quantity {quantity!r}: use deflection or stiffness")
-    values, label = shown[quantity]
-    spread = np.ptp(result.tip.reshape(-1, 3), axis=0)
-    across, up = sorted(np.argsort(-spread, kind="stable")[:2])
-    figure = Figure(figsize=(6.5, 5.0), layout="constrained")
-    axes: Any = figure.add_subplot()
-    mesh = axes.pcolormesh(
-        result.tip[..., across], result.tip[..., up], np.ma.masked_invalid(values), shading="gouraud"
-    )
-    figure.colorbar(mesh, ax=axes, label=label)
-    axes.set(xlabel=f"{'xyz'[across]} [m]", ylabel=f"{'xyz'[up]} [m]", aspect="equal")
-    axes.set_title(f"joints {result.joints[0]} and {result.joints[1]} swept")
-    return figure
-
-
 def _map(
     joints: tuple[int, int], q: np.ndarray, tip: np.ndarray, moved: np.ndarray, load: np.ndarray
 ) -> WorkspaceMap:

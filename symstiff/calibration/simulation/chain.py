@@ -12,11 +12,9 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from symstiff.arrays import Array, Mask
 from symstiff.robot import Robot
-
-Floats = NDArray[np.float64]
 
 _CYCLES = {"x": (0, 1, 2), "y": (1, 2, 0), "z": (2, 0, 1)}
 
@@ -26,15 +24,15 @@ class Chain:
     """Numbers of a robot: standard DH rows, elastic axes (columns, in DH frame i), points in frame n."""
 
     robot: Robot
-    base: Floats  # (4, 4)
-    theta: Floats
-    d: Floats
-    a: Floats
-    alpha: Floats
-    prismatic: NDArray[np.bool_]
-    elastic: Floats  # (n+1, 3, 3)
-    tool: Floats  # (3,) tool centre point in frame n
-    attitude: Floats  # (3, 3) the tool's, in frame n
+    base: Array  # (4, 4)
+    theta: Array
+    d: Array
+    a: Array
+    alpha: Array
+    prismatic: Mask
+    elastic: Array  # (n+1, 3, 3)
+    tool: Array  # (3,) tool centre point in frame n
+    attitude: Array  # (3, 3) the tool's, in frame n
 
     @property
     def dof(self) -> int:
@@ -47,7 +45,7 @@ class Chain:
         return 7 * self.dof + 6
 
     @property
-    def translational(self) -> NDArray[np.bool_]:
+    def translational(self) -> Mask:
         """(V,): whether the virtual joint's coordinate is a length."""
         kinds = np.zeros(self.size, dtype=bool)
         for link in range(self.dof + 1):
@@ -56,7 +54,7 @@ class Chain:
             kinds[7 * joint - 1] = self.prismatic[joint - 1]
         return kinds
 
-    def point(self, name: str) -> Floats:
+    def point(self, name: str) -> Array:
         """Return a marker's position in frame n [m]."""
         return np.array([float(x) for x in self.robot.marker_position(name)])
 
@@ -97,7 +95,7 @@ def chain_of(robot: Robot) -> Chain:
     )
 
 
-def _placement(placement: Any) -> Floats:
+def _placement(placement: Any) -> Array:
     roll, pitch, yaw = (float(x) for x in placement.rpy)
     matrix = np.eye(4)
     matrix[:3, :3] = _turn(2, yaw) @ _turn(1, pitch) @ _turn(0, roll)
@@ -105,7 +103,7 @@ def _placement(placement: Any) -> Floats:
     return matrix
 
 
-def _turn(axis: int, angle: float) -> Floats:
+def _turn(axis: int, angle: float) -> Array:
     u, v = (axis + 1) % 3, (axis + 2) % 3
     matrix = np.eye(3)
     matrix[u, u] = matrix[v, v] = np.cos(angle)
@@ -114,7 +112,7 @@ def _turn(axis: int, angle: float) -> Floats:
     return matrix
 
 
-def _beams(rows: Floats) -> list[str]:
+def _beams(rows: Array) -> list[str]:
     """The axis of DH frame i that is nearest to the way from frame i−1 to it; x for the pedestal and for no way."""
     names = ["x"]
     for _, d, a, alpha in rows:
@@ -123,7 +121,7 @@ def _beams(rows: Floats) -> list[str]:
     return names
 
 
-def _elastic_axes(beam_axis: Any) -> Floats:
+def _elastic_axes(beam_axis: Any) -> Array:
     """Columns: the beam's axis and the two across it, in the DH frame."""
     if isinstance(beam_axis, str):
         return np.eye(3)[:, list(_CYCLES[beam_axis])]
@@ -142,12 +140,12 @@ class Posture:
     rotation (N, n+1, 3, 3) and origin (N, n+1, 3) of DH frame i ahead of and behind link i's virtual springs.
     """
 
-    axis: Floats
-    origin: Floats
-    before: tuple[Floats, Floats]
-    after: tuple[Floats, Floats]
+    axis: Array
+    origin: Array
+    before: tuple[Array, Array]
+    after: tuple[Array, Array]
 
-    def at(self, points: Floats) -> Floats:
+    def at(self, points: Array) -> Array:
         """World positions (N, 3) of points (N, 3) or (3,) given in frame n."""
         rotation, position = self.after
         return np.asarray(
@@ -156,7 +154,7 @@ class Posture:
         )
 
 
-def posture(chain: Chain, q: Floats, theta: Floats) -> Posture:
+def posture(chain: Chain, q: Array, theta: Array) -> Posture:
     """Place every virtual joint for joint variables ``q`` (N, n) and virtual coordinates ``theta`` (N, V)."""
     rows, links = len(q), chain.dof + 1
     axis, origin = np.empty((rows, chain.size, 3)), np.empty((rows, chain.size, 3))
@@ -175,9 +173,7 @@ def posture(chain: Chain, q: Floats, theta: Floats) -> Posture:
     return Posture(axis, origin, before, after)
 
 
-def _dh(
-    chain: Chain, row: int, rotation: Floats, position: Floats, variable: Floats
-) -> tuple[Floats, Floats]:
+def _dh(chain: Chain, row: int, rotation: Array, position: Array, variable: Array) -> tuple[Array, Array]:
     angle = np.full(len(variable), chain.theta[row])
     length = np.full(len(variable), chain.d[row])
     if chain.prismatic[row]:
@@ -190,8 +186,8 @@ def _dh(
 
 
 def _springs(
-    chain: Chain, link: int, rotation: Floats, position: Floats, theta: Floats, axis: Floats, origin: Floats
-) -> tuple[Floats, Floats]:
+    chain: Chain, link: int, rotation: Array, position: Array, theta: Array, axis: Array, origin: Array
+) -> tuple[Array, Array]:
     first = 7 * link
     frame = rotation @ chain.elastic[link]
     for k in range(3):
@@ -203,7 +199,7 @@ def _springs(
     return frame @ chain.elastic[link].T, position
 
 
-def _turned(rotation: Floats, axis: int, angle: Floats) -> Floats:
+def _turned(rotation: Array, axis: int, angle: Array) -> Array:
     """Turn frames (N, 3, 3) about their own axis."""
     u, v = (axis + 1) % 3, (axis + 2) % 3
     c, s = np.cos(angle)[:, None], np.sin(angle)[:, None]

@@ -13,7 +13,8 @@ from typing import Any
 
 import numpy as np
 
-from symstiff.calibration.simulation.chain import Chain, Floats, Posture, posture
+from symstiff.arrays import Array
+from symstiff.calibration.simulation.chain import Chain, Posture, posture
 from symstiff.errors import UserError
 
 GRAVITY = 9.80665  # m/s²
@@ -34,12 +35,12 @@ class States:
     where unknown.
     """
 
-    q: Floats
-    w: Floats
-    loaded: Floats
-    time: Floats
-    temperature: Floats
-    branch: Floats
+    q: Array
+    w: Array
+    loaded: Array
+    time: Array
+    temperature: Array
+    branch: Array
 
     def __len__(self) -> int:
         return len(self.q)
@@ -54,13 +55,13 @@ class States:
         return replace(self, w=np.zeros_like(self.w), loaded=zero, branch=zero)
 
 
-Law = Callable[[States, Floats, Floats], None]
+Law = Callable[[States, Array, Array], None]
 """``law(states, tau, theta)``: adds its share to ``theta`` (N, V) for loads ``tau`` (N, V)."""
 
-Torque = Callable[[States, Floats, Floats], None]
+Torque = Callable[[States, Array, Array], None]
 """``torque(states, theta, tau)``: adds to ``tau`` what springs inside the robot exert at ``theta``."""
 
-Wrench = Callable[[States, Floats], Floats]
+Wrench = Callable[[States, Array], Array]
 """``wrench(states, w)``: what really acts when ``w`` (N, 6) is believed to."""
 
 
@@ -75,7 +76,7 @@ class Weight:
     only_loaded: bool = False
 
 
-def weight_at(link: int, mass: float, com: Floats, behind: bool = False, only_loaded: bool = False) -> Weight:
+def weight_at(link: int, mass: float, com: Array, behind: bool = False, only_loaded: bool = False) -> Weight:
     """Return the weight of a mass [kg] at ``com`` (3,) [m] in DH frame ``link``."""
     x, y, z = (float(mass * c) for c in com)
     return Weight(link, mass, (x, y, z), behind, only_loaded)
@@ -86,14 +87,14 @@ class Mechanism:
     """An elastic robot with all that bends it: linear compliance (V, V), laws, inner springs, weights."""
 
     chain: Chain
-    compliance: Floats
+    compliance: Array
     laws: tuple[Law, ...] = ()
     torques: tuple[Torque, ...] = ()
     wrenches: tuple[Wrench, ...] = ()
     weights: tuple[Weight, ...] = ()
 
 
-def loads(mechanism: Mechanism, states: States, now: Posture) -> Floats:
+def loads(mechanism: Mechanism, states: States, now: Posture) -> Array:
     """Loads τ (N, V) on the virtual joints of deflected states: force along, or moment about, each axis."""
     w = states.w
     for wrench in mechanism.wrenches:
@@ -118,7 +119,7 @@ def loads(mechanism: Mechanism, states: States, now: Posture) -> Floats:
     return np.asarray(np.einsum("nvi,nvi->nv", now.axis, np.where(translational[:, None], force, moment)))
 
 
-def response(mechanism: Mechanism, states: States, theta: Floats) -> Floats:
+def response(mechanism: Mechanism, states: States, theta: Array) -> Array:
     """law(τ(θ)): the coordinates (N, V) that the loads at coordinates ``theta`` would produce."""
     tau = loads(mechanism, states, posture(mechanism.chain, states.q, theta))
     for torque in mechanism.torques:
@@ -129,7 +130,7 @@ def response(mechanism: Mechanism, states: States, theta: Floats) -> Floats:
     return np.asarray(result)
 
 
-def equilibrium(mechanism: Mechanism, states: States) -> Floats:
+def equilibrium(mechanism: Mechanism, states: States) -> Array:
     """Solve for the virtual coordinates θ (N, V). Raises UserError where no equilibrium is found."""
     theta = np.zeros((len(states), mechanism.chain.size))
     active = np.arange(len(states))
@@ -148,7 +149,7 @@ def equilibrium(mechanism: Mechanism, states: States) -> Floats:
     return theta
 
 
-def _newton(mechanism: Mechanism, states: States, theta: Floats) -> Floats:
+def _newton(mechanism: Mechanism, states: States, theta: Array) -> Array:
     theta = np.where((np.isfinite(theta) & (np.abs(theta) < 1)).all(axis=1, keepdims=True), theta, 0.0)
     residual = theta - response(mechanism, states, theta)
     for _ in range(_NEWTON_STEPS):
@@ -178,7 +179,7 @@ def _newton(mechanism: Mechanism, states: States, theta: Floats) -> Floats:
     )
 
 
-def _slopes(mechanism: Mechanism, states: States, theta: Floats, residual: Floats) -> Floats:
+def _slopes(mechanism: Mechanism, states: States, theta: Array, residual: Array) -> Array:
     """∂(θ − law(τ(θ)))/∂θ (N, V, V) by forward differences of the whole residual."""
     rows, size = theta.shape
     moved = theta[:, None, :] + _DIFFERENCE * np.eye(size)

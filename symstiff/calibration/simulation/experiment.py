@@ -9,9 +9,10 @@ from typing import Any, Literal
 import numpy as np
 
 from symstiff.arguments import require, whole
+from symstiff.arrays import Array
 from symstiff.calibration.loading import as_loading
 from symstiff.calibration.measurements import Measurements, measurements
-from symstiff.calibration.simulation.chain import Chain, Floats, chain_of, posture
+from symstiff.calibration.simulation.chain import Chain, chain_of, posture
 from symstiff.calibration.simulation.equilibrium import (
     Mechanism,
     States,
@@ -29,7 +30,7 @@ Kind = Literal["deflection", "absolute"]
 
 
 @dataclass(frozen=True)
-class Experiment:
+class Rig:
     """A truth made ready to run: the mechanism and what the device does to its readings."""
 
     truth: Truth
@@ -37,7 +38,7 @@ class Experiment:
     additions: tuple[Additions, ...]
 
 
-def prepare(truth: Truth) -> Experiment:
+def prepare(truth: Truth) -> Rig:
     """Assemble the mechanism of a truth. Raises UserError for effects that do not fit the robot."""
     chain = chain_of(truth.robot)
     compliance = linear_compliance(chain, dict(truth.compliance))
@@ -55,7 +56,7 @@ def prepare(truth: Truth) -> Experiment:
         wrenches=tuple(wrench for a in additions for wrench in a.wrenches),
         weights=(*_link_weights(truth), *(weight for a in additions for weight in a.weights)),
     )
-    return Experiment(truth, mechanism, tuple(additions))
+    return Rig(truth, mechanism, tuple(additions))
 
 
 def _link_weights(truth: Truth) -> tuple[Weight, ...]:
@@ -88,17 +89,17 @@ def simulate(truth: Truth, design: Measurements, seed: int) -> Measurements:
         raise UserError(
             "every wrench is zero: give the poses table loads (fx[N] …), or measure absolute positions"
         )
-    experiment, design = prepare(truth), _in_environment(truth, design)
-    _check_effects(experiment, design)
+    rig, design = prepare(truth), _in_environment(truth, design)
+    _check_effects(rig, design)
     approach, noise, unloaded = (np.random.default_rng(s) for s in np.random.SeedSequence(seed).spawn(3))
     group = design.approach
     errors = approach.standard_normal((int(group.max()) + 1, truth.robot.dof + 3))[group]
-    values = _clean(experiment, as_loading(design), kind, errors[:, 3:] * truth.noise.approach_mrad * 1e-3)
+    values = _clean(rig, as_loading(design), kind, errors[:, 3:] * truth.noise.approach_mrad * 1e-3)
     values[:, :3] += errors[:, :3] * np.array(truth.noise.approach_mm) * 1e-3
     if kind == "deflection":
         before = unloaded.standard_normal((int(group.max()) + 1, len(design.points), 3))[group, design.point]
         values[:, :3] -= before * np.array(truth.noise.unloaded_mm) * 1e-3
-    deviation = _deviation(truth.noise, truth.device, experiment.mechanism.chain, design)
+    deviation = _deviation(truth.noise, truth.device, rig.mechanism.chain, design)
     values += deviation * noise.standard_normal(values.shape)
     if truth.noise.quantum_mm > 0:
         quantum = truth.noise.quantum_mm * 1e-3
@@ -114,10 +115,10 @@ def simulate(truth: Truth, design: Measurements, seed: int) -> Measurements:
     return made
 
 
-def _check_effects(experiment: Experiment, design: Measurements) -> None:
+def _check_effects(rig: Rig, design: Measurements) -> None:
     """Raise UserError for an effect that would leave no trace: the design lacks what it follows, or its poses."""
-    chain = experiment.mechanism.chain
-    for effect, added in zip(experiment.truth.effects, experiment.additions, strict=True):
+    chain = rig.mechanism.chain
+    for effect, added in zip(rig.truth.effects, rig.additions, strict=True):
         for name in followed(effect, chain):
             if np.isnan(getattr(design, name)).all():
                 otherwise = "" if name == "branch" else ", or [environment] to the truth"
@@ -133,7 +134,7 @@ def _check_effects(experiment: Experiment, design: Measurements) -> None:
             )
 
 
-def clean_response(truth: Truth, q: Any, w: Any, context: Mapping[str, Any] | None = None) -> Floats:
+def clean_response(truth: Truth, q: Any, w: Any, context: Mapping[str, Any] | None = None) -> Array:
     """Noise-free values (M, 6) at joints ``q`` (M, n) under wrenches ``w`` (M, 6): m, rad.
 
     ``context`` may hold ``kind``, and any of ``points``, ``point``, ``labels``, ``pose``, ``time``,
@@ -146,7 +147,7 @@ def clean_response(truth: Truth, q: Any, w: Any, context: Mapping[str, Any] | No
     return _clean(prepare(truth), table, kind, np.zeros(table.q.shape))
 
 
-def _clean(experiment: Experiment, table: Measurements, kind: Kind, approach: Floats) -> Floats:
+def _clean(rig: Rig, table: Measurements, kind: Kind, approach: Array) -> Array:
     """Readings without noise; ``approach`` (M, n) is added to the joints of the measured state."""
     states = States(
         q=table.q + approach,
@@ -156,17 +157,17 @@ def _clean(experiment: Experiment, table: Measurements, kind: Kind, approach: Fl
         temperature=np.nan_to_num(table.temperature, nan=20.0),
         branch=np.nan_to_num(table.branch),
     )
-    chain = experiment.mechanism.chain
+    chain = rig.mechanism.chain
     points = np.array([chain.point(name) for name in table.points])[table.point]
-    position, rotation = _settle(experiment.mechanism, states, points)
+    position, rotation = _settle(rig.mechanism, states, points)
     if kind == "deflection":
-        start, attitude = _settle(experiment.mechanism, replace(states, q=table.q).unloaded(), points)
+        start, attitude = _settle(rig.mechanism, replace(states, q=table.q).unloaded(), points)
         values = np.concatenate(
             [position - start, _rotation_vector(rotation @ attitude.transpose(0, 2, 1))], axis=1
         )
     else:
-        values = _seen_from(experiment.truth.device, position, rotation @ chain.attitude)
-    for added in experiment.additions:
+        values = _seen_from(rig.truth.device, position, rotation @ chain.attitude)
+    for added in rig.additions:
         for reading in added.readings:
             values = reading(states, values, kind)
         for labels, shift in added.shifts:
@@ -175,7 +176,7 @@ def _clean(experiment: Experiment, table: Measurements, kind: Kind, approach: Fl
     return values
 
 
-def _settle(mechanism: Mechanism, states: States, points: Floats) -> tuple[Floats, Floats]:
+def _settle(mechanism: Mechanism, states: States, points: Array) -> tuple[Array, Array]:
     """Positions (M, 3) of points and attitudes (M, 3, 3) of frame n; equal rows are solved once."""
     keys = np.column_stack(
         [states.q, states.w, states.loaded, states.time, states.temperature, states.branch]
@@ -189,14 +190,14 @@ def _settle(mechanism: Mechanism, states: States, points: Floats) -> tuple[Float
     return position + np.einsum("nij,nj->ni", rotation, points), rotation
 
 
-def _rotation_vector(rotation: Floats) -> Floats:
+def _rotation_vector(rotation: Array) -> Array:
     """Rotation vectors (M, 3) of rotations (M, 3, 3)."""
     from scipy.spatial.transform import Rotation
 
     return np.asarray(Rotation.from_matrix(rotation).as_rotvec())
 
 
-def _seen_from(device: Device, position: Floats, rotation: Floats) -> Floats:
+def _seen_from(device: Device, position: Array, rotation: Array) -> Array:
     """World positions and attitudes in the device's frame."""
     from scipy.spatial.transform import Rotation
 
@@ -218,7 +219,7 @@ def _in_environment(truth: Truth, table: Measurements) -> Measurements:
     )
 
 
-def _deviation(noise: Noise, device: Device, chain: Chain, table: Measurements) -> Floats:
+def _deviation(noise: Noise, device: Device, chain: Chain, table: Measurements) -> Array:
     """Standard deviations (M, 6) of one reading: m, rad."""
     points = np.array([chain.point(name) for name in table.points])[table.point]
     position = posture(chain, table.q, np.zeros((len(table), chain.size))).at(points)

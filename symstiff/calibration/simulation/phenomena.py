@@ -14,12 +14,13 @@ from typing import Any
 
 import numpy as np
 
-from symstiff.calibration.simulation.chain import Chain, Floats
+from symstiff.arrays import Array
+from symstiff.calibration.simulation.chain import Chain
 from symstiff.calibration.simulation.equilibrium import Law, States, Torque, Weight, Wrench
 from symstiff.calibration.simulation.forms import Form, form_of_option, form_of_size, formed
 from symstiff.errors import UserError, printable
 
-Reading = Callable[[States, Floats, str], Floats]
+Reading = Callable[[States, Array, str], Array]
 """``reading(states, values, kind)``: what the device makes of values (M, 6), deflections or absolute."""
 
 
@@ -27,13 +28,13 @@ Reading = Callable[[States, Floats, str], Floats]
 class Additions:
     """What one effect adds."""
 
-    compliance: Floats | None = None
+    compliance: Array | None = None
     laws: tuple[Law, ...] = ()
     torques: tuple[Torque, ...] = ()
     wrenches: tuple[Wrench, ...] = ()
     weights: tuple[Weight, ...] = ()
     readings: tuple[Reading, ...] = ()
-    shifts: tuple[tuple[tuple[str, ...], Floats], ...] = ()  # pose labels, shift (3,) of their data
+    shifts: tuple[tuple[tuple[str, ...], Array], ...] = ()  # pose labels, shift (3,) of their data
 
 
 @dataclass(frozen=True)
@@ -42,7 +43,7 @@ class Site:
 
     chain: Chain
     where: Any
-    compliance: Floats
+    compliance: Array
 
 
 Builder = Callable[[Site, dict[str, Any]], Additions]
@@ -144,7 +145,7 @@ def describe_effects() -> str:
     return "\n".join(lines)
 
 
-def build(effect: Effect, chain: Chain, compliance: Floats) -> Additions:
+def build(effect: Effect, chain: Chain, compliance: Array) -> Additions:
     """Turn an entry of a truth into what it adds to a mechanism. Raises UserError for what does not fit."""
     shape = shape_of(effect)
     label = f"effect {effect.effect} ({shape.shape})"
@@ -206,17 +207,17 @@ def _where(where: Any, place: str, chain: Chain, label: str) -> Any:
     return tuple(numbers) if place == "joints" else given
 
 
-def smooth_sign(x: Floats, width: float) -> Floats:
+def smooth_sign(x: Array, width: float) -> Array:
     """tanh(x/width): +1 and −1 away from zero."""
     return np.tanh(x / max(width, 1e-12))
 
 
-def saturation(t: Floats, rate: float) -> Floats:
+def saturation(t: Array, rate: float) -> Array:
     """1 − exp(−t/T), zero before t = 0."""
     return -np.expm1(-np.maximum(t, 0.0) / max(rate, 1e-12))
 
 
-def rotation_matrix(vector: Floats) -> Floats:
+def rotation_matrix(vector: Array) -> Array:
     """Rotation (3, 3) by a rotation vector [rad]."""
     angle = float(np.linalg.norm(vector))
     if angle == 0.0:

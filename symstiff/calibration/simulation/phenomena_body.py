@@ -6,7 +6,8 @@ from typing import Any
 
 import numpy as np
 
-from symstiff.calibration.simulation.chain import Floats, link_slice
+from symstiff.arrays import Array
+from symstiff.calibration.simulation.chain import link_slice
 from symstiff.calibration.simulation.equilibrium import States, Weight, weight_at
 from symstiff.calibration.simulation.phenomena import (
     Additions,
@@ -20,7 +21,7 @@ from symstiff.errors import UserError
 Values = dict[str, Any]
 
 
-def block_of(entries: dict[str, float]) -> Floats:
+def block_of(entries: dict[str, float]) -> Array:
     """Return the symmetric 6×6 compliance with the given entries, keys "11" to "66"."""
     block = np.zeros((6, 6))
     for key, value in entries.items():
@@ -31,13 +32,13 @@ def block_of(entries: dict[str, float]) -> Floats:
     return block
 
 
-def _at(site: Site, link: int, block: Floats) -> Additions:
+def _at(site: Site, link: int, block: Array) -> Additions:
     full = np.zeros_like(site.compliance)
     full[link_slice(link), link_slice(link)] = block
     return Additions(compliance=full)
 
 
-def _unit(name: str, direction: Any) -> Floats:
+def _unit(name: str, direction: Any) -> Array:
     """A direction, one long."""
     length = float(np.linalg.norm(direction))
     if not length > 0:
@@ -84,7 +85,7 @@ def _geometry(site: Site, p: Values) -> Additions:
     shift = p["shift"]
     part = link_slice(site.where)
 
-    def law(states: States, tau: Floats, theta: Floats) -> None:
+    def law(states: States, tau: Array, theta: Array) -> None:
         theta[:, part] += shift
 
     return Additions(laws=(law,))
@@ -120,13 +121,13 @@ def _growth(site: Site, p: Values, kind: str) -> Additions:
     part = slice(7 * site.where, 7 * site.where + 3)
     size = p["rate"]
 
-    def law(states: States, tau: Floats, theta: Floats) -> None:
+    def law(states: States, tau: Array, theta: Array) -> None:
         theta[:, part] += (clock(states, p, kind) * states.loaded)[:, None] * size
 
     return Additions(laws=(law,))
 
 
-def clock(states: States, p: Values, kind: str) -> Floats:
+def clock(states: States, p: Values, kind: str) -> Array:
     """What a drift grows with: time, temperature above a reference, or 1 − exp(−t/T)."""
     if kind == "time":
         return states.time
@@ -160,7 +161,7 @@ def _configuration_dependent(site: Site, p: Values) -> Additions:
     part, j = link_slice(site.where), _number("joint", p["joint"], site.chain.dof) - 1
     block = site.compliance[part, part]
 
-    def law(states: States, tau: Floats, theta: Floats) -> None:
+    def law(states: States, tau: Array, theta: Array) -> None:
         change = p["fraction"] * np.sin(p["order"] * states.q[:, j] + p["phase"])
         theta[:, part] += change[:, None] * (tau[:, part] @ block)
 
@@ -172,7 +173,7 @@ def _slip(site: Site, p: Values) -> Additions:
     """The base gives way about one elastic axis once the load passes a threshold."""
     v = _number("axis", p["axis"], 6) - 1
 
-    def law(states: States, tau: Floats, theta: Floats) -> None:
+    def law(states: States, tau: Array, theta: Array) -> None:
         excess = p["width"] * np.logaddexp(0.0, (np.abs(tau[:, v]) - p["threshold"]) / p["width"])
         theta[:, v] += p["c"] * np.sign(tau[:, v]) * excess
 

@@ -6,7 +6,8 @@ from typing import Any
 
 import numpy as np
 
-from symstiff.calibration.simulation.chain import Floats, posture
+from symstiff.arrays import Array
+from symstiff.calibration.simulation.chain import posture
 from symstiff.calibration.simulation.equilibrium import States
 from symstiff.calibration.simulation.phenomena import (
     Additions,
@@ -23,7 +24,7 @@ Values = dict[str, Any]
 def _bias(site: Site, p: Values, drifting: bool) -> Additions:
     bias = p["bias"]
 
-    def wrench(states: States, w: Floats) -> Floats:
+    def wrench(states: States, w: Array) -> Array:
         share = states.loaded * (saturation(states.time, p["T"]) if drifting else 1.0)
         return np.asarray(w + share[:, None] * bias)
 
@@ -38,7 +39,7 @@ phenomenon("force_sensor_bias", "drifting", "load", "bias[6]", T=1800.0)(lambda 
 def _misaligned(site: Site, p: Values) -> Additions:
     turn = rotation_matrix(p["rotation"]).T
 
-    def wrench(states: States, w: Floats) -> Floats:
+    def wrench(states: States, w: Array) -> Array:
         return np.concatenate([w[:, :3] @ turn, w[:, 3:] @ turn], axis=1)
 
     return Additions(wrenches=(wrench,))
@@ -49,7 +50,7 @@ def _bias_at_flange(site: Site, p: Values) -> Additions:
     """A wrench that is constant in the axes of frame n, about its origin."""
     bias = p["bias"]
 
-    def wrench(states: States, w: Floats) -> Floats:
+    def wrench(states: States, w: Array) -> Array:
         axes, lever = _flange(site, states.q)
         force, moment = axes @ bias[:3], axes @ bias[3:]
         added = np.hstack([force, moment - np.cross(lever, force)])
@@ -63,7 +64,7 @@ def _misaligned_at_flange(site: Site, p: Values) -> Additions:
     """The wrench about the origin of frame n is turned by a rotation in that frame's axes."""
     turn = rotation_matrix(p["rotation"])
 
-    def wrench(states: States, w: Floats) -> Floats:
+    def wrench(states: States, w: Array) -> Array:
         axes, lever = _flange(site, states.q)
         turned = axes @ turn @ axes.transpose(0, 2, 1)
         force = np.einsum("nij,nj->ni", turned, w[:, :3])
@@ -73,7 +74,7 @@ def _misaligned_at_flange(site: Site, p: Values) -> Additions:
     return Additions(wrenches=(wrench,))
 
 
-def _flange(site: Site, q: Floats) -> tuple[Floats, Floats]:
+def _flange(site: Site, q: Array) -> tuple[Array, Array]:
     """Axes (N, 3, 3) of frame n, and the way (N, 3) from its origin to the tool centre point."""
     chain = site.chain
     axes = posture(chain, q, np.zeros((len(q), chain.size))).after[0][:, -1]
@@ -86,7 +87,7 @@ def _frame(site: Site, p: Values) -> Additions:
     turn = rotation_matrix(p["rotation"])
     shift = p["shift"]
 
-    def reading(states: States, values: Floats, kind: str) -> Floats:
+    def reading(states: States, values: Array, kind: str) -> Array:
         result = np.concatenate([values[:, :3] @ turn.T, values[:, 3:] @ turn.T], axis=1)
         if kind == "absolute":
             result[:, :3] += shift
@@ -98,7 +99,7 @@ def _frame(site: Site, p: Values) -> Additions:
 def _drift(p: Values, kind: str) -> Additions:
     rate = p["rate"]
 
-    def reading(states: States, values: Floats, data: str) -> Floats:
+    def reading(states: States, values: Array, data: str) -> Array:
         result = values.copy()
         result[:, :3] += clock(states, p, kind)[:, None] * rate
         return result
@@ -136,7 +137,7 @@ def _scale(site: Site, p: Values) -> Additions:
     """The device's axes have wrong scales."""
     scale = 1.0 + p["scale"]
 
-    def reading(states: States, values: Floats, kind: str) -> Floats:
+    def reading(states: States, values: Array, kind: str) -> Array:
         result = values.copy()
         result[:, :3] *= scale
         return result

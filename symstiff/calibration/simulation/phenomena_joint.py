@@ -8,7 +8,8 @@ from typing import Any
 
 import numpy as np
 
-from symstiff.calibration.simulation.chain import Floats, joint_index
+from symstiff.arrays import Array
+from symstiff.calibration.simulation.chain import joint_index
 from symstiff.calibration.simulation.equilibrium import States
 from symstiff.calibration.simulation.phenomena import (
     Additions,
@@ -23,13 +24,13 @@ from symstiff.errors import UserError
 Values = dict[str, Any]
 
 
-def _of_load(share: Callable[[Floats, States, Values], Floats]) -> Builder:
+def _of_load(share: Callable[[Array, States, Values], Array]) -> Builder:
     """Build a law Δθ_j = share(τ_j, states, values)."""
 
     def build(site: Site, p: Values) -> Additions:
         v = joint_index(site.where)
 
-        def law(states: States, tau: Floats, theta: Floats) -> None:
+        def law(states: States, tau: Array, theta: Array) -> None:
             theta[:, v] += share(tau[:, v], states, p)
 
         return Additions(laws=(law,))
@@ -37,13 +38,13 @@ def _of_load(share: Callable[[Floats, States, Values], Floats]) -> Builder:
     return build
 
 
-def _of_angle(share: Callable[[Floats, Values], Floats], load_factor: str = "") -> Builder:
+def _of_angle(share: Callable[[Array, Values], Array], load_factor: str = "") -> Builder:
     """Build a law Δθ_j = share(q_j, values), or times 1 + β·τ_j where ``load_factor`` names β."""
 
     def build(site: Site, p: Values) -> Additions:
         j, v = site.where - 1, joint_index(site.where)
 
-        def law(states: States, tau: Floats, theta: Floats) -> None:
+        def law(states: States, tau: Array, theta: Array) -> None:
             factor = 1.0 + p[load_factor] * tau[:, v] if load_factor else 1.0
             theta[:, v] += share(states.q[:, j], p) * factor
 
@@ -78,7 +79,7 @@ phenomenon("backlash", "arctan", "joint", "gap", knee=5.0)(
 )
 
 
-def _lag(t: Floats, s: States, p: Values) -> Floats:
+def _lag(t: Array, s: States, p: Values) -> Array:
     """Friction lags behind the load: less deflection on the way up, more on the way down."""
     return np.asarray(-s.branch * p["width"] / 2 * smooth_sign(t, p["knee"]))
 
@@ -95,7 +96,7 @@ phenomenon("joint_offset", "constant", "joint", "offset")(
 )
 
 
-def _harmonics(q: Floats, p: Values) -> Floats:
+def _harmonics(q: Array, p: Values) -> Array:
     orders, a, b = (p[name] for name in ("harmonics", "a", "b"))
     if len(a) != len(orders) or len(b) not in (1, len(orders)):
         raise UserError("a and b need one entry for each of harmonics")
@@ -118,7 +119,7 @@ phenomenon("transmission_error", "triangle", "joint", "a", harmonic=10.0, phase=
 def _coupling(site: Site, p: Values) -> Additions:
     j, k = (joint_index(joint) for joint in site.where)
 
-    def law(states: States, tau: Floats, theta: Floats) -> None:
+    def law(states: States, tau: Array, theta: Array) -> None:
         theta[:, j] += p["c"] * tau[:, k]
         theta[:, k] += p["c"] * tau[:, j]
 
@@ -129,7 +130,7 @@ def _coupling(site: Site, p: Values) -> Additions:
 def _saturating_coupling(site: Site, p: Values) -> Additions:
     j, k = (joint_index(joint) for joint in site.where)
 
-    def law(states: States, tau: Floats, theta: Floats) -> None:
+    def law(states: States, tau: Array, theta: Array) -> None:
         theta[:, j] += p["c"] * p["tau0"] * np.tanh(tau[:, k] / p["tau0"])
         theta[:, k] += p["c"] * p["tau0"] * np.tanh(tau[:, j] / p["tau0"])
 
@@ -158,14 +159,14 @@ def _compensator(site: Site, p: Values) -> Additions:
     j, v = site.where - 1, joint_index(site.where)
     anchor = -np.array([p["ax"], p["ay"]])
 
-    def moment(angle: Floats) -> Floats:
+    def moment(angle: Array) -> Array:
         arm = p["L"] * np.stack([np.cos(angle), np.sin(angle)], axis=1)
         span = arm - anchor
         length = np.linalg.norm(span, axis=1)
         pull = -p["rate"] * (length - p["s0"])
         return np.asarray((arm[:, 0] * span[:, 1] - arm[:, 1] * span[:, 0]) * pull / length)
 
-    def torque(states: States, theta: Floats, tau: Floats) -> None:
+    def torque(states: States, theta: Array, tau: Array) -> None:
         command = p["direction"] * states.q[:, j] + p["zero"]
         now = moment(command + p["direction"] * theta[:, v])
         tau[:, v] += p["direction"] * (now - (1.0 - p["preload"]) * moment(command))
@@ -187,11 +188,11 @@ def _per_angle(site: Site, p: Values) -> Additions:
     return _scaled_by_angle(site, p, site.where, lambda q: extra[np.abs(q[:, None] - angles).argmin(axis=1)])
 
 
-def _scaled_by_angle(site: Site, p: Values, joint: int, c: Callable[[Floats], Floats]) -> Additions:
+def _scaled_by_angle(site: Site, p: Values, joint: int, c: Callable[[Array], Array]) -> Additions:
     """Δθ_j = c(q_joint)·τ_j."""
     v = joint_index(site.where)
 
-    def law(states: States, tau: Floats, theta: Floats) -> None:
+    def law(states: States, tau: Array, theta: Array) -> None:
         theta[:, v] += c(states.q[:, joint - 1]) * tau[:, v]
 
     return Additions(laws=(law,))
@@ -213,7 +214,7 @@ def _load_product(site: Site, p: Values) -> Additions:
     """Joint j gives way by c·τ_j·τ_k: its compliance depends on its neighbour's load."""
     j, k = (joint_index(joint) for joint in site.where)
 
-    def law(states: States, tau: Floats, theta: Floats) -> None:
+    def law(states: States, tau: Array, theta: Array) -> None:
         theta[:, j] += p["c"] * tau[:, j] * tau[:, k]
 
     return Additions(laws=(law,))
@@ -224,7 +225,7 @@ def _load_magnitude(site: Site, p: Values) -> Additions:
     """Joint j gives way by c·τ_j·|τ_k|."""
     j, k = (joint_index(joint) for joint in site.where)
 
-    def law(states: States, tau: Floats, theta: Floats) -> None:
+    def law(states: States, tau: Array, theta: Array) -> None:
         theta[:, j] += p["c"] * tau[:, j] * np.abs(tau[:, k])
 
     return Additions(laws=(law,))

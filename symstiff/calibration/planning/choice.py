@@ -120,6 +120,26 @@ class Plan:
     def __len__(self) -> int:
         return len(self.q)
 
+    def to_dict(self) -> dict[str, Any]:
+        """What the plan promises as plain values for JSON: criterion, efficiencies, deviations."""
+        return {
+            "robot": self.robot,
+            "poses": len(self),
+            "criterion": self.criterion,
+            "score": self.score,
+            "expected_error_mm": None if self.expected_error is None else 1e3 * self.expected_error,
+            "efficiency": {
+                # random draws that find no parameter at all make the ratio infinite, which JSON cannot say
+                "over_random": self.over_random if np.isfinite(self.over_random) else None,
+                "over_candidates": self.over_candidates,
+                "of_bound": self.of_bound,
+            },
+            "method": self.method,
+            "candidates": self.candidates,
+            "seed": self.seed,
+            "std": {name: float(s) for name, s in zip(self.parameters, self.std, strict=True)},
+        }
+
     @property
     def expected_error(self) -> float | None:
         """Root mean square positional error after compensation at the test poses [m]; None without them."""

@@ -10,6 +10,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from symstiff.arrays import Array
 from symstiff.discrepancy.bank import Bank
 from symstiff.discrepancy.localise import (
     FittedDevice,
@@ -21,9 +22,10 @@ from symstiff.discrepancy.localise import (
     with_law,
 )
 from symstiff.discrepancy.noise import CONTRADICTED, REPEATABILITY, NoiseReport
-from symstiff.discrepancy.prepare import Prepared, prepare, settled
-from symstiff.discrepancy.problem import Array, Candidate, Options, Problem, key_of
+from symstiff.discrepancy.prepare import Prepared, noise_told_anew, prepare
+from symstiff.discrepancy.problem import Candidate, Options, Problem, key_of
 from symstiff.discrepancy.proof import HeldOut, held_out, poses_of_their_own
+from symstiff.discrepancy.reasons import Reason, Why
 from symstiff.discrepancy.result import Diagnosis, Name, Rms
 from symstiff.discrepancy.scan import Evidence, Scan, coefficients, column_space, one_sharing
 from symstiff.discrepancy.search import Proposal
@@ -42,10 +44,7 @@ from symstiff.discrepancy.verdict import (
     AMBIGUOUS,
     INSUFFICIENT,
     NAMED,
-    NO_TEST_NAMES,
     NOTHING,
-    ONE_STRATUM,
-    REFUTED,
     UNEXPLAINED,
     UNTESTABLE,
     Outcome,
@@ -58,13 +57,13 @@ LEAST_FREEDOM = 5
 """Degrees of freedom outside the model below which no test is made."""
 
 
-def diagnose(
+def examine(
     problem: Problem,
     candidates: Sequence[Candidate],
     options: Options | None = None,
     progress: Callable[[str], None] | None = None,
     given: Sequence[Name] = (),
-    doubt: str = "",
+    doubt: Reason | None = None,
 ) -> Diagnosis:
     """Say whether something is missing from the model, where, what it is called and how sure that is.
 
@@ -78,8 +77,7 @@ def diagnose(
     if obstacle:
         return _without_tests(UNTESTABLE, problem, candidates, obstacle)
     if _exact(problem):
-        reason = "the model gives the readings but for rounding: they are computed, or the noise is none"
-        return _without_tests(NOTHING, problem, candidates, reason)
+        return _without_tests(NOTHING, problem, candidates, Reason(Why.EXACT))
     tell("noise")
     ready = prepare(problem, candidates)
     tell("lack of fit")
@@ -91,14 +89,14 @@ def diagnose(
         numbers(ready.bank, given), lambda scan: strata(problem, scan),
     )  # fmt: skip
     if outcome.admissible:
-        ready = settled(problem, ready, outcome.admissible[0].entries)
+        ready = noise_told_anew(problem, ready, outcome.admissible[0].entries)
     proof = _proof(problem, ready, allowed, outcome, options, tell)
     outcome = against_sigma(
         refuted(outcome) if proof is not None and proof.refutes else outcome, ready.report
     )
     tell("place")
     place = localise(problem, ready.scan, outcome.found, ready.residual)
-    place = place if outcome.reason != ONE_STRATUM else replace(place, accused="")
+    place = place if outcome.because.why is not Why.ONE_STRATUM else replace(place, accused="")
     return _written(problem, candidates, ready, parts, allowed, outcome, place, proof, options, tell)
 
 
@@ -108,16 +106,18 @@ def numbers(bank: Bank, names: Sequence[Name]) -> list[int]:
     return [k for k in found if k is not None]
 
 
-def untestable(problem: Problem) -> str:
-    """Why nothing can be tested with these data; empty if something can."""
+def untestable(problem: Problem) -> Reason | None:
+    """Why nothing can be tested with these data."""
     freedom = problem.rows - column_space(problem.A).shape[1]
     repeats = problem.rows - len(np.unique(problem.cells))
     if freedom < LEAST_FREEDOM:
-        return f"{freedom} degrees of freedom are left outside the model: measure more poses"
+        few = f"{freedom} degrees of freedom are left outside the model: measure more poses"
+        return Reason(Why.UNTESTABLE, (few,))
     if problem.poses < 2:
         blind = ", no sigma and no repeats" if problem.sigma is None and repeats < LEAST_FREEDOM else ""
-        return f"one pose{blind}: no place on the robot can be told from another: measure more poses"
-    return ""
+        one = f"one pose{blind}: no place on the robot can be told from another: measure more poses"
+        return Reason(Why.UNTESTABLE, (one,))
+    return None
 
 
 def beyond(problem: Problem, ready: Prepared, proposal: Proposal) -> float:
@@ -136,8 +136,7 @@ def against_sigma(outcome: Outcome, report: NoiseReport) -> Outcome:
     limit = REPEATABILITY if report.single else CONTRADICTED
     if outcome.verdict != NOTHING or report.ratio_interval is None or report.ratio_interval[0] < limit:
         return outcome
-    reason = f"the residual is {report.ratio:.1f} times the stated sigma: {NO_TEST_NAMES}"
-    return replace(outcome, verdict=UNEXPLAINED, reason=reason)
+    return replace(outcome, verdict=UNEXPLAINED, because=Reason(Why.SIGMA, (f"{report.ratio:.1f}",)))
 
 
 def _written(
@@ -148,13 +147,13 @@ def _written(
     scan: Scan = ready.scan
     tell("growth")
     growth = steps(problem, ready, outcome.admissible[0] if outcome.admissible else None, outcome)
-    nowhere = outcome.reason == ONE_STRATUM or outcome.reason.endswith(NO_TEST_NAMES)
-    open_end = outcome.verdict == UNEXPLAINED and not nowhere
+    somewhere = outcome.because.why not in (Why.ONE_STRATUM, Why.SIGMA)
+    open_end = outcome.verdict == UNEXPLAINED and somewhere
     law = _law(problem, scan, outcome.found, place) if open_end else None
     device = _device(problem, scan, outcome.found, place.accused) if open_end else None
     names, D = confusion(ready, outcome)
     return Diagnosis(
-        outcome.verdict, outcome.reason, named_effects(problem, ready, outcome),
+        outcome.verdict, outcome.because, named_effects(problem, ready, outcome),
         candidate_table(problem, candidates, ready, allowed, outcome, options),
         outcome.p_named, outcome.p_unnamed, ready.report, parts, place, law, device, growth,
         Rms(growth[0].rms, growth[-1].rms, proof.before if proof else None, proof.after if proof else None,
@@ -185,8 +184,9 @@ def refuted(outcome: Outcome) -> Outcome:
     if outcome.verdict not in (NAMED, AMBIGUOUS):
         return outcome
     half = tuple(min(c, 0.5) for c in outcome.confidence)
+    because = Reason(Why.REFUTED)
     return replace(
-        outcome, verdict=INSUFFICIENT, reason=REFUTED, admissible=outcome.admissible[:1], confidence=half
+        outcome, verdict=INSUFFICIENT, because=because, admissible=outcome.admissible[:1], confidence=half
     )
 
 
@@ -211,11 +211,13 @@ def _exact(problem: Problem) -> bool:
     return bool(np.linalg.norm(left) < ROUNDING * np.linalg.norm(problem.y))
 
 
-def _without_tests(verdict: str, problem: Problem, candidates: Sequence[Candidate], reason: str) -> Diagnosis:
+def _without_tests(
+    verdict: str, problem: Problem, candidates: Sequence[Candidate], because: Reason
+) -> Diagnosis:
     ready = prepare(problem, ())
     rms = float(np.sqrt(np.mean(ready.residual**2)))
     p = float("nan") if verdict == UNTESTABLE else 1.0
     return Diagnosis(
-        verdict, reason, (), unavailable(candidates, reason), p, p, ready.report, (), None, None, None, (),
+        verdict, because, (), unavailable(candidates, str(because)), p, p, ready.report, (), None, None, None, (),
         Rms(rms, rms, None, None, ready.report.sigma), None, np.zeros((0, 0)), (),
     )  # fmt: skip

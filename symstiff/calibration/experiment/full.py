@@ -14,10 +14,11 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from symstiff.calibration.experiment.situation import Floats, Laws, View, Weigh, has_weights, linear_columns
+from symstiff.arrays import Array
+from symstiff.calibration.decomposition import unit_columns
+from symstiff.calibration.experiment.situation import Laws, View, Weigh, has_weights, linear_columns
 from symstiff.model import StiffnessModel
 from symstiff.reduction.physical import Parameter, original, physical_stages, terms_of
-from symstiff.symbolic.builder import Builder
 from symstiff.symbolic.terms import Term, actuated_joint
 
 _OTHER_TURNS = 0.2
@@ -26,8 +27,8 @@ _SOFTEST = 5.0
 """How much softer the shortest lever makes a gear: robots have one to ten."""
 
 
-def whole(
-    model: StiffnessModel, view: View, further: Floats, values: dict[str, float], y: Floats,
+def full_laws(
+    model: StiffnessModel, view: View, further: Array, values: dict[str, float], y: Array,
     weigh: Weigh,
 ) -> Laws:  # fmt: skip
     """Laws of the full set that fit the data; the model's effects keep their fitted ``values``.
@@ -47,8 +48,7 @@ def whole(
     size = size * scale
     mean = np.where([p.is_coupling for p in parameters], 0.0, size)
     rows = np.hstack([A * size, weigh(further)])
-    length = np.linalg.norm(rows[:, len(names) :], axis=0)
-    rows[:, len(names) :] /= np.where(length > 0, length, 1.0)
+    rows[:, len(names) :] = unit_columns(rows[:, len(names) :])[0]
     prior = np.eye(rows.shape[1])[: len(names)]
     step = np.linalg.lstsq(
         np.vstack([rows, prior]), np.concatenate([target - A @ mean, np.zeros(len(names))]), rcond=1e-12
@@ -80,7 +80,7 @@ def everything(model: StiffnessModel, apart: bool = False) -> tuple[Parameter, .
     return tuple(p for n, p in (full | joints | own).items() if n not in replaced)
 
 
-def _slender(view: View) -> Floats:
+def _slender(view: View) -> Array:
     """(n + 1,) by which joint i + 1, and link i before it, are softer than those with the longest lever.
 
     The last link is like the joint before it.
@@ -94,7 +94,7 @@ def _slender(view: View) -> Floats:
     return np.append(ratio, ratio[-1])
 
 
-def _sizes(model: StiffnessModel, parameters: Sequence[Parameter], slender: Floats, apart: bool) -> Floats:
+def _sizes(model: StiffnessModel, parameters: Sequence[Parameter], slender: Array, apart: bool) -> Array:
     """Relative sizes (P,) of compliances: the joint with the longest lever counts one.
 
     So does the turn of the link before it about its axis, where they are one parameter, not ``apart``.
@@ -104,16 +104,8 @@ def _sizes(model: StiffnessModel, parameters: Sequence[Parameter], slender: Floa
     def size(p: Parameter) -> float:
         if p.is_joint:
             return length**2 if p.prismatic else float(slender[p.body - 1])
-        joint_like = not apart and not p.is_coupling and p.row > 3 and _turns_joint(model, p)
+        # the joint's own compliance is part of what turns with it
+        joint_like = not apart and not p.is_coupling and p.row in model.chain.turns_with_joint(p.body)
         return float(slender[p.body]) * (1.0 if joint_like else _OTHER_TURNS) * length**p.length_degree
 
     return np.array([size(p) for p in parameters])
-
-
-def _turns_joint(model: StiffnessModel, p: Parameter) -> bool:
-    """Whether the link's rotation is about the next joint's axis, so that the joint's compliance is part of
-    it."""
-    if p.body >= model.chain.dof or model.chain.rows[p.body].prismatic:
-        return False
-    axis = model.chain.elastic_axes(Builder("axes", ()), p.body)[p.row - 4]
-    return bool(axis[0] == 0 and axis[1] == 0)

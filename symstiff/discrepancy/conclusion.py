@@ -1,0 +1,259 @@
+"""From the last diagnosis to the finding: joint identification, what is named and how surely, what is remarked."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from symstiff.calibration.measurements import Measurements
+from symstiff.calibration.redundant import redundant
+from symstiff.calibration.rows import predict
+from symstiff.discrepancy.assemble import Assembly
+from symstiff.discrepancy.climb import Ladder
+from symstiff.discrepancy.finding import Finding, Found, Rung, Task
+from symstiff.discrepancy.growth import JointFit, fit_told, grow
+from symstiff.discrepancy.numbers import milli
+from symstiff.discrepancy.proof import FEWEST
+from symstiff.discrepancy.ranges import extent_of
+from symstiff.discrepancy.reasons import Reason, Why
+from symstiff.discrepancy.remarks import astray, out_of_range, remarked
+from symstiff.discrepancy.result import Diagnosis, Quantity
+from symstiff.discrepancy.speech import named as named_at
+from symstiff.discrepancy.verdict import AMBIGUOUS, NAMED, NOTHING, UNEXPLAINED, UNTESTABLE
+from symstiff.display import few
+from symstiff.model import StiffnessModel
+from symstiff.reduction.structural import Couplings
+
+_MORE = 1.05
+"""What a model without some effects leaves, over what it leaves with them, from which that is spoken of."""
+_UNCONFIRMED = 0.75
+"""Most confidence in what poses that were not used do not confirm."""
+
+
+@dataclass(frozen=True, eq=False)
+class Course:
+    """How a diagnosis went: the start model as ``told``, and the ladder from it, as the table shows it, on."""
+
+    task: Task
+    table: Measurements
+    told: StiffnessModel
+    ladder: Ladder
+    assembly: Assembly
+    first: Diagnosis
+    last: Diagnosis
+
+
+def finding_of(course: Course, remarks: list[str], tell: Callable[[str], None]) -> Finding:
+    """Identify all parameters jointly with the leading effects, and say what was found."""
+    task, table, ladder, last = course.task, course.table, course.ladder, course.last
+    tell("identification")
+    leading = [e for e in _named(last) if e.set_number == 0]
+    grown = grow(ladder.base, [e.instance for e in leading])
+    after = fit_told(grown, table)
+    if astray(
+        [_as_identified(e, after) for e in leading], task.robot, extent_of(course.assembly.situation.view)
+    ):
+        return finding_of(replace(course, last=_taken_back(last)), remarks, tell)
+    before = after if grown is ladder.start else fit_told(ladder.start, table, after.noise, after)
+    verdict, because = last.verdict, last.because
+    if ladder.effects and verdict == NOTHING:
+        verdict, because = NAMED, ladder.because
+    held = _redundant(task, ladder.start, table)
+    doubts = _unconfirmed(course)
+    named = _effects(course, after, _UNCONFIRMED if doubts else 1.0)
+    counted = named if verdict == AMBIGUOUS else tuple(e for e in named if e.set_number == 0)
+    remarks = [*remarks, *ladder.remarks, *remarked(course.assembly.situation.view, last)]
+    remarks += _beyond_code(after.model, table, last.rms.after)
+    remarks += _without_value(course, after, held)
+    remarks += [*doubts, *_of_effects(course, counted)]
+    testable = verdict != UNTESTABLE
+    rms = replace(last.rms, before=course.first.rms.before, held_out_before=course.first.rms.held_out_before)
+    return Finding(
+        task, table, before, after, course.told, course.first, last, course.assembly,
+        verdict if testable else UNEXPLAINED, testable, because,
+        counted, tuple(e for e in named if e not in counted),
+        _steps(ladder, last, before, len(held)), rms, tuple(remarks),
+    )  # fmt: skip
+
+
+def _named(last: Diagnosis) -> tuple[Found, ...]:
+    """The effects of all admissible sets as the diagnosis has them."""
+    return tuple(
+        Found(e.effect, e.where, e.shape, e.parameters, e.p_value, e.confidence, e.confounded_with, e.set_number,
+              e.twins)
+        for e in last.effects
+    )  # fmt: skip
+
+
+def _effects(course: Course, after: JointFit, most: float) -> tuple[Found, ...]:
+    """The effects of all admissible sets, no surer than ``most``; those of the first as they were identified."""
+    named = [replace(e, confidence=min(e.confidence, most)) for e in _named(course.last)]
+    if course.ladder.effects:  # every admissible set holds them
+        by_set = {
+            s: [e for e in named if e.set_number == s] for s in sorted({e.set_number for e in named}) or [0]
+        }
+        named = [
+            e
+            for s, own in by_set.items()
+            for e in (*(replace(c, set_number=s) for c in course.ladder.effects), *own)
+        ]
+    return tuple(_as_identified(e, after) if e.set_number == 0 else e for e in named)
+
+
+def _unconfirmed(course: Course) -> list[str]:
+    """Remarks on what poses that were not used do not confirm."""
+    remarks = []
+    if course.last.rms.unconfirmed:
+        remarks.append(
+            "poses that were not used do not confirm what was found: there the residual does not fall. "
+            "Measure more poses before relying on it"
+        )
+    if course.last.effects and len(np.unique(course.table.pose)) < FEWEST:
+        remarks.append("so few poses leave none to predict: measure more before relying on what was found")
+    return remarks
+
+
+def _of_effects(course: Course, counted: tuple[Found, ...]) -> list[str]:
+    """Remarks on what the effects assume, and on those whose sizes are out of their physical range."""
+    robot, extent = course.task.robot, extent_of(course.assembly.situation.view)
+    assumed = (f"{named_at(e.effect, e.where)}: {a}" for e in counted for a in e.instance.assumptions(robot))
+    # what the complete model keeps are sums with signs
+    joined = {named_at(e.effect, e.where) for e in course.ladder.effects}
+    alone = {  # the first set's, where several hold one effect
+        name: e for e in reversed(counted) if (name := named_at(e.effect, e.where)) not in joined
+    }
+    far = out_of_range([*reversed(alone.values())], robot, extent)
+    return [*dict.fromkeys(assumed), *dict.fromkeys(far)]  # several sets may hold one effect
+
+
+def _without_value(course: Course, after: JointFit, held: Couplings) -> list[str]:
+    """Remarks on parameters that the data do not determine; ``held``: nor do any others."""
+    base = course.ladder.base
+    if hidden := _hidden(after, base):
+        return hidden
+    if not course.last.growth:
+        return _left_at_zero(after)
+    return _undetermined(course, after, held if base is course.ladder.start else {})
+
+
+def _beyond_code(model: StiffnessModel, table: Measurements, left: float) -> list[str]:
+    """A remark on what is found and is no law of a virtual joint, where the model leaves more for want of it.
+
+    ``left`` is what is left with it, rms of a coordinate, of translations where there are any.
+    """
+    lawless = [e for e, r in zip(model.effects, model.realisations, strict=True) if r.nominal and not r.terms]
+    if not lawless or table.kind != "deflection":
+        return []
+    positions = bool(table.measured[:, :3].any())
+    rows = table.measured & (np.arange(6) < 3 if positions else True)
+    without = float(np.sqrt(np.mean((table.values - predict(model, table))[rows] ** 2)))
+    if without < _MORE * left:
+        return []
+    names, unit = ", ".join(named_at(e.effect, e.where) for e in lawless), "mm" if positions else "mrad"
+    return [
+        f"{names}: no law at a virtual joint, so that the model's deflections, its code and compensation go without "
+        f"it: they leave {milli(without)} {unit} rms per coordinate of these data"
+    ]
+
+
+def _taken_back(last: Diagnosis) -> Diagnosis:
+    """The diagnosis without the effects whose sizes go astray where all parameters are identified jointly."""
+    rms = replace(last.rms, after=last.rms.before, held_out_after=last.rms.held_out_before)
+    return replace(
+        last,
+        verdict=UNEXPLAINED,
+        because=Reason(Why.ASTRAY),
+        effects=(),
+        growth=last.growth[:1],
+        rms=rms,
+        held_out=None,
+    )
+
+
+def _left_at_zero(fitted: JointFit) -> list[str]:
+    """A remark on the parameters that a fit leaves at zero, where nothing was tested."""
+    if not fitted.absorbed:
+        return []
+    return [
+        f"{len(fitted.absorbed)} of the model's {len(fitted.model.parameters)} parameters are not determined by these "
+        "data and are zero, the others bear their part: model.toml is no model of the robot before more poses are "
+        "measured"
+    ]
+
+
+def _hidden(fitted: JointFit, base: StiffnessModel) -> list[str]:
+    """A remark on compliances that geometry hides in absolute positions, and that the written model lacks."""
+    problem, view = fitted.assembly.problem, fitted.assembly.situation.view
+    own = set(fitted.model.stiffness_parameters)
+    zero = [p.name for p in base.compliances if p.name in own & set(fitted.absorbed)]
+    if view.table.kind != "absolute" or not zero:
+        return []
+    size = milli(float(np.sqrt(np.mean(fitted.residual[problem.axis < 3] ** 2))))
+    be, their = ("is", "its") if len(zero) == 1 else ("are", "their")
+    lacks = (
+        "is no model of the robot under loads" if len(zero) == len(own) else f"lacks {their} part under loads"
+    )
+    return [
+        f"{len(zero)} of the model's {len(own)} compliances ({few(zero, 4)}) {be} not determined by these positions "
+        f"beside the geometry and {be} zero: model.toml leaves {size} mm rms per coordinate, and {lacks} until loaded "
+        "poses, or deflections, are measured"
+    ]
+
+
+def _undetermined(course: Course, fitted: JointFit, held: Couplings) -> list[str]:
+    """Remarks on parameters of the start model that the data do not determine; ``held``: nor do any others."""
+    model, deviations = course.ladder.base, course.last.growth[0].model_std
+    known = {name for name, std in zip(course.assembly.names, deviations, strict=False) if np.isfinite(std)}
+    nominal = {n for r in model.realisations for n in r.nominal}
+    open_ones = [n for n in model.parameters if n not in known | nominal | course.ladder.joined]
+    if not open_ones:
+        return []
+    sums = {*held, *(n for row in held.values() for n in row)}
+    zero = [n for n in fitted.absorbed if n in sums]
+    more = [n for n in open_ones if n not in sums]
+    remarks = []
+    if zero:
+        be, them = ("is", "it") if len(zero) == 1 else ("are", "them")
+        remarks.append(
+            f"{few(zero, 4)} {be} zero: no poses and loads of this kind tell {them} from the start model's other "
+            "parameters, which bear what they would"
+        )
+    if more:
+        remarks.append(
+            f"{len(more)} of the start model's {len(model.parameters)} parameters are not determined by these data "
+            f"({few(more, 4)}): more poses, or loads in more directions, would show more"
+        )
+    return remarks
+
+
+def _redundant(task: Task, model: StiffnessModel, table: Measurements) -> Couplings:
+    """What no poses and loads tell apart in a start model that was not reduced here; positions have geometry beside."""
+    if task.start in ("complete", "joints") or table.kind != "deflection":
+        return {}
+    return redundant(model, table)
+
+
+def _as_identified(effect: Found, fitted: JointFit) -> Found:
+    """The effect with the values that the grown model holds, all parameters identified jointly."""
+    model, parameters = fitted.model, dict(effect.parameters)
+    for name, e in parameters.items():
+        if name in model.deviations:
+            parameters[name] = Quantity(float(model.values[name]), float(model.deviations[name]), e.unit)
+        elif name in fitted.absorbed:
+            parameters[name] = Quantity(0.0, float("inf"), e.unit)
+    return replace(effect, parameters=parameters)
+
+
+def _steps(ladder: Ladder, last: Diagnosis, before: JointFit, held: int) -> tuple[Rung, ...]:
+    """``held``: parameters of the start model that nothing tells from its others."""
+    if not last.growth:
+        return (Rung(ladder.title, ladder.count - held, before.residual, last.strata, last.p_missing),)
+    out = [replace(r, parameters=r.parameters - held * (k == 0)) for k, r in enumerate(ladder.rungs)]
+    most = ladder.count - held * (not out)
+    for k, g in enumerate(last.growth):
+        title = ladder.title if g.added is None else f"+ {named_at(g.added.effect, g.added.where)}"
+        p_left = last.p_missing if k == 0 else g.p_left
+        out.append(Rung(title, most + g.gained, g.residual, g.strata, p_left))
+    return tuple(out)
