@@ -54,9 +54,8 @@ class Wider:
         if not self.parts:
             return tuple(_of_links(found, fitted))
         known = _estimates(fitted)
-        held = [(e, {p.name: known[p.name] for p in e.realise(fitted.robot).parameters}) for e in self.parts]
-        told = [(e, own) for e, own in held if any(np.isfinite(size.std) for size in own.values())]
-        return tuple(_joined(found, e, own) for e, own in told)
+        held = [(e, [p.name for p in e.realise(fitted.robot).parameters]) for e in self.parts]
+        return tuple(_joined(found, e, {n: known[n] for n in names}) for e, names in held)
 
     def leaves_less(self, wide: Diagnosis, narrow: Diagnosis, component: Index) -> bool:
         """Whether it takes the narrower one's place, by the diagnoses of both; component: (M,) 0 … 5 of each row."""

@@ -90,16 +90,22 @@ def _named(last: Diagnosis) -> tuple[Found, ...]:
 def _effects(course: Course, after: JointFit, most: float) -> tuple[Found, ...]:
     """The effects of all admissible sets, no surer than ``most``; those of the first as they were identified."""
     named = [replace(e, confidence=min(e.confidence, most)) for e in _named(course.last)]
-    if course.ladder.effects:  # every admissible set holds them
-        by_set = {
-            s: [e for e in named if e.set_number == s] for s in sorted({e.set_number for e in named}) or [0]
-        }
-        named = [
-            e
-            for s, own in by_set.items()
-            for e in (*(replace(c, set_number=s) for c in course.ladder.effects), *own)
-        ]
-    return tuple(_as_identified(e, after) if e.set_number == 0 else e for e in named)
+    joined = _told([_as_identified(e, after) for e in course.ladder.effects])
+    sets = sorted({e.set_number for e in named}) or [0]  # each holds what joined
+    return tuple(
+        e
+        for s in sets
+        for e in (
+            *(replace(e, set_number=s) for e in joined),
+            *(_as_identified(e, after) if s == 0 else e for e in named if e.set_number == s),
+        )
+    )
+
+
+def _told(joined: list[Found]) -> list[Found]:
+    """Those of the effects that joined of which the data tell something; all where they tell of none."""
+    told = [e for e in joined if any(np.isfinite(size.std) for size in e.parameters.values())]
+    return told or joined
 
 
 def _unconfirmed(course: Course) -> list[str]:
