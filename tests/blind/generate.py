@@ -32,6 +32,8 @@ GEOMETRY = 1.5
 WEIGHING = 0.5
 """Part of the deflections whose arm weighs something that the robot file could tell and does not."""
 LEAST_FREEDOM = 30
+CONSTANT = ("offset", "geometry")
+"""Stories of which nothing is left beside the frames of all links."""
 _TRIES = 60
 
 
@@ -134,7 +136,7 @@ def _stories(kind: str, rng: np.random.Generator, options: Options) -> tuple[Sto
         return ()
     pool = {"outside": OUTSIDE, "bad_pose": (BAD_POSE,)}.get(kind, ONE)
     if options.off:
-        pool = tuple(s for s in pool if s.kind == "absolute")
+        pool = tuple(s for s in pool if s.kind == "absolute" and s.name not in CONSTANT)
     if kind == "two":
         pool = tuple(s for s in pool if s.context not in ("heavy", "start"))
         first = pool[int(rng.integers(len(pool)))]
