@@ -62,6 +62,7 @@ def test_signs_and_exponents_are_told_in_every_encoding(encoding: str) -> None:
 def test_a_stopped_command_leaves_nothing_behind(tmp_path: Path, number: signal.Signals, code: int) -> None:
     program = (
         "import signal, sys, time\nsignal.signal(signal.SIGINT, signal.default_int_handler)\n"  # a shell's background
+        "signal.signal(signal.SIGHUP, signal.SIG_DFL)\n"  # nohup
         "from symstiff.cli import main\nimport symstiff.codegen.generate as g\n"
         "def slow(*_):\n    print('now', flush=True)\n    time.sleep(60)\n"
         "g.write_tree = slow\nsys.argv = ['symstiff', 'generate', 'planar2r', '-o', 'out']\nmain()\n"

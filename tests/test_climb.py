@@ -57,10 +57,10 @@ def test_a_law_of_the_device_is_a_simpler_account_than_all_links(
         some,
         verdict="unexplained",
         device_law=law,
-        growth=(replace(step, residual=left, model_std=np.ones(2)),),
+        growth=(replace(step, residual=left, known=2),),
         rms=Rms(2.0, 2.0, 2.1, 2.1, 0.9),
     )
-    whole = replace(step, residual=left * np.sqrt(0.75), model_std=np.ones(16))
+    whole = replace(step, residual=left * np.sqrt(0.75), known=16)
     wide = replace(some, growth=(whole,), rms=Rms(1.0, 1.0, 1.2, 1.0, 0.9))
     assert leaves_less(wide, narrow, np.zeros(ROWS, dtype=np.intp)) is better
 
@@ -79,12 +79,12 @@ def test_links_that_were_named_give_way_to_what_is_significantly_more(
     sizes = {f"k1_{k}{k}": Quantity(1e-7, 1e-8, "rad/(N*m)") for k in range(1, 5)}
     step = some.growth[0]
     name = Name("link_compliance", {"link": 1})
-    few = replace(step, residual=left, model_std=np.ones(2), effects=((name, sizes),), gained=4)
-    whole = replace(step, residual=less, model_std=np.ones(16), effects=())
+    few = replace(step, residual=left, known=6, effects=((name, sizes),), gained=4)
+    whole = replace(step, residual=less, known=16, effects=())
     narrow = replace(
         some,
         verdict="named",
-        growth=(replace(step, model_std=np.ones(2)), few),
+        growth=(replace(step, known=2), few),
         rms=Rms(2.0, 1.0, 2.1, 1.0, 0.9),
     )
     wide = replace(some, growth=(whole,), rms=Rms(1.0, 1.0, held_out, held_out, 0.9))
@@ -103,20 +103,21 @@ def test_all_frames_have_to_explain_far_more_than_few_or_a_law_without_a_name(
     fitted = FittedDevice("measuring device", (("scale error", 80.0, 5.0, "ppm"),), law)
     narrow = replace(
         some, verdict="unexplained", device_law=fitted, law=None, rms=Rms(2.0, 1.0, 2.1, 1.0, 0.9),
-        growth=(replace(step, residual=left, model_std=np.ones(6)),),
+        growth=(replace(step, residual=left, known=6),),
     )  # fmt: skip
-    whole = replace(step, residual=left * np.sqrt(left_by_frames), model_std=np.ones(26))
+    whole = replace(step, residual=left * np.sqrt(left_by_frames), known=26)
     wide = replace(some, growth=(whole,), rms=Rms(1.0, 1.0, held_out, held_out, 0.9))
     robot = load("kuka_kr270")
     frames = Wider(joints_only(robot), "frames", Why.FRAMES, "", frames_of(robot))
     assert [dict(e.where) for e in frames.parts] == [{"link": i} for i in range(1, 7)]
-    assert frames.leaves_less(wide, narrow, np.zeros(ROWS, dtype=np.intp)) is better
+    assert frames.leaves_less(wide, narrow, np.zeros(ROWS, dtype=np.intp), np.arange(ROWS)) is better
 
 
 @pytest.mark.parametrize(
     ("verdict", "few", "left", "better"),
     [
         ("named", 2, 0.5, True),
+        ("nothing_missing", 2, 0.5, True),
         ("named", 1, 0.5, False),
         ("named_insufficient", 2, 0.5, False),
         ("named", 2, 0.97, False),
@@ -129,17 +130,22 @@ def test_all_frames_take_the_place_of_few_that_leave_no_room_for_what_is_missing
     robot = load("kuka_kr270")
     frames = Wider(joints_only(robot), "frames", Why.FRAMES, "", frames_of(robot))
     step, left_now = some.growth[0], np.full(ROWS, some.noise.by_component()[0])
-    last = replace(step, residual=left_now, gained=10)
+    last = replace(step, residual=left_now, known=16)
     leading = tuple((Name("geometric_error", {"link": i + 1}), {}, {}) for i in range(few))
-    start = replace(step, residual=3 * left_now, model_std=np.ones(6))
+    start = replace(step, residual=3 * left_now, known=6)
     narrow = replace(
         some, verdict="named_insufficient", device_law=None, law=None, growth=(start, last), leading=leading,
         rms=Rms(2.0, 1.0, 2.1, 1.0, 0.9),
     )  # fmt: skip
-    first = replace(step, residual=left_now, model_std=np.ones(18))
-    end = replace(step, residual=left_now * np.sqrt(left), gained=2)
+    first = replace(step, residual=left_now, known=18)
+    end = replace(step, residual=left_now * np.sqrt(left), known=20)
     wide = replace(some, verdict=verdict, growth=(first, end), rms=Rms(1.0, 0.7, 1.0, 0.9, 0.9))
-    assert frames.leaves_less(wide, narrow, np.zeros(ROWS, dtype=np.intp)) is better
+    axes = np.zeros(ROWS, dtype=np.intp)
+    assert frames.leaves_less(wide, narrow, axes, np.arange(ROWS)) is better
+    assert frames.leaves_less(wide, replace(narrow, verdict="named"), axes, np.arange(ROWS)) is better
+    assert not frames.leaves_less(
+        wide, narrow, axes, np.arange(ROWS) // 40
+    )  # ten readings, whatever the rows
 
 
 @pytest.mark.slow

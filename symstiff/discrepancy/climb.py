@@ -57,13 +57,20 @@ class Wider:
         held = [(e, [p.name for p in e.realise(fitted.robot).parameters]) for e in self.parts]
         return tuple(_joined(found, e, {n: known[n] for n in names}) for e, names in held)
 
-    def leaves_less(self, wide: Diagnosis, narrow: Diagnosis, component: Index) -> bool:
-        """Whether it takes the narrower one's place, by the diagnoses of both; component: (M,) 0 … 5 of each row."""
+    def leaves_less(self, wide: Diagnosis, narrow: Diagnosis, component: Index, pose: Index) -> bool:
+        """Whether it takes the narrower one's place, by the diagnoses of both.
+
+        component: (M,) 0 … 5 of each row; pose: (M,) of each row.
+        """
         if not self.parts:
             return leaves_less(wide, narrow, component)
         own = {key_of(e.effect, e.where) for e in self.parts}
         few = sum(key_of(name.effect, name.where) in own for name, *_ in narrow.leading)
-        return _dearly(wide, narrow, component) or (few > 1 and _ends_well(wide, narrow, component))
+        # rows of a pose may share their errors
+        readings = len(np.unique(6 * pose + component))
+        if narrow.verdict in (INSUFFICIENT, UNEXPLAINED) and _dearly(wide, narrow, component, readings):
+            return True
+        return few > 1 and _ends_well(wide, narrow, component, readings)
 
 
 @dataclass(frozen=True, eq=False)
@@ -134,12 +141,12 @@ def _of_all_frames(
     """The model of an arm whose frames are all off, where some are missing and few do not do."""
     there = [key_of(e.effect, e.where) for e in model.effects]
     more = tuple(e for e in frames if key_of(e.effect, e.where) not in there)
-    if not more or found.verdict not in (INSUFFICIENT, UNEXPLAINED) or found.doubtful:
-        return None
-    off = [key_of(e.effect, e.where) for e in more]
+    off = {key_of(e.effect, e.where) for e in more}
     keys = [key_of(name.effect, name.where) for name, *_ in found.leading]
     keys = keys or [key_of(c.effect, c.where) for c in found.candidates if c.testable][:1]
-    if not set(keys) & set(off):
+    # what further frames make may pass for how the robot misses its poses, and those that were named for enough
+    least = {INSUFFICIENT: 1, UNEXPLAINED: 1, NAMED: 2, AMBIGUOUS: 2}.get(found.verdict, np.inf)
+    if found.doubtful or not more or len(off & set(keys)) < least:
         return None
     return Wider(
         model.with_effects((*model.effects, *more)),
@@ -205,30 +212,29 @@ def leaves_less(wide: Diagnosis, narrow: Diagnosis, component: Index) -> bool:
     return _predicts(wide.rms.held_out_before, others)
 
 
-def _dearly(wide: Diagnosis, narrow: Diagnosis, component: Index) -> bool:
+def _dearly(wide: Diagnosis, narrow: Diagnosis, component: Index, readings: int) -> bool:
     """Whether all frames are worth several times Schwarz' price of their constants, also on poses left out.
 
     They bend to almost anything: an error that nobody drew is told from them by what an arm's own frames explain.
     """
     law = max((f.explained for f in (narrow.device_law, narrow.law) if f is not None), default=0.0)
     less, named, plain = _squares(wide, component, wide.growth[0], narrow.growth[-1], narrow.growth[0])
-    gain = len(component) * np.log(min(named, (1.0 - law) * plain) / less)
-    price = (_known(wide) - _known(narrow)) * np.log(len(component))
+    gain = readings * np.log(min(named, (1.0 - law) * plain) / less)
+    price = (wide.growth[0].known - narrow.growth[0].known) * np.log(readings)
     return bool(gain > _DEAR * price) and _predicts(wide.rms.held_out_before, narrow.rms.held_out_after)
 
 
-def _ends_well(wide: Diagnosis, narrow: Diagnosis, component: Index) -> bool:
+def _ends_well(wide: Diagnosis, narrow: Diagnosis, component: Index, readings: int) -> bool:
     """Whether the data are accounted for with all frames, where few left no room for what is missing besides.
 
-    Schwarz' criterion of where both diagnoses end, and poses left out.
+    Or where what they left passed for how the robot misses its poses. Schwarz' criterion of where both diagnoses end,
+    and poses left out.
     """
-    if narrow.verdict != INSUFFICIENT or wide.verdict not in (NAMED, AMBIGUOUS, NOTHING):
+    if wide.verdict not in (NAMED, AMBIGUOUS, NOTHING):
         return False
-    ends = narrow.growth[-1], wide.growth[-1]
-    left, less = _squares(wide, component, *ends)
-    fewer, more = (_known(d) + end.gained for d, end in zip((narrow, wide), ends, strict=True))
-    rows = len(component)
-    gains = rows * np.log(left / less) > (more - fewer) * np.log(rows)
+    last, end = narrow.growth[-1], wide.growth[-1]
+    left, less = _squares(wide, component, last, end)
+    gains = readings * np.log(left / less) > (end.known - last.known) * np.log(readings)
     return bool(gains) and _predicts(wide.rms.held_out_after, narrow.rms.held_out_after)
 
 
@@ -243,18 +249,13 @@ def _squares(wide: Diagnosis, component: Index, *steps: Step) -> list[float]:
     return [float(np.sum((step.residual / spread) ** 2)) for step in steps]
 
 
-def _known(found: Diagnosis) -> int:
-    """Parameters of a start model that the data determine."""
-    return int(np.isfinite(found.growth[0].model_std).sum())
-
-
 def _told_by_a_law(wide: Diagnosis, narrow: Diagnosis, component: Index) -> bool:
     """Whether a law at no virtual joint, such as a device's, is the simpler account by Schwarz' criterion."""
     law = narrow.device_law
     if law is None:
         return False
     left, less = _squares(wide, component, narrow.growth[0], wide.growth[0])
-    more = _known(wide) - _known(narrow) - len(law.terms)
+    more = wide.growth[0].known - narrow.growth[0].known - len(law.terms)
     rows = len(component)
     return bool(rows * np.log(less / (left * (1.0 - law.explained))) + more * np.log(rows) > 0)
 
@@ -263,7 +264,7 @@ def _chance(wide: Diagnosis, narrow: Diagnosis, component: Index) -> float:
     """p-value of what the complete model explains beyond links that were named, an F test of nested models."""
     last = narrow.growth[-1]
     left, less = _squares(wide, component, last, wide.growth[0])
-    known, fewer = _known(wide), _known(narrow) + last.gained
+    known, fewer = wide.growth[0].known, last.known
     freedom = len(component) - known
     if known <= fewer or freedom <= 0:
         return 1.0

@@ -96,6 +96,8 @@ class Step:
     """The best further candidate."""
     gained: int = 0
     """Directions that the effects add to the model's: parameters that the data tell apart."""
+    known: int = 0
+    """All directions of model and effects that the data hold, the device's placement included."""
 
 
 @dataclass(frozen=True)

@@ -236,7 +236,7 @@ def steps(problem: Problem, ready: Prepared, named: Judged | None, outcome: Outc
             Step(
                 effects[-1][0] if effects else None, model, std, tuple(effects),
                 float(np.sqrt(np.mean(residual[rows] ** 2))), strata(problem, scan), p_left, residual, further,
-                ready.scan.freedom - scan.freedom,
+                ready.scan.freedom - scan.freedom, problem.rows - scan.freedom,
             )
         )  # fmt: skip
     return tuple(out)

@@ -104,7 +104,9 @@ def _climbed(course: Course, wider: Wider, tell: Tell) -> Course | None:
     """The diagnosis from a wider model on; None where that does not take the place of the one before."""
     tell(wider.title)
     assembly, last = _diagnosed(wider.model, course.table, _options(course.task), tell)
-    if last.verdict == UNTESTABLE or not wider.leaves_less(last, course.last, assembly.problem.axis):
+    if last.verdict == UNTESTABLE or not wider.leaves_less(
+        last, course.last, assembly.problem.axis, assembly.problem.pose
+    ):
         return None
     ladder = course.ladder.climbed(wider, course.last, fit(wider.model, course.table))
     return replace(course, ladder=ladder, assembly=assembly, last=last)

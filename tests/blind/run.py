@@ -19,7 +19,7 @@ from symstiff.discrepancy.finding import Finding, Found, Task
 from symstiff.discrepancy.prepare import prepare
 from symstiff.discrepancy.problem import Problem
 from symstiff.discrepancy.scan import column_space
-from symstiff.discrepancy.verdict import NAMED, NOTHING
+from symstiff.discrepancy.verdict import AMBIGUOUS, NAMED, NOTHING
 from symstiff.discrepancy.workflow import diagnose
 from symstiff.threads import one_thread
 from tests.blind.apart import apart, limit
@@ -65,7 +65,7 @@ def _one(number: int, options: Options, others: bool) -> dict[str, Any]:
     groups = {c.key: c.group for c in assembly.candidates if c.group}
     label = hidden.label
     sets = _sets(finding, hidden)
-    verdict = NOTHING if finding.verdict == NAMED and not any(sets) else finding.verdict
+    verdict = NOTHING if finding.verdict in (NAMED, AMBIGUOUS) and not any(sets) else finding.verdict
     row: dict[str, Any] = {
         "number": number, "kind": label.kind, "robot": label.robot, "story": list(label.story),
         "truth": [list(t) for t in label.truth], "wanted": label.wanted,
