@@ -143,6 +143,7 @@ def test_all_frames_take_the_place_of_few_that_leave_no_room_for_what_is_missing
     axes = np.zeros(ROWS, dtype=np.intp)
     assert frames.leaves_less(wide, narrow, axes, np.arange(ROWS)) is better
     assert frames.leaves_less(wide, replace(narrow, verdict="named"), axes, np.arange(ROWS)) is better
+    assert not frames.leaves_less(wide, replace(narrow, verdict="unexplained"), axes, np.arange(ROWS) // 2)
     assert not frames.leaves_less(
         wide, narrow, axes, np.arange(ROWS) // 40
     )  # ten readings, whatever the rows
