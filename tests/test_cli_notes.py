@@ -198,6 +198,26 @@ def test_a_path_with_labels_may_come_to_a_point_again(run: Run) -> None:
     assert home == again
 
 
+def test_a_load_through_zero_may_tell_the_way_it_goes_on_a_path_as_in_a_table(run: Run) -> None:
+    """From -60 N to 60 N and back: going up it first falls in size and then grows, and the other way round."""
+    arm().with_effect(EffectInstance("hysteresis", {"joint": 2})).with_values(
+        {**VALUES, "hysteresis_2_width": 1e-3}
+    ).save("model.toml")
+    loads = (-60, -30, 30, 60, 30, -30, -60)
+    written = []
+    for name, branches in (
+        ("way", ("up",) * 4 + ("down",) * 3),
+        ("size", ("down", "down", "up", "up", "down", "up", "up")),
+    ):
+        label = ["a" if name == "way" else f"a{k}" for k in range(len(loads))]
+        rows = [f"{p},10,40,{f},{b}\n" for p, f, b in zip(label, loads, branches, strict=True)]
+        Path("way.csv").write_text("pose,q1[deg],q2[deg],fy[N],branch\n" + "".join(rows))
+        notes(run, "compensate", "model.toml", "way.csv")
+        written.append([row[1:3] for row in csv.reader(Path("m.toml").read_text().splitlines())])
+    assert written[0] == written[1]
+    assert written[0][1] != written[0][7]
+
+
 def test_a_deflection_that_moves_the_loads_levers_leaves_more_than_the_model_tells(run: Run) -> None:
     """Of second order: its square over the reach, which a small one does not leave."""
     arm().with_values({"c1": 2e-5, "c2": 3e-5}).save("model.toml")

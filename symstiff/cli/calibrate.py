@@ -80,6 +80,7 @@ def run_simulate(
 
 def run_compensate(model_file: Path, trajectory: Path, output: Path, json: str | None) -> None:
     """Correct a trajectory."""
+    from symstiff.calibration.loading import as_loading
     from symstiff.calibration.remarks import of_sag
     from symstiff.calibration.rewriting import rewrite_joints
     from symstiff.calibration.rows import context_of
@@ -101,9 +102,12 @@ def run_compensate(model_file: Path, trajectory: Path, output: Path, json: str |
         *of_sag(model.robot), *of_tool(model),
     )  # fmt: skip
     without = [e.effect for e in model.effects if e not in model.of_robot().effects]
+    moment = context_of(
+        model.of_robot(), as_loading(table)
+    )  # as the tables of which the model was made were read
     with stages(out) as progress:
         progress("compensating")
-        found = compensate(model, table.q, table.w, context=context_of(model.of_robot(), table))
+        found = compensate(model, table.q, table.w, context=moment)
     before, after = (float(np.sqrt((e[:, :3] ** 2).sum(axis=1).mean())) for e in (found.before, found.after))
     split = rewrite_joints(cells, table, found.q_cmd, output)
     beyond = _beyond(model, found.q_cmd)
