@@ -50,6 +50,7 @@ def found_with(
         return left.pop(0)(whole(*args, **keys))
 
     monkeypatch.setattr(workflow, "examine", look)
+    monkeypatch.setattr(workflow, "_AGAIN", 0)  # what a changed look leaves is no gross error
     return diagnose(Task(load("kuka_kr270"), data())), len(looks) - len(left)
 
 

@@ -67,5 +67,5 @@ def remark(finding: Finding, rows: Index) -> str:
         )
     return (
         f"{len(rows)} readings lie up to {far.max():.0f} times the usual residual beside the others of their poses "
-        f"({places}): slips of the readings, or of the pen. They are left out; look at them, or measure them again"
+        f"({places}): slips, or readings that changed places. They are left out; look at them, or measure them again"
     )
