@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -15,6 +16,7 @@ from symstiff.discrepancy.reasons import Why
 from symstiff.discrepancy.result import Diagnosis, Name, Quantity, Rms
 from symstiff.discrepancy.workflow import diagnose
 from symstiff.model import joints_only
+from symstiff.report.folder import write_report
 from symstiff.robot import load
 from tests.diagnosis_data import ROBOT, measured
 from tests.test_arm_as_it_is import NOISE, positions
@@ -151,7 +153,7 @@ def test_all_frames_take_the_place_of_few_that_leave_no_room_for_what_is_missing
 
 @pytest.mark.slow
 @pytest.mark.parametrize("name", ["kuka_kr270", "ur10"])
-def test_a_gap_is_named_behind_errors_of_all_frames(name: str) -> None:
+def test_a_gap_is_named_behind_errors_of_all_frames(name: str, tmp_path: Path) -> None:
     """An arm that nobody calibrated, three tenths of a millimetre and of a milliradian off at every link."""
     robot, rng = load(name), np.random.default_rng(2)
     off = [
@@ -167,3 +169,7 @@ def test_a_gap_is_named_behind_errors_of_all_frames(name: str) -> None:
     assert [s.title for s in found.steps[:2]] == ["start model", "frames of all links"]
     assert found.rms.after < 1.1 * NOISE
     assert 0.8 < found.last.noise.ratio < 1.2  # type: ignore[operator]
+    write_report(found, tmp_path / "report")
+    page = (tmp_path / "report" / "report.html").read_text()
+    assert "Zero, as these data do not tell them from the others" in page
+    assert "geometric_error_1_x</code>" in page

@@ -262,7 +262,8 @@ def _elsewhere(robot: Robot, situation: Situation) -> Situation:
     poses, back = np.unique(view.table.pose, return_inverse=True)
     limits = np.array([j.range for j in robot.joint])
     q = np.random.default_rng(0).uniform(limits[:, 0], limits[:, 1], (len(poses), len(limits)))
-    moved = replace(look(robot, replace(view.table, q=q[back.reshape(-1)]), view.turn), shift=view.shift)
+    moved = look(robot, replace(view.table, q=q[back.reshape(-1)]))
+    moved = replace(moved, turn=view.turn, shift=view.shift)
     if view.table.kind == "absolute":
         moved = under_weights(moved)
     return Situation(moved, replace(situation.laws, view=moved))

@@ -154,9 +154,8 @@ def _of_all_frames(
         model.with_effects((*model.effects, *more)),
         "frames of all links",
         Why.FRAMES,
-        "no few links whose frames are off account for what is left as well as all of them do: an arm whose frames are "
-        "all where the data show them takes the place of the drawn one, and the diagnosis goes on from there. Its "
-        "constants that nothing tells apart are zero, others bear what they would",
+        "errors of a few links' frames do not account for the data as well as those of all links do: all of them join "
+        "the model, and the diagnosis goes on from there; those that nothing tells from the others are zero",
         more,
     )
 
@@ -178,8 +177,8 @@ def _of_all_links(
         replace(complete, file_tool=model.file_tool).with_effects(model.effects),
         "complete model (all links elastic)",
         Why.LINKS,
-        "no few links account for what the joints leave as well as all of them do: the complete model takes the place "
-        "of the joints-only model, and the diagnosis goes on from there",
+        "a few elastic links do not account for what the joints leave as well as all of them do: the complete model "
+        "takes the place of the joints-only model, and the diagnosis goes on from there",
     )
 
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from symstiff.arrays import Array, Index
+from symstiff.calibration.experiment.situation import View
 from symstiff.discrepancy.finding import Finding
 
 FAR = 6.0
@@ -13,6 +14,8 @@ ALONE = 2.5
 """How far it stands above every other reading of its pose: what bends a pose as a whole is no slip of one reading."""
 FEWEST = 3
 """Readings of a component in a pose from which one is told from the others."""
+_OF_MEDIAN = 0.6745
+"""Median of normal noise's size, in standard deviations."""
 MOST = 0.01
 """Share of the rows that may be gross errors, two at least: more are something else."""
 
@@ -47,13 +50,20 @@ def _beside(finding: Finding, residual: Array) -> Array:
     for k in np.unique(label):
         own = np.flatnonzero(label == k)
         apart[own] = residual[own] - np.median(residual[own]) if len(own) >= FEWEST else 0.0
-    size = np.abs(apart) / (1.0 if problem.sigma is None else problem.sigma)
-    far = np.zeros(len(finding.table))
+    return in_usual(view, np.abs(apart) / (1.0 if problem.sigma is None else problem.sigma))
+
+
+def in_usual(view: View, size: Array) -> Array:
+    """(N,) the largest of each row's sizes (M,) in usual ones, as their median tells; translations and rotations apart.
+
+    What is 0 is none: a middle reading is no distance from itself.
+    """
+    largest = np.zeros(len(view.table))
     for kind in (view.component < 3, view.component >= 3):
-        known = kind & (size > 0)  # a middle reading is no distance from itself
+        known = kind & (size > 0)
         if np.any(known):
-            np.maximum.at(far, view.state[known], size[known] / (np.median(size[known]) / 0.6745))
-    return far
+            np.maximum.at(largest, view.state[known], size[known] / (np.median(size[known]) / _OF_MEDIAN))
+    return largest
 
 
 def remark(finding: Finding, rows: Index) -> str:

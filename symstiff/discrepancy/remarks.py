@@ -12,6 +12,7 @@ from symstiff.calibration.measurements import Measurements
 from symstiff.calibration.remarks import of_sag
 from symstiff.discrepancy.drawing import DRAWING
 from symstiff.discrepancy.finding import Found
+from symstiff.discrepancy.gross import in_usual
 from symstiff.discrepancy.noise import CONTRADICTED, NoiseReport
 from symstiff.discrepancy.numbers import p_equals, quantity
 from symstiff.discrepancy.problem import Options
@@ -194,7 +195,7 @@ def _of_rows(view: View, last: Diagnosis) -> list[str]:
         return []
     if last.law is not None or last.device_law is not None:  # a law is told that still is in what is left
         return []
-    beside = _beside(view, last.growth[-1].residual)
+    beside = in_usual(view, np.abs(last.growth[-1].residual))
     rows = np.flatnonzero(beside > BESIDE)
     first = np.argsort(-beside)[:2]
     if len(first) == 2 and beside[first[0]] > max(BESIDE, _ALONE * beside[first[1]]):
@@ -206,16 +207,6 @@ def _of_rows(view: View, last: Diagnosis) -> list[str]:
         f"{len(rows)} row{'s' * (len(rows) > 1)} lie{'s' * (len(rows) == 1)} {beside.max():.0f} times the usual "
         f"residual off ({shown}): look for slips, or for readings that changed places"
     ]
-
-
-def _beside(view: View, residual: Array) -> Array:
-    """The residuals of the table's rows in usual ones, the largest of each row."""
-    beside = np.zeros(len(view.table))
-    for kind in (view.component < 3, view.component >= 3):
-        if np.any(kind):
-            size = np.abs(residual[kind])
-            np.maximum.at(beside, view.state[kind], size / max(float(np.median(size)) / 0.6745, 1e-300))
-    return beside
 
 
 def _of_sizes(view: View, last: Diagnosis) -> list[str]:

@@ -132,13 +132,16 @@ def _card(finding: Finding, group: list[Found]) -> dict[str, Any]:
     if len(group) > 1:
         name = words.names(group)
     confounded = _names(n for g in group for n in g.confounded_with)
+    sizes = {n: size for g in group for n, size in g.parameters.items()}
+    zero = [n for n, size in sizes.items() if size.value == 0.0 and not math.isfinite(size.std)]
     return {
         "set": e.set_number + 1,
         "name": name,
         "wide": len(group) > 1,
         "description": entry.description if entry else "",
         "separated_by": entry.separated_by if entry else "",
-        "parameters": [(n, numbers.quantity(v)) for g in group for n, v in g.parameters.items()],
+        "parameters": [(n, numbers.quantity(size)) for n, size in sizes.items() if n not in zero],
+        "zero": zero,
         "p": numbers.p_equals(max(g.p_value for g in group)),
         "confidence": words.confidence(group, finding.verdict == INSUFFICIENT),
         "confounded": few(confounded, 6),

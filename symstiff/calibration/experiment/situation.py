@@ -60,7 +60,7 @@ class View:
     component: Index
     tau: Array
     """(N, V) by the wrenches of the table, in absolute data by the links' weight as well."""
-    turn: Array
+    turn: Array = field(default_factory=lambda: np.eye(3))
     shift: Array = field(default_factory=lambda: np.zeros(3))
     more: Array | float = 0.0
     """(N, V) loads that the model's effects add by their fitted values: every law but a compliance's sees them."""
@@ -161,7 +161,7 @@ def loads_of(view: View, terms: Iterable[Term]) -> dict[str, Array]:
     return loads
 
 
-def look(robot: Robot, table: Measurements, turn: Array | None = None, stand: Array | None = None) -> View:
+def look(robot: Robot, table: Measurements, stand: Array | None = None) -> View:
     """Geometry and external loads of a table's states, of an arm whose virtual joints ``stand`` (N, V) off."""
     poses, back = np.unique(table.q, axis=0, return_inverse=True)
     back = back.reshape(-1)
@@ -174,16 +174,7 @@ def look(robot: Robot, table: Measurements, turn: Array | None = None, stand: Ar
         if hit.any():
             offset[hit] = found.point_offset(robot, name)[hit]
     state, component = np.nonzero(table.measured)
-    return View(
-        robot,
-        table,
-        found,
-        offset,
-        state,
-        component,
-        found.loads(table.w),
-        np.eye(3) if turn is None else turn,
-    )
+    return View(robot, table, found, offset, state, component, found.loads(table.w))
 
 
 def under_weights(view: View) -> View:
