@@ -11,8 +11,8 @@ import pytest
 
 from symstiff.discrepancy.prepare import prepare
 from symstiff.discrepancy.problem import Options
-from symstiff.discrepancy.search import Proposal
 from symstiff.discrepancy.verdict import _named, _nearly, decide
+from symstiff.discrepancy.workshop import Proposal
 from tests.test_discrepancy_engine import QUICK, arm, measured, saturating, scaled
 
 

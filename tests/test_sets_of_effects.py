@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from symstiff.arrays import Array
-from symstiff.discrepancy import search, verdict
+from symstiff.discrepancy import search, verdict, workshop
 from symstiff.discrepancy.assemble import assemble
 from symstiff.discrepancy.bank import build
 from symstiff.discrepancy.examine import beyond, examine
@@ -19,7 +19,8 @@ from symstiff.discrepancy.problem import ANGLE, CLOCK, Candidate, Parameter, Pro
 from symstiff.discrepancy.reasons import Why
 from symstiff.discrepancy.result import Name
 from symstiff.discrepancy.scan import Scan, coefficients
-from symstiff.discrepancy.search import Proposal, Workshop, polish
+from symstiff.discrepancy.search import polish
+from symstiff.discrepancy.workshop import Proposal, Workshop
 from tests.test_assemble import complete, truth_of
 from tests.test_assemble import design as experiment
 from tests.test_assemble import measured as exact
@@ -122,7 +123,7 @@ def test_sets_that_explain_more_than_the_leader_compete_with_the_leader_and_one_
 def test_a_search_keeps_few_scans(monkeypatch: pytest.MonkeyPatch) -> None:
     a = arm(20)
     ready = prepare(measured(a.problem, scaled(a.problem, of_sign(a.problem, 0), 400.0)), a.candidates)
-    monkeypatch.setattr(search, "_SCANS", 3)
+    monkeypatch.setattr(workshop, "_SCANS", 3)
     shop = Workshop(ready.scan, np.array([True] * len(ready.bank.candidates)), QUICK)
     for entry in range(6):
         judged = search.judge(shop, Proposal((int(ready.bank.owner[entry]),), (entry,), 0.0))
@@ -168,21 +169,6 @@ def test_a_given_effect_that_is_not_needed_leaves_the_set() -> None:
     found = examine(measured(bare, 15.0 * gear, 4), candidates, QUICK, given=given)
     assert found.verdict == "named"
     assert [e.effect for e in found.effects] == ["gear"]
-
-
-@pytest.mark.parametrize(("kept", "score"), [((1,), 6.5), ((0,), 7.5), ((), 18.5)])
-def test_a_law_without_a_name_may_take_the_place_of_one_member_or_of_all(
-    kept: tuple[int, ...], score: float, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    """Wherever it comes closest it is the set's rival: here it trails a set of two by 1.5."""
-    monkeypatch.setattr(search, "_same", lambda *_: False)
-    none = np.full(3, -np.inf)
-    shop = SimpleNamespace(
-        evidence=lambda entries: SimpleNamespace(score=np.array([8.0, 9.0, 0.0]), best_entry=np.arange(3)),
-        score=lambda members, entries, generic: np.where(np.arange(3) == 2, score, none) if members == kept else none,
-        scan=lambda entries: None,
-    )  # fmt: skip
-    assert search._rivals(cast(Workshop, shop), Proposal((0, 1), (0, 1), 20.0)) == pytest.approx([-1.5])
 
 
 @pytest.mark.parametrize(("lead", "verdict_"), [(2.0, "named_insufficient"), (4.0, "unexplained")])

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -51,7 +51,9 @@ def finding_of(course: Course, remarks: list[str], tell: Callable[[str], None]) 
     tell("identification")
     leading = [e for e in _named(last) if e.set_number == 0]
     grown = grow(ladder.base, [e.instance for e in leading])
-    after = fit_told(grown, table)
+    # frames that joined are errors of all of them; what does not account for the data may be one of the geometry
+    trusted = last.verdict in (NOTHING, NAMED, AMBIGUOUS) and not ladder.effects
+    after = fit_told(grown, table, trusted=trusted)
     if astray(
         [_as_identified(e, after) for e in leading], task.robot, extent_of(course.assembly.situation.view)
     ):
@@ -190,21 +192,39 @@ def _left_at_zero(fitted: JointFit) -> list[str]:
 
 
 def _hidden(fitted: JointFit, base: StiffnessModel) -> list[str]:
-    """A remark on compliances that geometry hides in absolute positions, and that the written model lacks."""
-    problem, view = fitted.assembly.problem, fitted.assembly.situation.view
+    """Remarks on compliances that absolute positions do not tell, and that the written model lacks, and on those that
+    they tell as far as the geometry is right.
+    """
     own = set(fitted.model.stiffness_parameters)
     zero = [p.name for p in base.compliances if p.name in own & set(fitted.absorbed)]
-    if view.table.kind != "absolute" or not zero:
+    if fitted.assembly.situation.view.table.kind != "absolute":
         return []
-    size = milli(float(np.sqrt(np.mean(fitted.residual[problem.axis < 3] ** 2))))
+    return [*_lacking(fitted, zero, len(own)), *_leaning(fitted.leaning, len(own))]
+
+
+def _lacking(fitted: JointFit, zero: Sequence[str], count: int) -> list[str]:
+    if not zero:
+        return []
+    size = milli(float(np.sqrt(np.mean(fitted.residual[fitted.assembly.problem.axis < 3] ** 2))))
     be, their = ("is", "its") if len(zero) == 1 else ("are", "their")
+    beside = "" if fitted.leaning else " beside the geometry"
     lacks = (
-        "is no model of the robot under loads" if len(zero) == len(own) else f"lacks {their} part under loads"
+        "is no model of the robot under loads" if len(zero) == count else f"lacks {their} part under loads"
     )
     return [
-        f"{len(zero)} of the model's {len(own)} compliances ({few(zero, 4)}) {be} not determined by these positions "
-        f"beside the geometry and {be} zero: model.toml leaves {size} mm rms per coordinate, and {lacks} until loaded "
-        "poses, or deflections, are measured"
+        f"{len(zero)} of the model's {count} compliances ({few(zero, 4)}) {be} not determined by these positions"
+        f"{beside} and {be} zero: model.toml leaves {size} mm rms per coordinate, and {lacks} until loaded poses, or "
+        "deflections, are measured"
+    ]
+
+
+def _leaning(names: Sequence[str], count: int) -> list[str]:
+    if not names:
+        return []
+    be, them = ("is", "it") if len(names) == 1 else ("are", "them")
+    return [
+        f"{len(names)} of the model's {count} compliances ({few(names, 4)}) {be} told as far as the geometry is right: "
+        f"beside errors of all frames these positions would not tell {them}, and deflections would"
     ]
 
 

@@ -28,11 +28,11 @@ from symstiff.discrepancy.proof import HeldOut, held_out, poses_of_their_own
 from symstiff.discrepancy.reasons import Reason, Why
 from symstiff.discrepancy.result import Diagnosis, Name, Rms
 from symstiff.discrepancy.scan import Evidence, Scan, coefficients, column_space, one_sharing
-from symstiff.discrepancy.search import Proposal
 from symstiff.discrepancy.strata import Stratum, strata
 from symstiff.discrepancy.tables import (
     candidate_table,
     confusion,
+    equal,
     leading,
     named_effects,
     noise_floor,
@@ -50,6 +50,7 @@ from symstiff.discrepancy.verdict import (
     Outcome,
     decide,
 )
+from symstiff.discrepancy.workshop import Proposal
 
 ROUNDING = 1e-9
 """Share of the readings that the model leaves, from which there is something to test."""
@@ -158,7 +159,7 @@ def _written(
         outcome.p_named, outcome.p_unnamed, ready.report, parts, place, law, device, growth,
         Rms(growth[0].rms, growth[-1].rms, proof.before if proof else None, proof.after if proof else None,
             noise_floor(ready)),
-        proof, D, names, leading(problem, ready, outcome),
+        proof, D, names, leading(problem, ready, outcome), equal(ready, outcome),
     )  # fmt: skip
 
 

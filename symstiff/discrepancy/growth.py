@@ -48,6 +48,8 @@ class JointFit:
     assembly: Assembly
     noise: Noise
     """As the fit weighed the rows: with one shared error, the likeliest."""
+    leaning: tuple[str, ...] = ()
+    """Compliances that absolute positions tell if the geometry is right: errors of all frames would hide them."""
 
 
 def grow(model: StiffnessModel, instances: Iterable[EffectInstance]) -> StiffnessModel:
@@ -123,24 +125,28 @@ def _length(rows: Array) -> float:
 
 
 def fit_told(
-    model: StiffnessModel, table: Measurements, noise: Noise | None = None, like: JointFit | None = None
-) -> JointFit:
+    model: StiffnessModel, table: Measurements, noise: Noise | None = None, like: JointFit | None = None,
+    trusted: bool = False,
+) -> JointFit:  # fmt: skip
     """``fit``, where the table holds absolute positions without the compliances that these do not tell.
 
     An error of the geometry looks like compliances in them, of sizes that no arm has: those are zero, not values.
-    ``like``: a fit of the model with effects besides, whose zeros hold here too.
+    ``trusted``: the geometry is right, or its error is in the model, and hides none; ``like``: a fit of the model with
+    effects besides, whose zeros hold here too.
     """
     if table.kind != "absolute":
         return fit(model, table, noise)
     own = {p.name for p in model.compliances} & set(model.stiffness_parameters)
     if like is not None and own <= set(like.model.stiffness_parameters):
         return fit(model, table, noise, own & set(like.absorbed))
-    without = own & set(untold(model, table))
+    hidden = own & set(untold(model, table))
+    without = set() if trusted else set(hidden)
     found = fit(model, table, noise, without)
     while more := implausible(model, _sized(found.model, own)):
-        without |= set(more)
+        without |= hidden & set(more) or set(more)
         found = fit(model, table, noise, without)
-    return found
+    determined = hidden - set(found.absorbed)
+    return replace(found, leaning=tuple(n for n in model.parameters if n in determined))
 
 
 def _sized(model: StiffnessModel, names: Iterable[str]) -> dict[str, tuple[float, float]]:

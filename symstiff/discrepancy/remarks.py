@@ -19,8 +19,9 @@ from symstiff.discrepancy.problem import Options
 from symstiff.discrepancy.ranges import CATALOGUE, Extent, at_size, extent_of
 from symstiff.discrepancy.result import Diagnosis, Quantity
 from symstiff.discrepancy.sharing import JOINTS
+from symstiff.discrepancy.speech import device_law
 from symstiff.discrepancy.speech import named as named_at
-from symstiff.discrepancy.verdict import INSUFFICIENT, NAMED, NOTHING, UNEXPLAINED, UNTESTABLE
+from symstiff.discrepancy.verdict import AS_MUCH, INSUFFICIENT, NAMED, NOTHING, UNEXPLAINED, UNTESTABLE
 from symstiff.effects.arm import untold_weight
 from symstiff.effects.base import Effect, EffectParameter
 from symstiff.effects.instance import EffectInstance
@@ -57,7 +58,7 @@ def remarked(view: View, last: Diagnosis) -> list[str]:
         *_of_sigma(noise), *_of_readings(noise), *_of_approach(view.table, last), *_of_markers(noise),
         *_of_poses(view.table, last), *_of_single(last), *_of_proof(last), *_of_rows(view, last),
         *_of_succession(view, last), *_of_drawing(last), *_of_weights(view, last), *_of_sizes(view, last),
-        *_of_known(view.robot, last), *_of_further(last),
+        *_of_known(view.robot, last), *_of_further(last), *_of_equal(last),
         *(of_sag(view.robot) if view.table.kind == "absolute" else ()),
     ]  # fmt: skip
 
@@ -176,6 +177,19 @@ def _of_further(last: Diagnosis) -> list[str]:
         f"a small error is left that is no noise ({p_equals(step.p_left)}), most like "
         f"{named_at(step.further.effect, step.further.where)}: it may be the shape of what was named, which is only "
         "close, or one effect more; more poses would tell, or a diagnosis that starts from the grown model (--start)"
+    ]
+
+
+def _of_equal(last: Diagnosis) -> list[str]:
+    """A law without a name elsewhere that describes what was named."""
+    if last.equal is None:
+        return []
+    law, place, lead = last.equal.law, last.equal.place, last.equal.lead
+    told = f"a law of {law.replace('*', '·')}" if place.startswith(("joint", "link")) else device_law(law)
+    well = "better" if lead > AS_MUCH else "as well" if lead > -AS_MUCH else "nearly as well"
+    return [
+        f"what was named may be another thing: {told} ({place}), which the catalogue does not hold, explains these "
+        f"data {well}: look there before relying on the name"
     ]
 
 

@@ -76,6 +76,16 @@ class CandidateResult:
 
 
 @dataclass(frozen=True)
+class Equal:
+    """A law without a name that describes what a named effect does, elsewhere."""
+
+    place: str
+    law: str
+    lead: float
+    """Log evidence by which it leads."""
+
+
+@dataclass(frozen=True)
 class Step:
     """A step of the growth path: the starting model, then one more effect each."""
 
@@ -153,6 +163,8 @@ class Diagnosis:
     confusability_names: tuple[Name, ...]
     leading: tuple[tuple[Name, Shape, Mapping[str, Quantity]], ...] = ()
     """The effects of the set that explains most, whether the verdict names it or not."""
+    equal: Equal | None = None
+    """What does as well as the leading set of those that are named, or nearly."""
 
     @property
     def reason(self) -> str:

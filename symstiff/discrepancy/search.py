@@ -1,53 +1,28 @@
-"""Sets of effects: their evidence, what they leave unexplained, and who could take a member's place."""
+"""Sets of effects: their evidence, and what they leave unexplained."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field, replace
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 from itertools import combinations
 
 import numpy as np
 
-from symstiff.arrays import Array
-from symstiff.calibration.decomposition import svd
 from symstiff.discrepancy.bank import Bank
 from symstiff.discrepancy.design import effective_rank
 from symstiff.discrepancy.laws import of_load
-from symstiff.discrepancy.null import Null, null
 from symstiff.discrepancy.problem import Options
+from symstiff.discrepancy.rivals import Likeness, rivals
 from symstiff.discrepancy.scan import (
     Evidence,
     Layer,
     Scan,
-    basis_of,
-    evidence,
     explained,
-    extend,
     log_likelihood,
 )
 from symstiff.discrepancy.sharing import Sharing
 from symstiff.discrepancy.strata import PROPORTIONAL, Stratum, fills
-
-SAME_SIGNAL = 0.85
-"""Share of an unnamed law's signal inside a set's space from which both describe the same thing."""
-SAME_PLACE = 0.5
-"""The same share for another shape of a member's law: at its virtual joint, and by what that depends on."""
-_RIVALS, _FAR = 40, 8.0
-"""Unnamed laws at most that may take a member's place, and log evidence by which they may trail."""
-_SCANS = 8
-"""Scans that a search keeps at most."""
-
-
-@dataclass(frozen=True)
-class Proposal:
-    """A set of candidates, each at one shape, not yet added to the model."""
-
-    members: tuple[int, ...]
-    entries: tuple[int, ...]
-    score: float
-    """Log evidence with the prior."""
-    lost: float = 0.0
-    """What the physical range of its sizes has taken from that."""
+from symstiff.discrepancy.workshop import Proposal, Workshop
 
 
 @dataclass(frozen=True)
@@ -71,61 +46,11 @@ class Judged:
     is ahead where it is negative."""
     rivals: float
     """Log evidence of all such sets together, minus this score."""
+    likeness: Likeness | None
+    """What explains most of the unnamed laws that describe what a member does."""
     sufficient: bool
     p_members: tuple[float, ...]
     """Family-wise p-value of each member given the others."""
-
-
-@dataclass
-class Workshop:
-    """The start, the options, and scans and null distributions already made (a cache, nothing else)."""
-
-    start: Scan
-    allowed: Array
-    options: Options
-    lack: Callable[[Scan], Sequence[Stratum]] = lambda scan: ()
-    """Lack of fit by strata with some entries in the model."""
-    parts: Sequence[Stratum] = ()
-    """The same for the start."""
-    scans: dict[tuple[int, ...], Scan] = field(default_factory=dict)
-    found: dict[tuple[int, ...], Evidence] = field(default_factory=dict)
-    nulls: dict[tuple[tuple[int, ...], tuple[int, ...]], Null] = field(default_factory=dict)
-
-    def scan(self, entries: tuple[int, ...]) -> Scan:
-        """The scan with some entries in the model; the latest are kept."""
-        key = tuple(sorted(entries))
-        if key not in self.scans:
-            if len(self.scans) >= _SCANS:
-                del self.scans[next(iter(self.scans))]
-            self.scans[key] = extend(self.start, key)
-        return self.scans[key]
-
-    def evidence(self, entries: tuple[int, ...]) -> Evidence:
-        """The evidence of everything else with some entries in the model."""
-        key = tuple(sorted(entries))
-        if key not in self.found:
-            self.found[key] = evidence(extend(self.start, key))
-        return self.found[key]
-
-    def null(self, members: tuple[int, ...], entries: tuple[int, ...]) -> Null:
-        """Null distribution of the maximum over all candidates that are not in the set."""
-        key = (tuple(sorted(members)), tuple(sorted(entries)))
-        if key not in self.nulls:
-            draws = self.options.draws * (1 if members else 2)
-            self.nulls[key] = null(self.scan(entries), draws, self.options.seed, self.free(members))
-        return self.nulls[key]
-
-    def free(self, members: tuple[int, ...]) -> Array:
-        """Mask (candidates,) of those that may still be added."""
-        free = np.array(self.allowed, dtype=bool)
-        free[list(members)] = False
-        return np.asarray(free)
-
-    def score(self, members: tuple[int, ...], entries: tuple[int, ...], generic: bool) -> Array:
-        """Scores (candidates,) of the named or the unnamed ones that may still be added, -inf for the others."""
-        found = self.evidence(entries)
-        bank = self.start.bank
-        return np.where(self.free(members) & (bank.generic == generic), found.score, -np.inf)
 
 
 def proposals(shop: Workshop, bases: list[Proposal], breadth: int = 24) -> list[Proposal]:
@@ -218,7 +143,7 @@ def judge(shop: Workshop, proposal: Proposal) -> Judged:
         p_named, p_unnamed = distribution.p_named(named), distribution.p_generic(unnamed)
     gained = _gained(shop, scan, scan.best)
     missed = _missed_share(shop, proposal, scan)
-    rivals = _rivals(shop, proposal)
+    others, alike = rivals(shop, proposal)
     further = _level_of_further(options, missed)
     other = options.alpha_notable if missed > options.tolerated_shape else options.alpha_sufficient
     # what is left must be more believable than nothing: small p-values alone are shapes that are only close
@@ -228,7 +153,7 @@ def judge(shop: Workshop, proposal: Proposal) -> Judged:
     p_members = tuple(_needed(shop, proposal, i) for i in range(len(members)))
     return Judged(
         members, entries, proposal.score, scan.bank, scan.best.sharing, scan.best.rss, scan.freedom, p_named,
-        p_unnamed, missed, max(rivals, default=-np.inf), float(np.logaddexp.reduce(rivals, initial=-np.inf)),
+        p_unnamed, missed, max(others, default=-np.inf), float(np.logaddexp.reduce(others, initial=-np.inf)), alike,
         not (lack_named or lack_unnamed or _lacking(shop, scan, gained, usual)), p_members,
     )  # fmt: skip
 
@@ -334,45 +259,6 @@ def _gained(shop: Workshop, scan: Scan, layer: Layer) -> float:
     """Sum of squares that a set has explained under one of its scan's sharings, in units of the variance left."""
     before = next(start.rss for start in shop.start.layers if start.sharing == layer.sharing)
     return (before - layer.rss) / max(layer.rss / max(scan.freedom, 1), 1e-300)
-
-
-def _rivals(shop: Workshop, proposal: Proposal) -> list[float]:
-    """The scores over the set's of sets in which an unnamed law of another form takes the place of one member, or of
-    all. Those that are far behind are left out.
-    """
-    out = list[float]()
-    n = len(proposal.members)
-    for kept in [(), *(tuple(k for k in range(n) if k != i) for i in range(n) if n > 1)]:
-        members = tuple(proposal.members[k] for k in kept)
-        entries = tuple(proposal.entries[k] for k in kept)
-        base = 0.0
-        if kept:
-            place = next(k for k in range(n) if k not in kept)
-            base = proposal.score - float(shop.evidence(entries).score[proposal.members[place]])
-        base = base if np.isfinite(base) else 0.0
-        score = shop.score(members, entries, True) + base - proposal.score
-        replaced = tuple(proposal.entries[k] for k in range(n) if k not in kept)
-        found = shop.evidence(entries)
-        for candidate in np.argsort(score)[::-1][:_RIVALS]:
-            if not score[candidate] > -_FAR:
-                break
-            if not _same(shop.scan(entries), int(found.best_entry[candidate]), replaced):
-                out.append(float(score[candidate]))
-    return out
-
-
-def _same(scan: Scan, law: int, entries: tuple[int, ...]) -> bool:
-    """Does a law's fitted signal lie in the space of some entries, and not only because that space is large?"""
-    layer, bank = scan.best, scan.bank
-    a = basis_of(scan, layer, law)
-    signal = a @ (a.T @ layer.y)
-    U, s, _ = svd(np.hstack([basis_of(scan, layer, e) for e in entries]))
-    U = U[:, s > 1e-7]
-    inside = U.T @ signal
-    share = float(inside @ inside) / max(float(signal @ signal), 1e-300)
-    if share > SAME_PLACE and any(bank.another_shape(law, e) for e in entries):
-        return True
-    return share > SAME_SIGNAL and U.shape[1] <= layer.bases.rank[law] + 2
 
 
 def _needed(shop: Workshop, proposal: Proposal, place: int) -> float:

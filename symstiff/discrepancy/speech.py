@@ -5,6 +5,14 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
+_DEVICE = {
+    "gain": "a gain error",
+    "gain*load": "a gain error that grows with the load",
+    "gain*branch": "a load that is another one rising than falling, as friction in the rig makes it",
+    "crosstalk": "crosstalk",
+    "late": "a reading that still holds a share of the load before",
+}
+
 
 def spoken(effect: str) -> str:
     """An effect's identifier as words."""
@@ -28,3 +36,15 @@ def place(where: Mapping[str, Any]) -> str:
 def named(effect: str, where: Mapping[str, Any]) -> str:
     """An effect at its place: ``gravity compensator at joint 2``."""
     return f"{spoken(effect)} {place(where)}".strip()
+
+
+def law_place(accused: str) -> str:
+    """The place of a law without a name, with the article of things that have no number."""
+    things = ("reading", "force", "measuring", "order", "foot", "flange", "robot")
+    return f"the {accused}" if accused.startswith(things) else accused
+
+
+def device_law(name: str) -> str:
+    """A law of a device in words; ``^1`` is left unsaid."""
+    article = "an" if name[0] in "aeo" else "a"
+    return _DEVICE.get(name, f"{article} {name.removesuffix('^1')}")

@@ -14,7 +14,7 @@ from symstiff.discrepancy.null import critical
 from symstiff.discrepancy.power import visible
 from symstiff.discrepancy.prepare import Prepared
 from symstiff.discrepancy.problem import Candidate, Options, Problem, Shape
-from symstiff.discrepancy.result import CandidateResult, Name, NamedEffect, Quantity, Step
+from symstiff.discrepancy.result import CandidateResult, Equal, Name, NamedEffect, Quantity, Step
 from symstiff.discrepancy.scan import (
     Scan,
     at_sharing,
@@ -33,6 +33,8 @@ from symstiff.discrepancy.verdict import Outcome
 
 CONFUSED = 0.9
 """Share of a candidate's fitted signal inside another's space from which they are said to be confused."""
+_NEARLY = 2.0
+"""Log evidence by which a law without a name may trail what it describes elsewhere, to be spoken of."""
 
 
 def _name(candidate: Candidate) -> Name:
@@ -92,6 +94,15 @@ def leading(
     return tuple(
         (name, ready.bank.shape_of(e), values) for e, (name, values) in zip(entries, found, strict=True)
     )
+
+
+def equal(ready: Prepared, outcome: Outcome) -> Equal | None:
+    """The law without a name that describes what the leading set does, and explains nearly as much."""
+    alike = outcome.admissible[0].likeness if outcome.admissible else None
+    if alike is None or alike.lead < -_NEARLY:
+        return None
+    where = ready.bank.candidates[alike.candidate].where
+    return Equal(str(where["at"]), str(where["law"]), alike.lead)
 
 
 def _confidences(outcome: Outcome) -> list[Mapping[int, float]]:

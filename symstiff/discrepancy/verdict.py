@@ -14,8 +14,9 @@ from symstiff.discrepancy.null import Null
 from symstiff.discrepancy.problem import Options
 from symstiff.discrepancy.reasons import Reason, Why
 from symstiff.discrepancy.scan import Evidence, Scan, directions
-from symstiff.discrepancy.search import Judged, Proposal, Workshop, judge, polish, proposals
+from symstiff.discrepancy.search import Judged, judge, polish, proposals
 from symstiff.discrepancy.strata import Stratum
+from symstiff.discrepancy.workshop import Proposal, Workshop
 
 NOTHING, NAMED, AMBIGUOUS = "nothing_missing", "named", "ambiguous"
 INSUFFICIENT, UNEXPLAINED, UNTESTABLE = "named_insufficient", "unexplained", "untestable"
@@ -326,9 +327,10 @@ def _spared(proposal: Proposal, found: Evidence) -> float:
 
 
 def _calibrated(share: float, leader: Judged, p: float) -> float:
-    """Posterior share, lowered by the best rival without a name and by a weak detection, on the benchmark's scale."""
+    """Posterior share, lowered by the best laws without a name and by a weak detection, on the benchmark's scale."""
     offset, slope, limit = CALIBRATION
     share = float(np.clip(share, 1e-6, 1 - 1e-6))
     raw = min(float(np.log(share / (1 - share))), limit)
-    rival = float(np.log1p(np.exp(min(leader.rival, 30.0))))
+    ahead = (leader.rival, leader.likeness.lead if leader.likeness is not None else -np.inf)
+    rival = sum(float(np.log1p(np.exp(min(lead, 30.0)))) for lead in ahead)
     return float(expit(offset + slope * raw - rival)) * (1.0 - min(1.0, 5.0 * p))

@@ -15,7 +15,7 @@ from symstiff.discrepancy.finding import Finding, Found
 from symstiff.discrepancy.noise import off
 from symstiff.discrepancy.result import CandidateResult, Name, Quantity
 from symstiff.discrepancy.sharing import JOINTS
-from symstiff.discrepancy.speech import named, spoken
+from symstiff.discrepancy.speech import law_place, named, spoken
 from symstiff.discrepancy.verdict import AMBIGUOUS, INSUFFICIENT, NOTHING, UNEXPLAINED, UNTESTABLE
 from symstiff.display import few
 from symstiff.effects.registry import catalogue
@@ -254,7 +254,7 @@ def _unnamed(finding: Finding) -> dict[str, Any] | None:
         (b.virtual_joint, f"{100 * b.explained:.0f} %") for b in where.back_projections[:6]
     ]  # fmt: skip
     return {
-        "accused": unnamed.place_text(where.accused) if where else "",
+        "accused": law_place(where.accused) if where else "",
         "picture": _marked(law_plots.draw_unnamed(finding)),
         "device": device and unnamed.device_text(device),
         "law": None

@@ -9,6 +9,7 @@ from symstiff.discrepancy.laws import READING
 from symstiff.discrepancy.localise import FittedDevice, FittedLaw
 from symstiff.discrepancy.numbers import number, quantity
 from symstiff.discrepancy.result import Quantity
+from symstiff.discrepancy.speech import device_law
 from symstiff.display import listing
 from symstiff.report.tables import rotates
 
@@ -26,12 +27,6 @@ def explained(law: FittedLaw | FittedDevice) -> str:
     return f"{text}: a size of {law.deviations:.2g} standard deviations"
 
 
-def place_text(accused: str) -> str:
-    """The place of a law without a name, with the article of things that have no number."""
-    things = ("reading", "force", "measuring", "order", "foot", "flange", "robot")
-    return f"the {accused}" if accused.startswith(things) else accused
-
-
 def device_text(law: FittedDevice) -> str:
     """What a sensor, the device or a marker adds, with sizes; of many those that are clearly not zero."""
     parts: dict[str, list[str]] = {}
@@ -42,19 +37,10 @@ def device_text(law: FittedDevice) -> str:
         parts.setdefault(name, []).append(f"{part.replace('*', '·')} {size}".strip())
     own = law.place.startswith(READING)
     told = ", ".join(
-        f"{f'a term in {name}' if own else _device(name)} ({', '.join(sizes)})"
+        f"{f'a term in {name}' if own else device_law(name)} ({', '.join(sizes)})"
         for name, sizes in parts.items()
     )
     return f"{told} explains {explained(law)}"
-
-
-_DEVICE = {
-    "gain": "a gain error",
-    "gain*load": "a gain error that grows with the load",
-    "gain*branch": "a load that is another one rising than falling, as friction in the rig makes it",
-    "crosstalk": "crosstalk",
-    "late": "a reading that still holds a share of the load before",
-}
 
 
 _WORDS = {
@@ -68,12 +54,6 @@ _WORDS = {
     r"\btemperature\b": "temperature running from 0 at the lowest to 1 at the highest",
 }
 """What the words of a law mean, by how they are found in it."""
-
-
-def _device(name: str) -> str:
-    """A law of a device in words; ``^1`` is left unsaid."""
-    article = "an" if name[0] in "aeo" else "a"
-    return _DEVICE.get(name, f"{article} {name.removesuffix('^1')}")
 
 
 def law_text(finding: Finding, law: FittedLaw) -> str:

@@ -11,12 +11,12 @@ from symstiff.discrepancy.numbers import milli, number, p_equals, quantity
 from symstiff.discrepancy.reasons import Why
 from symstiff.discrepancy.remarks import FEW, hiding
 from symstiff.discrepancy.result import Name
-from symstiff.discrepancy.speech import named, place, spoken
+from symstiff.discrepancy.speech import law_place, named, place, spoken
 from symstiff.discrepancy.verdict import AMBIGUOUS, INSUFFICIENT, NAMED, NOTHING, UNEXPLAINED
 from symstiff.effects.instance import EffectInstance
 from symstiff.report.deciding import deciding
 from symstiff.report.tables import shift
-from symstiff.report.unnamed import device_text, explained, law_text, place_text
+from symstiff.report.unnamed import device_text, explained, law_text
 
 LOUDER = 1.08
 """Least residual over the stated sigma that is spoken of where nothing is missing."""
@@ -320,7 +320,7 @@ def _unexplained(finding: Finding) -> str:
         told = [named(name.effect, name.where) for name, _, _ in finding.last.leading]
         sets, verb = ", ".join(told), "account" if len(told) > 1 else "accounts"
         text = f"{sets[:1].upper()}{sets[1:]} {verb} for the data, but a law without a name does so as well"
-    text += f"; the evidence is strongest at {place_text(accused)}" if accused else ""
+    text += f"; the evidence is strongest at {law_place(accused)}" if accused else ""
     if finding.last.device_law is not None:
         text += f", where {device_text(finding.last.device_law)}"
     law = finding.last.law

@@ -1,0 +1,74 @@
+"""Laws without a name that may take the place of what was named."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from types import SimpleNamespace
+from typing import cast
+
+import numpy as np
+import pytest
+
+from symstiff.discrepancy import rivals
+from symstiff.discrepancy.finding import Task
+from symstiff.discrepancy.workflow import diagnose
+from symstiff.discrepancy.workshop import Proposal, Workshop
+from symstiff.robot import load
+from tests.diagnosis_data import ROBOT, measured
+
+
+def shop_of(kept: tuple[int, ...], score: float, shape: bool = False) -> Workshop:
+    """Two members and a law without a name that scores something beside those that are ``kept``."""
+    none = np.full(3, -np.inf)
+    bank = SimpleNamespace(another_shape=lambda law, entry: shape)
+    return cast(Workshop, SimpleNamespace(
+        evidence=lambda entries: SimpleNamespace(score=np.array([8.0, 9.0, 0.0]), best_entry=np.arange(3)),
+        score=lambda members, entries, generic: np.where(np.arange(3) == 2, score, none) if members == kept else none,
+        scan=lambda entries: SimpleNamespace(bank=bank),
+    ))  # fmt: skip
+
+
+@pytest.mark.parametrize(("kept", "score"), [((1,), 6.5), ((0,), 7.5), ((), 18.5)])
+def test_a_law_without_a_name_may_take_the_place_of_one_member_or_of_all(
+    kept: tuple[int, ...], score: float, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Wherever it comes closest it is the set's rival: here it trails a set of two by 1.5."""
+    monkeypatch.setattr(rivals, "_inside", lambda *_: (0.0, True))
+    found, alike = rivals.rivals(shop_of(kept, score), Proposal((0, 1), (0, 1), 20.0))
+    assert (found, alike) == (pytest.approx([-1.5]), None)
+
+
+@pytest.mark.parametrize(
+    ("lead", "share", "narrow", "shape", "rival", "alike"),
+    [
+        (2.0, 0.9, True, False, False, True),  # the same thing, seen elsewhere
+        (4.0, 0.9, True, False, True, True),  # and far better
+        (4.0, 0.9, False, False, True, False),  # a large space holds anything
+        (4.0, 0.6, True, True, False, False),  # the shape of the member's own law
+        (4.0, 0.6, True, False, True, False),
+    ],
+)
+def test_a_law_that_describes_what_a_member_does_is_a_rival_where_it_does_so_far_better(
+    lead: float, share: float, narrow: bool, shape: bool, rival: bool, alike: bool,
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:  # fmt: skip
+    monkeypatch.setattr(rivals, "_inside", lambda *_: (share, narrow))
+    found, told = rivals.rivals(shop_of((), 20.0 + lead, shape), Proposal((0,), (0,), 20.0))
+    assert found == ([pytest.approx(lead)] if rival else [])
+    assert (told is not None and told.lead == pytest.approx(lead)) == alike
+
+
+def test_what_does_as_well_as_a_name_is_told_beside_it_and_lowers_its_confidence() -> None:
+    """Friction in the rig, 5 % of the load, under forces of one plane: a joint's hysteresis looks the same."""
+    told = measured(poses=12, levels=(0.3, 0.6, 1.0, 0.6, 0.3), seed=4)
+    branch = np.repeat([1.0, 1.0, 1.0, -1.0, -1.0] * 12, 3)
+    found = diagnose(
+        Task(load(ROBOT), replace(told, branch=branch, w=told.w / (1.0 - 0.05 * branch)[:, None]))
+    )
+    assert found.verdict == "named"
+    remark = next(r for r in found.remarks if "may be another thing" in r)
+    assert "friction in the rig" in remark
+    assert "(force sensor)" in remark
+    assert found.last.equal is not None
+    assert -2.0 < found.last.equal.lead < 0.0
+    assert found.effects[0].confidence < 0.95
