@@ -11,7 +11,7 @@ import pytest
 from symstiff.calibration.measurements import Measurements
 from symstiff.calibration.table import read_table
 from symstiff.discrepancy.finding import Finding, Task
-from symstiff.discrepancy.gross import gross
+from symstiff.discrepancy.gross import gross, in_usual
 from symstiff.discrepancy.workflow import diagnose
 from symstiff.robot import load
 from tests.diagnosis_data import HARDENING, ROBOT, measured, saved
@@ -58,6 +58,17 @@ def test_a_pose_that_is_off_as_a_whole_is_an_effect_and_no_slip() -> None:
     found = diagnosed(off(table, np.flatnonzero(table.pose == 3).tolist(), 25.0))
     assert [(e.effect, dict(e.where)) for e in found.named] == [("bad_poses", {"rows": ["p4"]})]
     assert len(found.table) == len(table)
+
+
+def test_how_far_off_is_counted_in_stated_sigmas() -> None:
+    """Far from a tracker readings scatter more: eight times the others' residual there is twice the usual one."""
+    view = diagnosed(measured()).assembly.situation.view
+    sigma = np.full(view.table.values.shape, SIGMA)
+    sigma[40] *= 4.0
+    far = replace(view, table=replace(view.table, sigma=sigma))
+    size = np.full(len(view.state), SIGMA)
+    size[view.state == 40] *= 8.0
+    assert in_usual(far, size)[40] == pytest.approx(2.0 * in_usual(far, size)[0])
 
 
 def test_noise_has_no_gross_errors_and_many_of_them_are_something_else() -> None:

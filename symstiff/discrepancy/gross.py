@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from symstiff.arrays import Array, Index
+from symstiff.calibration.experiment.current import sigma_of
 from symstiff.calibration.experiment.situation import View
 from symstiff.discrepancy.finding import Finding
 
@@ -50,15 +51,17 @@ def _beside(finding: Finding, residual: Array) -> Array:
     for k in np.unique(label):
         own = np.flatnonzero(label == k)
         apart[own] = residual[own] - np.median(residual[own]) if len(own) >= FEWEST else 0.0
-    return in_usual(view, np.abs(apart) / (1.0 if problem.sigma is None else problem.sigma))
+    return in_usual(view, np.abs(apart))
 
 
 def in_usual(view: View, size: Array) -> Array:
     """(N,) the largest of each row's sizes (M,) in usual ones, as their median tells; translations and rotations apart.
 
-    What is 0 is none: a middle reading is no distance from itself.
+    By a stated sigma they may differ: far from a tracker large ones are usual. What is 0 is none: a middle reading is
+    no distance from itself.
     """
-    largest = np.zeros(len(view.table))
+    largest, sigma = np.zeros(len(view.table)), sigma_of(view)
+    size = size if sigma is None else size / sigma
     for kind in (view.component < 3, view.component >= 3):
         known = kind & (size > 0)
         if np.any(known):

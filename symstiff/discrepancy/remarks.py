@@ -255,8 +255,8 @@ def _of_known(robot: Robot, last: Diagnosis) -> list[str]:
 def _of_sign(effect: Effect) -> str:
     """What to look at where a size has the wrong sign: a column that is the wrong way round."""
     if "branch" in effect.needs:
-        return "are up and down of the column branch exchanged?"
-    return "look at the signs of loads and readings"
+        return "are up and down of the column branch exchanged? If not, it is another effect"
+    return "look at the signs of loads and readings, or it is another effect"
 
 
 def _of_succession(view: View, last: Diagnosis) -> list[str]:
