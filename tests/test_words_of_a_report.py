@@ -2,13 +2,21 @@
 
 from __future__ import annotations
 
-from typing import Any
+from types import SimpleNamespace
+from typing import Any, cast
 
+import numpy as np
 import pytest
 
+from symstiff.calibration.simulation import Effect
+from symstiff.discrepancy.assemble import assemble
+from symstiff.discrepancy.finding import Finding, Found
 from symstiff.discrepancy.numbers import milli, number, p_equals, quantity
 from symstiff.discrepancy.result import Quantity
-from symstiff.report.words import places
+from symstiff.effects import EffectInstance
+from symstiff.report.words import magnitude, places
+from symstiff.robot import load
+from tests.test_assemble import complete, design, measured, readings, truth_of
 
 
 @pytest.mark.parametrize(
@@ -59,3 +67,21 @@ def test_numbers_far_from_one_have_powers_of_ten() -> None:
     assert number(0.25) == "0.25"
     assert p_equals(3e-9) == "p < 10⁻⁸"
     assert p_equals(0.03) == "p = 0.03"
+
+
+def test_a_block_of_compliances_is_as_large_as_what_it_moves() -> None:
+    """Entries beside a beam's have no size that one knows: the largest shift that they make in the simulator has."""
+    block, table = {"14": 3e-7, "25": 4e-7}, design("ur10", "deflection")
+    hidden = truth_of("ur10", Effect("link_asymmetry", {"link": 3}, "entries", {"entries": block}))
+    moved = np.abs(readings(hidden, table) - readings(truth_of("ur10"), table))[:, :3].max()
+    names = [
+        p.name for p in EffectInstance("link_asymmetry", {"link": 3}, {}).realise(load("ur10")).parameters
+    ]
+    sizes = {n: Quantity(block.get(n.removeprefix("k3_"), 0.0), 1e-9, "rad/N") for n in names}
+    effect = Found("link_asymmetry", {"link": 3}, {}, sizes, 0.0, 0.9, ())
+    finding = cast(Finding, SimpleNamespace(
+        assembly=assemble(complete("ur10"), measured(hidden, table), effects=()),
+        added=lambda effect: Finding.added(finding, effect),
+    ))  # fmt: skip
+    assert moved > 5e-6
+    assert magnitude(finding, effect) == f"13 compliances that move a reading by up to {milli(moved)} mm"

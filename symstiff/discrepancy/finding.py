@@ -10,7 +10,7 @@ from symstiff.arrays import Array
 from symstiff.calibration.kept import completed
 from symstiff.calibration.measurements import Measurements
 from symstiff.discrepancy.assemble import Assembly
-from symstiff.discrepancy.growth import JointFit
+from symstiff.discrepancy.growth import JointFit, contribution
 from symstiff.discrepancy.problem import Shape
 from symstiff.discrepancy.reasons import Reason
 from symstiff.discrepancy.result import CandidateResult, Diagnosis, Name, Quantity, Rms
@@ -115,6 +115,11 @@ class Finding:
     def candidates(self) -> tuple[CandidateResult, ...]:
         """The catalogue on the first model."""
         return self.first.candidates
+
+    def added(self, effect: Found) -> Array:
+        """(M,) what an effect adds to the rows of the problem, with its sizes [m, rad]."""
+        values = {name: size.value for name, size in effect.parameters.items()}
+        return contribution(self.assembly, effect.instance, values)
 
     def __repr__(self) -> str:
         from symstiff.discrepancy.reading import finding_line

@@ -13,7 +13,6 @@ from symstiff.arrays import Array
 from symstiff.calibration.decomposition import unit_columns
 from symstiff.calibration.measurements import COMPONENTS
 from symstiff.discrepancy.finding import Finding, Found
-from symstiff.discrepancy.growth import contribution
 from symstiff.discrepancy.localise import back_project
 from symstiff.discrepancy.speech import named
 from symstiff.report.plots import AFTER, LAW, Picture, drawing
@@ -57,8 +56,8 @@ def draw_law(finding: Finding, effect: Found) -> Picture | None:
     projected back to the virtual joint.
     """
     try:
-        added = _added(finding, effect)
-        together = sum((_added(finding, e) for e in _beside(finding, effect)), np.zeros(len(added)))
+        added = finding.added(effect)
+        together = sum((finding.added(e) for e in _beside(finding, effect)), np.zeros(len(added)))
     except KeyError:
         return None
     partial = left_with(finding, together) + added
@@ -124,10 +123,6 @@ def draw_unnamed(finding: Finding) -> Picture | None:
 def _title(effect: Found) -> str:
     name = named(effect.effect, effect.where)
     return name[:1].upper() + name[1:]
-
-
-def _added(finding: Finding, effect: Found) -> Array:
-    return contribution(finding.assembly, effect.instance, {n: e.value for n, e in effect.parameters.items()})
 
 
 def _beside(finding: Finding, effect: Found) -> list[Found]:

@@ -6,6 +6,8 @@ import math
 from collections.abc import Mapping, Sequence
 from typing import Any
 
+import numpy as np
+
 from symstiff.discrepancy.finding import Finding, Found
 from symstiff.discrepancy.numbers import milli, number, p_equals, quantity
 from symstiff.discrepancy.reasons import Why
@@ -18,6 +20,8 @@ from symstiff.report.deciding import deciding
 from symstiff.report.tables import shift
 from symstiff.report.unnamed import device_text, explained, law_text
 
+_FEW = 3
+"""Compliances of an effect up to which one of them says how large it is."""
 LOUDER = 1.08
 """Least residual over the stated sigma that is spoken of where nothing is missing."""
 
@@ -140,13 +144,23 @@ def main_parameter(effect: Found) -> str:
     return f"{best} = {quantity(known[best])}" + (f" and {more} more" if more else "")
 
 
+def magnitude(finding: Finding, effect: Found) -> str:
+    """How large an effect is: its best determined parameter, of a block of compliances what it moves."""
+    units = {e.unit for e in effect.parameters.values()}
+    moved = np.abs(finding.added(effect)[finding.assembly.problem.axis < 3])
+    if len(effect.parameters) <= _FEW or not moved.size or not all("/N" in u or "/(N" in u for u in units):
+        return main_parameter(effect)
+    known = sum(math.isfinite(e.std) for e in effect.parameters.values())
+    return f"{known} compliances that move a reading by up to {milli(float(moved.max()))} mm"
+
+
 def listed(finding: Finding) -> str:
     """The leading set: names, sizes, confidence; an effect at many places in one breath."""
     kinds: dict[str, list[Found]] = {}
     for e in finding.named:
         kinds.setdefault(e.effect, []).append(e)
     even = finding.verdict == INSUFFICIENT
-    return "; ".join(part for group in kinds.values() for part in _told(group, even))
+    return "; ".join(part for group in kinds.values() for part in _told(finding, group, even))
 
 
 def confidence(group: Sequence[Found], even: bool = False) -> str:
@@ -154,13 +168,13 @@ def confidence(group: Sequence[Found], even: bool = False) -> str:
     return "at most an even bet" if even else f"confidence {100 * min(e.confidence for e in group):.0f} %"
 
 
-def _told(group: list[Found], even: bool = False) -> list[str]:
+def _told(finding: Finding, group: list[Found], even: bool = False) -> list[str]:
     if len(group) > 3:
         count = sum(math.isfinite(size.std) for e in group for size in e.parameters.values())
         return [f"{names(group)} ({count} parameters, {confidence(group, even)})"]
     return [
         f"{named(e.effect, e.where)}{_or_else(e)} "
-        f"({', '.join(t for t in (main_parameter(e), confidence([e], even)) if t)})"
+        f"({', '.join(t for t in (magnitude(finding, e), confidence([e], even)) if t)})"
         for e in group
     ]
 
@@ -275,7 +289,7 @@ def _ambiguous(finding: Finding) -> str:
         + (f" ({confidence(members)})" if members else "")
         for members in own
     ]
-    beside = f"Beside {'; '.join(_told(common))}, " if common else ""
+    beside = f"Beside {'; '.join(_told(finding, common))}, " if common else ""
     told = ", or ".join(texts)
     return f"{beside}{len(own)} explanations account for the data: {told}; with the first, {gap(finding)}."
 
