@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
+from functools import lru_cache
 
 import numpy as np
 
@@ -32,8 +33,10 @@ from symstiff.model import StiffnessModel
 from symstiff.reduction.physical import Parameter as Compliance
 from symstiff.reduction.physical import physical_stages, terms_of
 from symstiff.reduction.structural import LOADS
+from symstiff.robot import Robot
 from symstiff.symbolic.algebras import evaluate_numpy
 from symstiff.symbolic.chain import ElasticChain
+from symstiff.symbolic.program import Program
 from symstiff.symbolic.programs import observation_program
 from symstiff.symbolic.terms import Term
 
@@ -145,9 +148,8 @@ def _standing(model: StiffnessModel, current: Current) -> Current:
 def _shares(model: StiffnessModel, hidden: Sequence[Compliance], table: Measurements) -> Array:
     """(compliances, hidden) coefficients of hidden columns in the model's, under loads of its class at the tool."""
     parameters = (*model.compliances, *hidden)
-    points = experiment_of(table, model.robot).points
-    names = [p.name for p in parameters]
-    program = observation_program(ElasticChain(model.robot), terms_of(parameters), names, points)
+    points = tuple(experiment_of(table, model.robot).points)
+    program = _program(model.robot, parameters, points)
     rng = np.random.default_rng(0)
     q = np.array([rng.uniform(*j.range, size=_POSES) for j in model.robot.joint]).T
     still = np.ptp(table.q, axis=0) < _STILL
@@ -160,6 +162,13 @@ def _shares(model: StiffnessModel, hidden: Sequence[Compliance], table: Measurem
     count = len(model.compliances)
     own = A[:, :count] / size[:count]
     return np.asarray(np.linalg.lstsq(own, A[:, count:], rcond=1e-9)[0] / size[:count, None])
+
+
+@lru_cache(maxsize=8)
+def _program(robot: Robot, parameters: tuple[Compliance, ...], points: tuple[str, ...]) -> Program:
+    """The columns of compliances; the same at every linearisation of a fit."""
+    names = [p.name for p in parameters]
+    return observation_program(ElasticChain(robot), terms_of(parameters), names, points)
 
 
 def _hidden(model: StiffnessModel) -> tuple[Compliance, ...]:
