@@ -286,7 +286,7 @@ def test_a_diagnosis_writes_no_compliances_that_geometry_hides(
     q = np.array([[0.2, -1.0, 1.4, -0.5, 1.2, 0.1]])
     moved = model.of_robot().deflection(q, [[0.0, 0.0, -50.0, 0.0, 0.0, 0.0]])[0, :3]
     assert np.linalg.norm(moved) < 2e-3  # by c2 and c3: about half a millimetre
-    told = [r for r in found.remarks if "by these positions beside the geometry and" in r]
+    told = [r for r in found.remarks if "not determined by these positions" in r]
     assert len(told) == 1
     nothing_left = noise == 5e-3
     lacks = "is no model of the robot under loads" if nothing_left else "part under loads until loaded poses"

@@ -44,6 +44,11 @@ class Course:
     first: Diagnosis
     last: Diagnosis
 
+    @property
+    def trusted(self) -> bool:
+        """Whether the data are accounted for without errors of all frames, which would hide compliances."""
+        return self.last.verdict in (NOTHING, NAMED, AMBIGUOUS) and not self.ladder.effects
+
 
 def finding_of(course: Course, remarks: list[str], tell: Callable[[str], None]) -> Finding:
     """Identify all parameters jointly with the leading effects, and say what was found."""
@@ -51,9 +56,7 @@ def finding_of(course: Course, remarks: list[str], tell: Callable[[str], None]) 
     tell("identification")
     leading = [e for e in _named(last) if e.set_number == 0]
     grown = grow(ladder.base, [e.instance for e in leading])
-    # frames that joined are errors of all of them; what does not account for the data may be one of the geometry
-    trusted = last.verdict in (NOTHING, NAMED, AMBIGUOUS) and not ladder.effects
-    after = fit_told(grown, table, trusted=trusted)
+    after = fit_told(grown, table, trusted=course.trusted)
     if astray(
         [_as_identified(e, after) for e in leading], task.robot, extent_of(course.assembly.situation.view)
     ):
@@ -139,7 +142,7 @@ def _of_effects(course: Course, counted: tuple[Found, ...]) -> list[str]:
 def _without_value(course: Course, after: JointFit, held: Couplings) -> list[str]:
     """Remarks on parameters that the data do not determine; ``held``: nor do any others."""
     base = course.ladder.base
-    if hidden := _hidden(after, base):
+    if hidden := _hidden(after, base, course.trusted):
         return hidden
     if not course.last.growth:
         return _left_at_zero(after)
@@ -191,7 +194,7 @@ def _left_at_zero(fitted: JointFit) -> list[str]:
     ]
 
 
-def _hidden(fitted: JointFit, base: StiffnessModel) -> list[str]:
+def _hidden(fitted: JointFit, base: StiffnessModel, trusted: bool) -> list[str]:
     """Remarks on compliances that absolute positions do not tell, and that the written model lacks, and on those that
     they tell as far as the geometry is right.
     """
@@ -199,15 +202,15 @@ def _hidden(fitted: JointFit, base: StiffnessModel) -> list[str]:
     zero = [p.name for p in base.compliances if p.name in own & set(fitted.absorbed)]
     if fitted.assembly.situation.view.table.kind != "absolute":
         return []
-    return [*_lacking(fitted, zero, len(own)), *_leaning(fitted.leaning, len(own))]
+    return [*_lacking(fitted, zero, len(own), trusted), *_leaning(fitted.leaning, len(own))]
 
 
-def _lacking(fitted: JointFit, zero: Sequence[str], count: int) -> list[str]:
+def _lacking(fitted: JointFit, zero: Sequence[str], count: int, trusted: bool) -> list[str]:
     if not zero:
         return []
     size = milli(float(np.sqrt(np.mean(fitted.residual[fitted.assembly.problem.axis < 3] ** 2))))
     be, their = ("is", "its") if len(zero) == 1 else ("are", "their")
-    beside = "" if fitted.leaning else " beside the geometry"
+    beside = "" if trusted else " beside the geometry"
     lacks = (
         "is no model of the robot under loads" if len(zero) == count else f"lacks {their} part under loads"
     )
