@@ -384,6 +384,20 @@ def test_what_the_deciding_poses_reach_is_said_alike_everywhere(
     assert f"These poses {told}" in page or not poses
 
 
+@pytest.mark.parametrize(("fz", "loaded"), [(-50.0, True), (0.0, False)])
+def test_loads_of_deciding_poses_are_spoken_of_where_there_are_any(
+    named: Finding, fz: float, loaded: bool
+) -> None:
+    poses = [{"pose": "decide1", "q": {"q1[deg]": 1.0}, "separation": 3.0}]
+    record = {"poses": poses, "loads": [{"fx[N]": 0.0, "fz[N]": fz}], "branches": [], "points": ["tcp"]}
+    finding = replace(named, verdict="ambiguous")
+    page = unescape(render(finding, {"code": CODE, "decide": record}, []))
+    told = page[page.index("What would decide") :]
+    assert ("holds the poses and loads that" in sentence(finding, record)) == loaded
+    for text in ("each under every load below", "Loads of every pose", "smaller loads for laws"):
+        assert (text in told) == loaded
+
+
 def test_text_from_the_user_is_escaped(named: Finding) -> None:
     robot = named.task.robot.model_copy(update={"title": "<script>alert(1)</script>"})
     page = render(replace(named, task=replace(named.task, robot=robot)), {"code": CODE, "decide": None}, [])

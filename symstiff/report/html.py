@@ -21,7 +21,7 @@ from symstiff.display import few
 from symstiff.effects.registry import catalogue
 from symstiff.report import law_plots, plots, unnamed, words
 from symstiff.report.code import Line, formulas
-from symstiff.report.deciding import NOWHERE, OTHERWISE, decides, reached, separation_text
+from symstiff.report.deciding import NOWHERE, OTHERWISE, axes, decides, reached, separation_text
 from symstiff.report.tables import moved, rotates, shift, step_rows
 
 _SEEN = 0.01
@@ -153,8 +153,7 @@ def _decide(record: dict[str, Any] | None) -> dict[str, Any] | None:
     """The deciding poses with their joint variables, and the loads of each."""
     if record is None:
         return None
-    axes = [a for a in (record["loads"][0] if record["loads"] else {}) if any(w[a] for w in record["loads"])]
-    poses = record["poses"]
+    loaded, poses = axes(record), record["poses"]
     return {
         "joints": [_header(name) for name in (poses[0]["q"] if poses else {})],
         "poses": [
@@ -165,12 +164,12 @@ def _decide(record: dict[str, Any] | None) -> dict[str, Any] | None:
             }
             for p in poses
         ],
-        "axes": [_header(a) for a in axes],
+        "axes": [_header(a) for a in loaded],
         "reached": reached(record),
         "decides": decides(record),
         "otherwise": OTHERWISE,
         "nowhere": NOWHERE,
-        "loads": [[f"{w[a]:.4g}" for a in axes] for w in record["loads"]],
+        "loads": [[f"{w[a]:.4g}" for a in loaded] for w in record["loads"]],
         "branches": record["branches"],
         "points": ", ".join(record["points"]) if record["points"] != ["tcp"] else "",
     }
