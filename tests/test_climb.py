@@ -110,7 +110,7 @@ def test_all_frames_have_to_explain_far_more_than_few_or_a_law_without_a_name(
     whole = replace(step, residual=left * np.sqrt(left_by_frames), known=26)
     wide = replace(some, growth=(whole,), rms=Rms(1.0, 1.0, held_out, held_out, 0.9))
     robot = load("kuka_kr270")
-    frames = Wider(joints_only(robot), "frames", Why.FRAMES, "", frames_of(robot))
+    frames = Wider(joints_only(robot), "frames", Why.FRAMES, "", frames_of(robot), 2.0)
     assert [dict(e.where) for e in frames.parts] == [{"link": i} for i in range(1, 7)]
     assert frames.leaves_less(wide, narrow, np.zeros(ROWS, dtype=np.intp), np.arange(ROWS)) is better
 
@@ -130,7 +130,7 @@ def test_all_frames_take_the_place_of_few_that_leave_no_room_for_what_is_missing
 ) -> None:
     """Four parameters more at the end: 4·log 400 = 24, of 400·log(1/0.97) = 12 and 400·log 2 = 277."""
     robot = load("kuka_kr270")
-    frames = Wider(joints_only(robot), "frames", Why.FRAMES, "", frames_of(robot))
+    frames = Wider(joints_only(robot), "frames", Why.FRAMES, "", frames_of(robot), 2.0)
     step, left_now = some.growth[0], np.full(ROWS, some.noise.by_component()[0])
     last = replace(step, residual=left_now, known=16)
     leading = tuple((Name("geometric_error", {"link": i + 1}), {}, {}) for i in range(few))

@@ -91,6 +91,12 @@ def _believing(situation: Situation, fuller: Situation) -> Situation:
     return Situation(replace(view, more=seen), replace(laws, numbers=numbers))
 
 
+def _carried(loads: Array) -> Array:
+    """Loads (N, V) but the rounding on virtual joints that carry none, of which laws would make columns by chance."""
+    largest = np.max(np.abs(loads), axis=0, initial=0.0)
+    return np.where(largest > _UNLOADED * np.max(largest, initial=0.0), loads, 0.0)
+
+
 def _problem(situation: Situation, current: Current) -> Problem:
     view = situation.view
     table, state = view.table, view.state
@@ -106,7 +112,7 @@ def _problem(situation: Situation, current: Current) -> Problem:
         sigma=sigma_of(view),
         load=load_factor(table)[state],
         J=view.J,
-        tau=(view.tau + view.more)[state],
+        tau=_carried(view.tau + view.more)[state],
         weight=_weight(view),
         devices=DeviceLaws(situation),
         markers=tuple(table.points[k] for k in np.unique(table.point[state])),
@@ -148,7 +154,7 @@ def _weight(view: View) -> Array | None:
     """Loads (M, V) of the links' weight where the robot tells masses; in absolute data τ holds them already."""
     if view.table.kind != "deflection" or not has_weights(view.robot):
         return None
-    return np.asarray((under_weights(view).tau - view.tau)[view.state])
+    return _carried(under_weights(view).tau - view.tau)[view.state]
 
 
 def _title(v: VirtualJoint) -> str:

@@ -32,8 +32,8 @@ from symstiff.symbolic.terms import Term
 
 _SIGNIFICANT = 1e-3
 """Chance below which the complete model takes the place of few links that were named."""
-_DEAR = 2.0
-"""What all frames have to be worth, in Schwarz' prices of their constants."""
+_DEAR, _LINKS = 2.0, 1.0
+"""What all frames have to be worth, and in absolute positions all links, in Schwarz' prices of their parameters."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -48,6 +48,8 @@ class Wider:
     remark: str
     parts: tuple[EffectInstance, ...] = ()
     """The effects that joined it; none where elastic links did."""
+    prices: float = 0.0
+    """What it has to be worth where the narrower one does not account for the data, in Schwarz' prices."""
 
     def of_verdict(self, found: Diagnosis, fitted: StiffnessModel) -> tuple[Found, ...]:
         """What the narrower model lacked, as effects of the verdict."""
@@ -62,14 +64,16 @@ class Wider:
 
         component: (M,) 0 … 5 of each row; pose: (M,) of each row.
         """
-        if not self.parts:
-            return leaves_less(wide, narrow, component)
-        own = {key_of(e.effect, e.where) for e in self.parts}
-        few = sum(key_of(name.effect, name.where) in own for name, *_ in narrow.leading)
         # rows of a pose may share their errors
         readings = len(np.unique(6 * pose + component))
-        if narrow.verdict in (INSUFFICIENT, UNEXPLAINED) and _dearly(wide, narrow, component, readings):
+        open_end = narrow.verdict in (INSUFFICIENT, UNEXPLAINED)
+        dearly = open_end and _dearly(wide, narrow, component, readings, self.prices)
+        if not self.parts:
+            return leaves_less(wide, narrow, component) and (dearly or not (open_end and self.prices))
+        if dearly:
             return True
+        own = {key_of(e.effect, e.where) for e in self.parts}
+        few = sum(key_of(name.effect, name.where) in own for name, *_ in narrow.leading)
         # a law without a name that stands against few frames is absorbed by all of them
         named = narrow.verdict != UNEXPLAINED and few > 1
         return named and _ends_well(wide, narrow, component, readings)
@@ -157,6 +161,7 @@ def _of_all_frames(
         "errors of a few links' frames do not account for the data as well as those of all links do: all of them join "
         "the model, and the diagnosis goes on from there; those that nothing tells from the others are zero",
         more,
+        _DEAR,
     )
 
 
@@ -179,6 +184,7 @@ def _of_all_links(
         Why.LINKS,
         "a few elastic links do not account for what the joints leave as well as all of them do: the complete model "
         "takes the place of the joints-only model, and the diagnosis goes on from there",
+        prices=_LINKS if task.table.kind == "absolute" else 0.0,
     )
 
 
@@ -213,16 +219,16 @@ def leaves_less(wide: Diagnosis, narrow: Diagnosis, component: Index) -> bool:
     return _predicts(wide.rms.held_out_before, others)
 
 
-def _dearly(wide: Diagnosis, narrow: Diagnosis, component: Index, readings: int) -> bool:
-    """Whether all frames are worth several times Schwarz' price of their constants, also on poses left out.
+def _dearly(wide: Diagnosis, narrow: Diagnosis, component: Index, readings: int, prices: float) -> bool:
+    """Whether all frames or links are worth some times Schwarz' price of their parameters, also on poses left out.
 
-    They bend to almost anything: an error that nobody drew is told from them by what an arm's own frames explain.
+    They bend to almost anything: an error that nobody drew is told from them by what an arm's own parts explain.
     """
     law = max((f.explained for f in (narrow.device_law, narrow.law) if f is not None), default=0.0)
     less, named, plain = _squares(wide, component, wide.growth[0], narrow.growth[-1], narrow.growth[0])
     gain = readings * np.log(min(named, (1.0 - law) * plain) / less)
     price = (wide.growth[0].known - narrow.growth[0].known) * np.log(readings)
-    return bool(gain > _DEAR * price) and _predicts(wide.rms.held_out_before, narrow.rms.held_out_after)
+    return bool(gain > prices * price) and _predicts(wide.rms.held_out_before, narrow.rms.held_out_after)
 
 
 def _ends_well(wide: Diagnosis, narrow: Diagnosis, component: Index, readings: int) -> bool:

@@ -11,7 +11,7 @@ from scipy import stats
 from scipy.special import logsumexp
 
 from symstiff.arrays import Array, Index
-from symstiff.discrepancy.law import Law, largest_load
+from symstiff.discrepancy.law import TINY, Law, largest_load
 from symstiff.discrepancy.laws import every_law
 from symstiff.discrepancy.problem import Problem
 from symstiff.discrepancy.scan import Evidence, Layer, Scan, at_sharing, basis_of, coefficients, likeliest
@@ -208,9 +208,7 @@ def best_law(
     if problem.J is None or problem.tau is None or virtual_joint not in problem.virtual_joints:
         return None
     v = problem.virtual_joints.index(virtual_joint)
-    laws = every_law(problem, v)
-    if not problem.tau[:, v].any():
-        return None
+    laws = [law for law in every_law(problem, v) if np.any(law.values)]
     J = problem.J[:, v][:, None]
     layer = scan.best
     blocks = []
@@ -279,7 +277,7 @@ def _written(
     expression = " ".join(f"{b:+.4g}*{t}" for b, t in zip(beta, text, strict=True)).lstrip("+")
     residual = y - X @ beta
     return FittedLaw(
-        problem.virtual_joints[v], expression, largest_load(problem, v),
+        problem.virtual_joints[v], expression, largest if (largest := largest_load(problem, v)) > TINY else 0.0,
         1.0 - float(residual @ residual) / max(float(y @ y), 1e-300), validated,
         np.hstack([law.values for law in laws]) @ beta, _scales(problem, v, expression),
     )  # fmt: skip

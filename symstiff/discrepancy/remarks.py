@@ -18,10 +18,11 @@ from symstiff.discrepancy.numbers import p_equals, quantity
 from symstiff.discrepancy.problem import Options
 from symstiff.discrepancy.ranges import CATALOGUE, Extent, at_size, extent_of
 from symstiff.discrepancy.result import Diagnosis, Quantity
+from symstiff.discrepancy.rivals import AS_MUCH
 from symstiff.discrepancy.sharing import JOINTS
 from symstiff.discrepancy.speech import device_law
 from symstiff.discrepancy.speech import named as named_at
-from symstiff.discrepancy.verdict import AS_MUCH, INSUFFICIENT, NAMED, NOTHING, UNEXPLAINED, UNTESTABLE
+from symstiff.discrepancy.verdict import INSUFFICIENT, NAMED, NOTHING, UNEXPLAINED, UNTESTABLE
 from symstiff.effects.arm import untold_weight
 from symstiff.effects.base import Effect, EffectParameter
 from symstiff.effects.instance import EffectInstance
@@ -186,7 +187,7 @@ def _of_equal(last: Diagnosis) -> list[str]:
         return []
     law, place, lead = last.equal.law, last.equal.place, last.equal.lead
     told = f"a law of {law.replace('*', '·')}" if place.startswith(("joint", "link")) else device_law(law)
-    well = "better" if lead > AS_MUCH else "as well" if lead > -AS_MUCH else "nearly as well"
+    well = "as well" if lead > -AS_MUCH else "nearly as well"
     return [
         f"what was named may be another thing: {told} ({place}), which the catalogue does not hold, explains these "
         f"data {well}: look there before relying on the name"

@@ -13,6 +13,7 @@ from symstiff.arrays import Array
 from symstiff.discrepancy.null import Null
 from symstiff.discrepancy.problem import Options
 from symstiff.discrepancy.reasons import Reason, Why
+from symstiff.discrepancy.rivals import AS_MUCH
 from symstiff.discrepancy.scan import Evidence, Scan, directions
 from symstiff.discrepancy.search import Judged, judge, polish, proposals
 from symstiff.discrepancy.strata import Stratum
@@ -32,9 +33,6 @@ CLOSE = 3.0
 
 CLEARLY, CLEAR_SHARE = 10.0, 0.1
 """Log evidence by which two laws of one joint have to lead one that suffices; its share if they leave something too."""
-
-AS_MUCH = 1.0
-"""Log evidence within which two sets explain the same."""
 
 FAINT, FOURFOLD = 3.0, float(np.log(4.0))
 """Log evidence up to which a set is hardly more believable than nothing, and by which it has to lead all laws without a
