@@ -70,6 +70,7 @@ def _found(situation: Situation) -> tuple[DeviceLaw, ...]:
         *_late(situation),
         *_foot(view),
         *_slips(view),
+        *_always(view),
         *_moved_once(situation),
         *posture_laws(situation),
     ]
@@ -219,11 +220,25 @@ def _slips(view: View) -> Iterator[DeviceLaw]:
         yield DeviceLaw(FLANGE, title, (Parameter(title, "m"),), _read(view, slipped)[:, None])
 
 
+def _always(view: View) -> Iterator[DeviceLaw]:
+    """A shift that every load shows alike: the tool, or the device, stood elsewhere when nothing was on it."""
+    if view.table.kind == "absolute":
+        return
+    n, tool = len(view.table), view.turn @ view.found.R[:, -1]
+    for place, frame, axes in ((FLANGE, tool, "tool"), (DEVICE, np.tile(np.eye(3), (n, 1, 1)), "device")):
+        title = f"shift under any load in the {axes}'s axes"
+        columns = tuple(Parameter(f"{title}: {axis}", "m") for axis in "xyz")
+        yield DeviceLaw(
+            place, title, columns, np.column_stack([_read(view, frame[:, :, k]) for k in range(3)])
+        )
+
+
 def _moved_once(situation: Situation) -> Iterator[DeviceLaw]:
     """Targets, or the device, that moved once and stayed there; a device also that turned."""
     view = situation.view
     clock = view.table.clock
-    begin = np.sort([clock[view.table.pose == p].min() for p in np.unique(view.table.pose)])[1:]
+    # where one pose stands alone, before or after, it is a bad pose
+    begin = np.sort([clock[view.table.pose == p].min() for p in np.unique(view.table.pose)])[2:-1]
     tool = view.turn @ view.found.R[:, -1]
     fixed = np.tile(np.eye(3), (len(clock), 1, 1))
     about = _turns(situation)

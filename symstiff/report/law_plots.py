@@ -213,14 +213,13 @@ def _draw(finding: Finding, law: _Law, points: _Points, name: str, ratio: bool =
     if by_angle is not None:
         by_angle = scale * by_angle[0], by_angle[1]
     q_label = f"q{j} [{'°' if turns else 'm'}]"
-    panels = [
-        _Panel(points.tau, f"load τ on {names[law.driver]} [{moment}]", *delta, by_load),
-        _Panel(scale * angle, q_label, *delta, by_angle),
-    ]
+    of_load = _Panel(points.tau, f"load τ on {names[law.driver]} [{moment}]", *delta, by_load)
+    carries = bool(points.tau.any()) or not len(angle)
+    panels = [*([of_load] if carries else []), _Panel(scale * angle, q_label, *delta, by_angle)]
     per_load = _per_load(law, tau(at), q(j), angle, factor)
     if per_load is not None:
         per_load = scale * per_load[0], 1e3 * per_load[1]
-    if (ratio or per_load is not None) and len(angle):
+    if carries and (ratio or per_load is not None) and len(angle):
         heavy = np.abs(points.tau) > 0.1 * np.abs(points.tau).max()
         t = points.tau[heavy]
         y, deviation, line = (1e3 * d[heavy] / x for d, x in zip(delta, (t, np.abs(t), t), strict=True))

@@ -1,0 +1,50 @@
+"""Targets and devices that stood elsewhere: always, or from some pose on."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from symstiff.calibration.measurements import Measurements
+from symstiff.discrepancy.assemble import assemble
+from symstiff.discrepancy.finding import Finding, Task
+from symstiff.discrepancy.workflow import diagnose
+from symstiff.model import joints_only
+from symstiff.report.words import sentence
+from symstiff.robot import load
+from symstiff.symbolic.numeric import forward
+from tests.diagnosis_data import ROBOT, measured
+
+SHIFT = np.array([8e-5, -4e-5, 0.0])
+
+
+def shifted(table: Measurements, of_tool: bool, since: int = 0) -> Finding:
+    turn = forward(load(ROBOT), table.q)[:, :3, :3] if of_tool else np.tile(np.eye(3), (len(table), 1, 1))
+    values = table.values.copy()
+    values[:, :3] += (table.pose >= since)[:, None] * np.einsum("nij,j->ni", turn, SHIFT)
+    return diagnose(Task(load(ROBOT), replace(table, values=values)))
+
+
+@pytest.mark.parametrize(("of_tool", "place"), [(True, "flange"), (False, "measuring device")])
+def test_what_stood_elsewhere_without_a_load_is_accused_with_its_shift(of_tool: bool, place: str) -> None:
+    """A tool that slips back when nothing pulls at it, a zero reading that is off: alike under every load."""
+    found = shifted(measured(), of_tool)
+    assert found.verdict == "unexplained"
+    law = found.last.device_law
+    assert law is not None
+    assert law.place == place
+    assert [value for _, value, _, _ in law.terms] == pytest.approx(SHIFT, abs=1.5e-5)
+    assert "shift under any load" in sentence(found)
+
+
+def test_what_sets_one_pose_apart_is_no_change_of_the_session() -> None:
+    """A change after the first pose or before the last is a bad pose, and is looked for as one."""
+    table = measured()
+    laws = assemble(joints_only(load(ROBOT)), table, effects=()).problem.devices
+    titles = [p.name for law in laws for p in law.parameters if "of the session on" in p.name]
+    shares = {float(title.split(" % of the session")[0].rpartition(" ")[2]) for title in titles}
+    poses = len(np.unique(table.pose))
+    assert min(shares) > 100.0 * 1.5 / poses
+    assert max(shares) < 100.0 * (poses - 1.5) / poses
