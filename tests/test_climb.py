@@ -20,6 +20,8 @@ from symstiff.report.folder import write_report
 from symstiff.robot import load
 from tests.diagnosis_data import ROBOT, measured
 from tests.test_arm_as_it_is import NOISE, positions
+from tests.test_assemble import design, truth_of
+from tests.test_assemble import measured as arms
 
 ROWS = 400
 
@@ -116,6 +118,33 @@ def test_all_frames_have_to_explain_far_more_than_few_or_a_law_without_a_name(
 
 
 @pytest.mark.parametrize(
+    ("left_by_links", "prices", "named", "better"),
+    [
+        (0.3, 1.0, None, True),
+        (0.8, 1.0, None, False),
+        (0.8, 0.0, None, True),  # deflections, in which no geometry bends along
+        (0.3, 1.0, 0.31, True),  # three links leave hardly more, and do not suffice
+    ],
+)
+def test_all_links_join_absolute_positions_where_they_are_worth_their_price(
+    some: Diagnosis, left_by_links: float, prices: float, named: float | None, better: bool
+) -> None:
+    """400 rows: 20 compliances more cost 20·log 400 = 120 by Schwarz; 0.3 of the squares is 482, 0.8 of them 89."""
+    step, left = some.growth[0], np.full(ROWS, some.noise.by_component()[0])
+    growth = (replace(step, residual=left, known=6),)
+    if named is not None:
+        growth += (replace(step, residual=left * np.sqrt(named), known=24),)
+    narrow = replace(
+        some, verdict="unexplained" if named is None else "named_insufficient", device_law=None, law=None,
+        growth=growth, rms=Rms(2.0, 1.0, 2.1, 1.0, 0.9),
+    )  # fmt: skip
+    whole = replace(step, residual=left * np.sqrt(left_by_links), known=26)
+    wide = replace(some, growth=(whole,), rms=Rms(1.0, 1.0, 0.9, 0.9, 0.9))
+    links = Wider(joints_only(load("kuka_kr270")), "links", Why.LINKS, "", prices=prices)
+    assert links.leaves_less(wide, narrow, np.zeros(ROWS, dtype=np.intp), np.arange(ROWS)) is better
+
+
+@pytest.mark.parametrize(
     ("verdict", "few", "left", "better"),
     [
         ("named", 2, 0.5, True),
@@ -173,3 +202,15 @@ def test_a_gap_is_named_behind_errors_of_all_frames(name: str, tmp_path: Path) -
     page = (tmp_path / "report" / "report.html").read_text()
     assert "Zero, as these data do not tell them from the others" in page
     assert "geometric_error_1_x</code>" in page
+
+
+@pytest.mark.slow
+def test_links_that_give_way_are_found_from_the_joints_in_loaded_positions() -> None:
+    """Three of them leave hardly more than all seven do, and are no arm."""
+    table = arms(truth_of("ur10"), design("ur10", "absolute", 24, (0.0, 0.5, 1.0, 0.8)))
+    noise = 2e-5 * np.random.default_rng(1).normal(size=table.values.shape)
+    table = replace(table, values=table.values + noise, sigma=np.full(table.values.shape, 2e-5))
+    found = diagnose(Task(load("ur10"), table, "joints"))
+    assert found.verdict == "named"
+    assert {e.effect for e in found.effects} == {"link_compliance"}
+    assert len(found.effects) > 4

@@ -67,10 +67,10 @@ class Wider:
         # rows of a pose may share their errors
         readings = len(np.unique(6 * pose + component))
         open_end = narrow.verdict in (INSUFFICIENT, UNEXPLAINED)
-        dearly = open_end and _dearly(wide, narrow, component, readings, self.prices)
         if not self.parts:
-            return leaves_less(wide, narrow, component) and (dearly or not (open_end and self.prices))
-        if dearly:
+            dear = not (open_end and self.prices) or _worth(wide, narrow, component, readings) > self.prices
+            return dear and leaves_less(wide, narrow, component)
+        if open_end and _dearly(wide, narrow, component, readings, self.prices):
             return True
         own = {key_of(e.effect, e.where) for e in self.parts}
         few = sum(key_of(name.effect, name.where) in own for name, *_ in narrow.leading)
@@ -220,15 +220,24 @@ def leaves_less(wide: Diagnosis, narrow: Diagnosis, component: Index) -> bool:
 
 
 def _dearly(wide: Diagnosis, narrow: Diagnosis, component: Index, readings: int, prices: float) -> bool:
-    """Whether all frames or links are worth some times Schwarz' price of their parameters, also on poses left out.
+    """Whether all frames are worth several times their price beside few as well, also on poses left out.
 
-    They bend to almost anything: an error that nobody drew is told from them by what an arm's own parts explain.
+    They bend to almost anything: an error that nobody drew is told from them by what an arm's own frames explain.
+    """
+    worth = min(_worth(wide, narrow, component, readings, step) for step in {0, len(narrow.growth) - 1})
+    return worth > prices and _predicts(wide.rms.held_out_before, narrow.rms.held_out_after)
+
+
+def _worth(wide: Diagnosis, narrow: Diagnosis, component: Index, readings: int, step: int = 0) -> float:
+    """What all parts explain of what a step of the narrow model leaves, in Schwarz' prices of all their parameters.
+
+    A law without a name that was found there takes its share of what the narrow model itself leaves.
     """
     law = max((f.explained for f in (narrow.device_law, narrow.law) if f is not None), default=0.0)
-    less, named, plain = _squares(wide, component, wide.growth[0], narrow.growth[-1], narrow.growth[0])
-    gain = readings * np.log(min(named, (1.0 - law) * plain) / less)
+    less, left = _squares(wide, component, wide.growth[0], narrow.growth[step])
+    gain = readings * np.log((left if step else (1.0 - law) * left) / less)
     price = (wide.growth[0].known - narrow.growth[0].known) * np.log(readings)
-    return bool(gain > prices * price) and _predicts(wide.rms.held_out_before, narrow.rms.held_out_after)
+    return float(gain / price) if price > 0 else -np.inf
 
 
 def _ends_well(wide: Diagnosis, narrow: Diagnosis, component: Index, readings: int) -> bool:
