@@ -41,14 +41,14 @@ def test_a_law_without_a_name_may_take_the_place_of_one_member_or_of_all(
 @pytest.mark.parametrize(
     ("lead", "share", "narrow", "shape", "rival", "alike"),
     [
-        (0.5, 0.9, True, False, False, True),  # the same thing, seen elsewhere
-        (4.0, 0.9, True, False, True, True),  # and better
+        (2.9, 0.9, True, False, False, True),  # the same thing, seen elsewhere
+        (4.0, 0.9, True, False, True, True),  # and far better
         (4.0, 0.9, False, False, True, False),  # a large space holds anything
         (4.0, 0.6, True, True, False, False),  # the shape of the member's own law
         (4.0, 0.6, True, False, True, False),
     ],
 )
-def test_a_law_that_describes_what_a_member_does_is_a_rival_where_it_does_so_better(
+def test_a_law_that_describes_what_a_member_does_is_a_rival_where_it_does_so_far_better(
     lead: float, share: float, narrow: bool, shape: bool, rival: bool, alike: bool,
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:  # fmt: skip

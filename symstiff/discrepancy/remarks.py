@@ -187,7 +187,7 @@ def _of_equal(last: Diagnosis) -> list[str]:
         return []
     law, place, lead = last.equal.law, last.equal.place, last.equal.lead
     told = f"a law of {law.replace('*', '·')}" if place.startswith(("joint", "link")) else device_law(law)
-    well = "as well" if lead > -AS_MUCH else "nearly as well"
+    well = "better" if lead > AS_MUCH else "as well" if lead > -AS_MUCH else "nearly as well"
     return [
         f"what was named may be another thing: {told} ({place}), which the catalogue does not hold, explains these "
         f"data {well}: look there before relying on the name"

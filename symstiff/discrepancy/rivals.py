@@ -17,10 +17,11 @@ SAME_SIGNAL = 0.85
 SAME_PLACE = 0.5
 """The same share for another shape of a member's law: at its virtual joint, and by what that depends on."""
 AS_MUCH = 1.0
-"""Log evidence within which two sets explain the same: a law that describes what a member does and leads by more is a
+"""Log evidence within which two sets explain the same."""
+_RIVALS, _FAR, _AHEAD = 40, 8.0, 3.0
+"""Unnamed laws at most that may take a member's place, log evidence by which they may trail, and by which one that
+describes what a member does, as a compliance that follows a joint does what a compensator does, has to lead to be a
 rival all the same."""
-_RIVALS, _FAR = 40, 8.0
-"""Unnamed laws at most that may take a member's place, and log evidence by which they may trail."""
 
 
 @dataclass(frozen=True)
@@ -52,7 +53,7 @@ def rivals(shop: Workshop, proposal: Proposal) -> tuple[list[float], Likeness | 
             same = share > SAME_SIGNAL and narrow
             if same:
                 alike.append(Likeness(int(candidate), lead))
-            if not same or lead > AS_MUCH:
+            if not same or lead > _AHEAD:
                 out.append(lead)
     return out, max(alike, key=lambda one: one.lead, default=None)
 
