@@ -69,6 +69,6 @@ def test_what_does_as_well_as_a_name_is_told_beside_it_and_lowers_its_confidence
     remark = next(r for r in found.remarks if "may be another thing" in r)
     assert "friction in the rig" in remark
     assert "(force sensor)" in remark
-    assert found.last.equal is not None
-    assert -2.0 < found.last.equal.lead < 0.0
+    assert found.last.alike is not None
+    assert -2.0 < found.last.alike.lead < 0.0
     assert found.effects[0].confidence < 0.95

@@ -11,7 +11,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from symstiff.arrays import Array
+from symstiff.arrays import Array, Mask
 from symstiff.calibration.experiment.current import Current, settled, sigma_of
 from symstiff.calibration.experiment.situation import Situation, View, has_weights, loads_of, under_weights
 from symstiff.calibration.loading import load_factor
@@ -85,16 +85,20 @@ def added_loads(view: View, instance: EffectInstance, values: Mapping[str, float
 def _believing(situation: Situation, fuller: Situation) -> Situation:
     """The situation with the compliances of a fuller model and, where the table has loads, those of its effects."""
     view, laws = situation.view, situation.laws
-    largest = np.max(np.abs(view.tau), axis=0)
-    seen = np.where(largest > _UNLOADED * np.max(largest), fuller.view.more, view.more)
+    seen = np.where(_loaded(view.tau), fuller.view.more, view.more)
     numbers = {name: fuller.laws.numbers.get(name, value) for name, value in laws.numbers.items()}
     return Situation(replace(view, more=seen), replace(laws, numbers=numbers))
 
 
 def _carried(loads: Array) -> Array:
     """Loads (N, V) but the rounding on virtual joints that carry none, of which laws would make columns by chance."""
+    return np.where(_loaded(loads), loads, 0.0)
+
+
+def _loaded(loads: Array) -> Mask:
+    """Virtual joints (V,) of which the loads (N, V) are more than rounding."""
     largest = np.max(np.abs(loads), axis=0, initial=0.0)
-    return np.where(largest > _UNLOADED * np.max(largest, initial=0.0), loads, 0.0)
+    return np.asarray(largest > _UNLOADED * np.max(largest, initial=0.0))
 
 
 def _problem(situation: Situation, current: Current) -> Problem:

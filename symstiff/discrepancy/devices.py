@@ -220,12 +220,17 @@ def _slips(view: View) -> Iterator[DeviceLaw]:
         yield DeviceLaw(FLANGE, title, (Parameter(title, "m"),), _read(view, slipped)[:, None])
 
 
+def _shifted(view: View) -> tuple[tuple[str, Array, str], ...]:
+    """What may stand elsewhere: the place, its axes (N, 3, 3) in the device's, and whose they are."""
+    fixed = np.tile(np.eye(3), (len(view.table), 1, 1))
+    return (FLANGE, view.turn @ view.found.R[:, -1], "tool"), (DEVICE, fixed, "device")
+
+
 def _always(view: View) -> Iterator[DeviceLaw]:
     """A shift that every load shows alike: the tool, or the device, stood elsewhere when nothing was on it."""
     if view.table.kind == "absolute":
         return
-    n, tool = len(view.table), view.turn @ view.found.R[:, -1]
-    for place, frame, axes in ((FLANGE, tool, "tool"), (DEVICE, np.tile(np.eye(3), (n, 1, 1)), "device")):
+    for place, frame, axes in _shifted(view):
         title = f"shift under any load in the {axes}'s axes"
         columns = tuple(Parameter(f"{title}: {axis}", "m") for axis in "xyz")
         yield DeviceLaw(
@@ -239,13 +244,11 @@ def _moved_once(situation: Situation) -> Iterator[DeviceLaw]:
     clock = view.table.clock
     # where one pose stands alone, before or after, it is a bad pose
     begin = np.sort([clock[view.table.pose == p].min() for p in np.unique(view.table.pose)])[2:-1]
-    tool = view.turn @ view.found.R[:, -1]
-    fixed = np.tile(np.eye(3), (len(clock), 1, 1))
     about = _turns(situation)
     for cut in begin[:: max(1, round(len(begin) / _CUTS))]:
         since = (clock >= cut)[:, None]
         when = f"from {100 * np.mean(clock < cut):.0f} % of the session on in the"
-        for place, frame, axes in ((FLANGE, tool, "tool"), (DEVICE, fixed, "device")):
+        for place, frame, axes in _shifted(view):
             columns = tuple(Parameter(f"shift {when} {axes}'s axes: {axis}", "m") for axis in "xyz")
             block = np.column_stack([_read(view, since * frame[:, :, k]) for k in range(3)])
             yield DeviceLaw(place, "shift from some time on", columns, block)

@@ -30,9 +30,9 @@ from symstiff.discrepancy.result import Diagnosis, Name, Rms
 from symstiff.discrepancy.scan import Evidence, Scan, coefficients, column_space, one_sharing
 from symstiff.discrepancy.strata import Stratum, strata
 from symstiff.discrepancy.tables import (
+    alike,
     candidate_table,
     confusion,
-    equal,
     leading,
     named_effects,
     noise_floor,
@@ -159,7 +159,7 @@ def _written(
         outcome.p_named, outcome.p_unnamed, ready.report, parts, place, law, device, growth,
         Rms(growth[0].rms, growth[-1].rms, proof.before if proof else None, proof.after if proof else None,
             noise_floor(ready)),
-        proof, D, names, leading(problem, ready, outcome), equal(ready, outcome),
+        proof, D, names, leading(problem, ready, outcome), alike(ready, outcome),
     )  # fmt: skip
 
 

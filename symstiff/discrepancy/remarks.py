@@ -20,7 +20,7 @@ from symstiff.discrepancy.ranges import CATALOGUE, Extent, at_size, extent_of
 from symstiff.discrepancy.result import Diagnosis, Quantity
 from symstiff.discrepancy.rivals import AS_MUCH
 from symstiff.discrepancy.sharing import JOINTS
-from symstiff.discrepancy.speech import device_law
+from symstiff.discrepancy.speech import law_words
 from symstiff.discrepancy.speech import named as named_at
 from symstiff.discrepancy.verdict import INSUFFICIENT, NAMED, NOTHING, UNEXPLAINED, UNTESTABLE
 from symstiff.effects.arm import untold_weight
@@ -59,7 +59,7 @@ def remarked(view: View, last: Diagnosis) -> list[str]:
         *_of_sigma(noise), *_of_readings(noise), *_of_approach(view.table, last), *_of_markers(noise),
         *_of_poses(view.table, last), *_of_single(last), *_of_proof(last), *_of_rows(view, last),
         *_of_succession(view, last), *_of_drawing(last), *_of_weights(view, last), *_of_sizes(view, last),
-        *_of_known(view.robot, last), *_of_further(last), *_of_equal(last),
+        *_of_known(view.robot, last), *_of_further(last), *_of_alike(last),
         *(of_sag(view.robot) if view.table.kind == "absolute" else ()),
     ]  # fmt: skip
 
@@ -181,12 +181,12 @@ def _of_further(last: Diagnosis) -> list[str]:
     ]
 
 
-def _of_equal(last: Diagnosis) -> list[str]:
+def _of_alike(last: Diagnosis) -> list[str]:
     """A law without a name elsewhere that describes what was named."""
-    if last.equal is None:
+    if last.alike is None:
         return []
-    law, place, lead = last.equal.law, last.equal.place, last.equal.lead
-    told = f"a law of {law.replace('*', '·')}" if place.startswith(("joint", "link")) else device_law(law)
+    law, place, lead = last.alike.law, last.alike.place, last.alike.lead
+    told = f"a law of {law.replace('*', '·')}" if place.startswith(("joint", "link")) else law_words(law)
     well = "better" if lead > AS_MUCH else "as well" if lead > -AS_MUCH else "nearly as well"
     return [
         f"what was named may be another thing: {told} ({place}), which the catalogue does not hold, explains these "

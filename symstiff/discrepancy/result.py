@@ -76,7 +76,7 @@ class CandidateResult:
 
 
 @dataclass(frozen=True)
-class Equal:
+class LawAlike:
     """A law without a name that describes what a named effect does, elsewhere."""
 
     place: str
@@ -163,7 +163,7 @@ class Diagnosis:
     confusability_names: tuple[Name, ...]
     leading: tuple[tuple[Name, Shape, Mapping[str, Quantity]], ...] = ()
     """The effects of the set that explains most, whether the verdict names it or not."""
-    equal: Equal | None = None
+    alike: LawAlike | None = None
     """What does as well as the leading set of those that are named, or nearly."""
 
     @property

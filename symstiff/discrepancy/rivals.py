@@ -25,7 +25,7 @@ rival all the same."""
 
 
 @dataclass(frozen=True)
-class Likeness:
+class Alike:
     """An unnamed law elsewhere whose signal lies in a set's space."""
 
     candidate: int
@@ -33,11 +33,11 @@ class Likeness:
     """Score of the best set in which it takes a member's place, minus that of the set."""
 
 
-def rivals(shop: Workshop, proposal: Proposal) -> tuple[list[float], Likeness | None]:
+def rivals(shop: Workshop, proposal: Proposal) -> tuple[list[float], Alike | None]:
     """The scores over the set's of sets in which an unnamed law of another form takes the place of one member, or of
     all, and the law alike that leads. Those that are far behind are left out.
     """
-    out, alike = list[float](), list[Likeness]()
+    out, alike = list[float](), list[Alike]()
     for replaced, kept in _replaced(proposal):
         entries = tuple(proposal.entries[k] for k in kept)
         old = tuple(proposal.entries[k] for k in replaced)
@@ -52,7 +52,7 @@ def rivals(shop: Workshop, proposal: Proposal) -> tuple[list[float], Likeness | 
                 continue
             same = share > SAME_SIGNAL and narrow
             if same:
-                alike.append(Likeness(int(candidate), lead))
+                alike.append(Alike(int(candidate), lead))
             if not same or lead > _AHEAD:
                 out.append(lead)
     return out, max(alike, key=lambda one: one.lead, default=None)

@@ -12,7 +12,7 @@ from symstiff.discrepancy.bank import Bank
 from symstiff.discrepancy.design import effective_rank
 from symstiff.discrepancy.laws import of_load
 from symstiff.discrepancy.problem import Options
-from symstiff.discrepancy.rivals import Likeness, rivals
+from symstiff.discrepancy.rivals import Alike, rivals
 from symstiff.discrepancy.scan import (
     Evidence,
     Layer,
@@ -46,7 +46,7 @@ class Judged:
     is ahead where it is negative."""
     rivals: float
     """Log evidence of all such sets together, minus this score."""
-    likeness: Likeness | None
+    alike: Alike | None
     """What explains most of the unnamed laws that describe what a member does."""
     sufficient: bool
     p_members: tuple[float, ...]

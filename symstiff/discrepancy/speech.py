@@ -44,7 +44,7 @@ def law_place(accused: str) -> str:
     return f"the {accused}" if accused.startswith(things) else accused
 
 
-def device_law(name: str) -> str:
+def law_words(name: str) -> str:
     """A law of a device in words; ``^1`` is left unsaid."""
     article = "an" if name[0] in "aeo" else "a"
     return _DEVICE.get(name, f"{article} {name.removesuffix('^1')}")

@@ -14,7 +14,7 @@ from symstiff.discrepancy.null import critical
 from symstiff.discrepancy.power import visible
 from symstiff.discrepancy.prepare import Prepared
 from symstiff.discrepancy.problem import Candidate, Options, Problem, Shape
-from symstiff.discrepancy.result import CandidateResult, Equal, Name, NamedEffect, Quantity, Step
+from symstiff.discrepancy.result import CandidateResult, LawAlike, Name, NamedEffect, Quantity, Step
 from symstiff.discrepancy.scan import (
     Scan,
     at_sharing,
@@ -96,13 +96,13 @@ def leading(
     )
 
 
-def equal(ready: Prepared, outcome: Outcome) -> Equal | None:
+def alike(ready: Prepared, outcome: Outcome) -> LawAlike | None:
     """The law without a name that describes what the leading set does, and explains nearly as much."""
-    alike = outcome.admissible[0].likeness if outcome.admissible else None
-    if alike is None or alike.lead < -_NEARLY:
+    law = outcome.admissible[0].alike if outcome.admissible else None
+    if law is None or law.lead < -_NEARLY:
         return None
-    where = ready.bank.candidates[alike.candidate].where
-    return Equal(str(where["at"]), str(where["law"]), alike.lead)
+    where = ready.bank.candidates[law.candidate].where
+    return LawAlike(str(where["at"]), str(where["law"]), law.lead)
 
 
 def _confidences(outcome: Outcome) -> list[Mapping[int, float]]:

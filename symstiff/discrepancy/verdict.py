@@ -329,6 +329,6 @@ def _calibrated(share: float, leader: Judged, p: float) -> float:
     offset, slope, limit = CALIBRATION
     share = float(np.clip(share, 1e-6, 1 - 1e-6))
     raw = min(float(np.log(share / (1 - share))), limit)
-    ahead = (leader.rival, leader.likeness.lead if leader.likeness is not None else -np.inf)
+    ahead = (leader.rival, leader.alike.lead if leader.alike is not None else -np.inf)
     rival = sum(float(np.log1p(np.exp(min(lead, 30.0)))) for lead in ahead)
     return float(expit(offset + slope * raw - rival)) * (1.0 - min(1.0, 5.0 * p))

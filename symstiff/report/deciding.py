@@ -42,11 +42,11 @@ def deciding(decide: Mapping[str, Any]) -> str:
     if not told:
         return NOWHERE
     rest = "" if decides(decide) else f": {OTHERWISE}"
-    what = "poses and loads" if axes(decide) else "poses"
+    what = "poses and loads" if load_axes(decide) else "poses"
     return f"decide.csv holds the {what} that tell them apart best; they reach {told}{rest}."
 
 
-def axes(decide: Mapping[str, Any]) -> list[str]:
+def load_axes(decide: Mapping[str, Any]) -> list[str]:
     """Axes of the poses' loads; none where the arm carries nothing."""
     loads = decide["loads"]
     return [a for a in (loads[0] if loads else {}) if any(w[a] for w in loads)]

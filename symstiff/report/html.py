@@ -21,7 +21,7 @@ from symstiff.display import few
 from symstiff.effects.registry import catalogue
 from symstiff.report import law_plots, plots, unnamed, words
 from symstiff.report.code import Line, formulas
-from symstiff.report.deciding import NOWHERE, OTHERWISE, axes, decides, reached, separation_text
+from symstiff.report.deciding import NOWHERE, OTHERWISE, decides, load_axes, reached, separation_text
 from symstiff.report.tables import moved, rotates, shift, step_rows
 
 _SEEN = 0.01
@@ -153,7 +153,7 @@ def _decide(record: dict[str, Any] | None) -> dict[str, Any] | None:
     """The deciding poses with their joint variables, and the loads of each."""
     if record is None:
         return None
-    loaded, poses = axes(record), record["poses"]
+    loaded, poses = load_axes(record), record["poses"]
     return {
         "joints": [_header(name) for name in (poses[0]["q"] if poses else {})],
         "poses": [

@@ -9,7 +9,7 @@ from symstiff.discrepancy.laws import READING
 from symstiff.discrepancy.localise import FittedDevice, FittedLaw
 from symstiff.discrepancy.numbers import number, quantity
 from symstiff.discrepancy.result import Quantity
-from symstiff.discrepancy.speech import device_law
+from symstiff.discrepancy.speech import law_words
 from symstiff.display import listing
 from symstiff.report.tables import rotates
 
@@ -37,7 +37,7 @@ def device_text(law: FittedDevice) -> str:
         parts.setdefault(name, []).append(f"{part.replace('*', '·')} {size}".strip())
     own = law.place.startswith(READING)
     told = ", ".join(
-        f"{f'a term in {name}' if own else device_law(name)} ({', '.join(sizes)})"
+        f"{f'a term in {name}' if own else law_words(name)} ({', '.join(sizes)})"
         for name, sizes in parts.items()
     )
     return f"{told} explains {explained(law)}"
