@@ -18,7 +18,7 @@ from symstiff.discrepancy.numbers import milli
 from symstiff.discrepancy.proof import FEWEST
 from symstiff.discrepancy.ranges import extent_of
 from symstiff.discrepancy.reasons import Reason, Why
-from symstiff.discrepancy.remarks import astray, out_of_range, remarked
+from symstiff.discrepancy.remarks import astray, inconstant, out_of_range, remarked
 from symstiff.discrepancy.result import Diagnosis, Quantity
 from symstiff.discrepancy.speech import named as named_at
 from symstiff.discrepancy.verdict import AMBIGUOUS, NAMED, NOTHING, UNEXPLAINED, UNTESTABLE
@@ -29,7 +29,7 @@ from symstiff.reduction.structural import Couplings
 _MORE = 1.05
 """What a model without some effects leaves, over what it leaves with them, from which that is spoken of."""
 _UNCONFIRMED = 0.75
-"""Most confidence in what poses that were not used do not confirm."""
+"""Most confidence in what poses that were not used do not confirm, or what has no one size."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -66,13 +66,13 @@ def finding_of(course: Course, remarks: list[str], tell: Callable[[str], None]) 
     if ladder.effects and verdict == NOTHING:
         verdict, because = NAMED, ladder.because
     held = _redundant(task, ladder.start, table)
-    doubts = _unconfirmed(course)
-    named = _effects(course, after, _UNCONFIRMED if doubts else 1.0)
+    doubts, changing = _unconfirmed(course), inconstant(last)
+    named = _effects(course, after, bool(doubts))
     counted = named if verdict == AMBIGUOUS else tuple(e for e in named if e.set_number == 0)
     remarks = [*remarks, *ladder.remarks, *remarked(course.assembly.situation.view, last)]
     remarks += _beyond_code(after.model, table, last.rms.after)
     remarks += _without_value(course, after, held)
-    remarks += [*doubts, *_of_effects(course, counted)]
+    remarks += [*doubts, *changing, *_of_effects(course, counted)]
     testable = verdict != UNTESTABLE
     rms = replace(last.rms, before=course.first.rms.before, held_out_before=course.first.rms.held_out_before)
     return Finding(
@@ -92,9 +92,14 @@ def _named(last: Diagnosis) -> tuple[Found, ...]:
     )  # fmt: skip
 
 
-def _effects(course: Course, after: JointFit, most: float) -> tuple[Found, ...]:
-    """The effects of all admissible sets, no surer than ``most``; those of the first as they were identified."""
-    named = [replace(e, confidence=min(e.confidence, most)) for e in _named(course.last)]
+def _effects(course: Course, after: JointFit, unconfirmed: bool) -> tuple[Found, ...]:
+    """The effects of all admissible sets; those of the first as they were identified."""
+    changing = {named_at(one.name.effect, one.name.where) for one in course.last.inconstant}
+    doubted = (unconfirmed or named_at(e.effect, e.where) in changing for e in _named(course.last))
+    named = [
+        replace(e, confidence=min(e.confidence, _UNCONFIRMED)) if doubt else e
+        for e, doubt in zip(_named(course.last), doubted, strict=True)
+    ]
     joined = _told([_as_identified(e, after) for e in course.ladder.effects])
     sets = sorted({e.set_number for e in named}) or [0]  # each holds what joined
     return tuple(

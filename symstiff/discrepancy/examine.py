@@ -12,6 +12,7 @@ import numpy as np
 
 from symstiff.arrays import Array
 from symstiff.discrepancy.bank import Bank
+from symstiff.discrepancy.constancy import inconstancies
 from symstiff.discrepancy.localise import (
     FittedDevice,
     FittedLaw,
@@ -160,6 +161,7 @@ def _written(
         Rms(growth[0].rms, growth[-1].rms, proof.before if proof else None, proof.after if proof else None,
             noise_floor(ready)),
         proof, D, names, leading(problem, ready, outcome), alike(ready, outcome),
+        inconstancies(problem, ready, outcome.admissible[0].entries) if outcome.admissible else (),
     )  # fmt: skip
 
 

@@ -17,7 +17,7 @@ from symstiff.discrepancy.noise import CONTRADICTED, NoiseReport
 from symstiff.discrepancy.numbers import p_equals, quantity
 from symstiff.discrepancy.problem import Options
 from symstiff.discrepancy.ranges import CATALOGUE, Extent, at_size, extent_of
-from symstiff.discrepancy.result import Diagnosis, Quantity
+from symstiff.discrepancy.result import Diagnosis, Inconstancy, Quantity
 from symstiff.discrepancy.rivals import AS_MUCH
 from symstiff.discrepancy.sharing import JOINTS
 from symstiff.discrepancy.speech import law_words
@@ -46,6 +46,10 @@ _DOUBTS = 4.0
 """Standard deviations by which a size is beyond its physical range for sure."""
 _SUCCESSIVE, _PAIRS = 4.0, 60
 """Standard deviations by which successive readings are alike that is spoken of, and pairs of them that it takes."""
+_FOLLOWED = {
+    "time": "the time", "order": "the order of the rows", "temperature": "the temperature",
+    "load": "the size of the load", "branch": "the branch, up or down",
+}  # fmt: skip
 _MOSTLY = 0.5
 """Share of a variance from which few poses, or repeats, are said to bring most of it."""
 
@@ -192,6 +196,20 @@ def _of_alike(last: Diagnosis) -> list[str]:
         f"what was named may be another thing: {told} ({place}), which the catalogue does not hold, explains these "
         f"data {well}: look there before relying on the name"
     ]
+
+
+def inconstant(last: Diagnosis) -> list[str]:
+    """A named effect whose size follows something that its law does not depend on, in a sentence each."""
+    effects = {named_at(one.name.effect, one.name.where): one for one in reversed(last.inconstant)}
+    return [_followed(effect, one) for effect, one in reversed(effects.items())]
+
+
+def _followed(effect: str, one: Inconstancy) -> str:
+    by = _FOLLOWED.get(one.by) or f"the position of joint {one.by.removeprefix('q')}"
+    return (
+        f"{effect} has no one size in these data: it runs from {one.low:.1f} to {one.high:.1f} of its mean with {by} "
+        f"({p_equals(one.p_value)}): something else may look like it, or its law is only close"
+    )
 
 
 def _of_proof(last: Diagnosis) -> list[str]:

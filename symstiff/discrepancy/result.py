@@ -86,6 +86,21 @@ class LawAlike:
 
 
 @dataclass(frozen=True)
+class Inconstancy:
+    """A named effect whose size follows something that its law does not depend on."""
+
+    name: Name
+    by: str
+    """``time``, ``order`` of the rows, ``temperature``, ``load``, ``branch`` or ``q<joint>``."""
+    p_value: float
+    share: float
+    """Share of the effect's signal that follows it."""
+    low: float
+    high: float
+    """Least and largest size in the table, by the size in its middle."""
+
+
+@dataclass(frozen=True)
 class Step:
     """A step of the growth path: the starting model, then one more effect each."""
 
@@ -164,6 +179,8 @@ class Diagnosis:
     leading: tuple[tuple[Name, Shape, Mapping[str, Quantity]], ...] = ()
     """The effects of the set that explains most, whether the verdict names it or not."""
     alike: LawAlike | None = None
+    inconstant: tuple[Inconstancy, ...] = ()
+    """What the sizes of the leading set's effects follow, surest first."""
     """What does as well as the leading set of those that are named, or nearly."""
 
     @property

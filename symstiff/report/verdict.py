@@ -56,6 +56,10 @@ def verdict_table(finding: Finding, decide: Mapping[str, Any] | None = None) -> 
         "accused": (last.localisation.accused or None) if last.localisation else None,
         "law": _law(finding),
         "device_law": _device_law(finding),
+        "inconstant": [
+            {**_name(o.name), "by": o.by, "p_value": finite(o.p_value), "share": o.share, "low": o.low, "high": o.high}
+            for o in last.inconstant
+        ],
         "confusability": {
             "names": [_name(n) for n in last.confusability_names],
             "noncentrality": np.asarray(last.confusability).tolist(),
