@@ -48,3 +48,21 @@ def test_what_sets_one_pose_apart_is_no_change_of_the_session() -> None:
     poses = len(np.unique(table.pose))
     assert min(shares) > 100.0 * 1.5 / poses
     assert max(shares) < 100.0 * (poses - 1.5) / poses
+
+
+@pytest.mark.parametrize(("zero", "words"), [(0.0, "since the session began"), (0.5, "none in its middle")])
+def test_a_device_that_turns_slowly_is_accused_with_how_far(zero: float, words: str) -> None:
+    """As its tripod settles, or the sun warms it: deflections are read in axes that turn."""
+    table = measured(force=800.0, poses=16)
+    session = np.linspace(0.0, 1.0, len(table)) - zero
+    turn = np.array([0.0, 0.0, 0.03])
+    values = table.values.copy()
+    values[:, :3] += session[:, None] * np.cross(turn, values[:, :3])
+    found = diagnose(Task(load(ROBOT), replace(table, values=values)))
+    assert found.verdict == "unexplained"
+    law = found.last.device_law
+    assert law is not None
+    assert law.place == "measuring device"
+    assert law.terms[2][0].endswith(f"{words}: z")
+    assert law.terms[2][1] == pytest.approx(turn[2], rel=0.15)
+    assert words in sentence(found)

@@ -182,6 +182,7 @@ def _taken_back(last: Diagnosis) -> Diagnosis:
         verdict=UNEXPLAINED,
         because=Reason(Why.ASTRAY),
         effects=(),
+        inconstant=(),
         growth=last.growth[:1],
         rms=rms,
         held_out=None,

@@ -72,6 +72,7 @@ def _found(situation: Situation) -> tuple[DeviceLaw, ...]:
         *_slips(view),
         *_always(view),
         *_moved_once(situation),
+        *_turning(situation),
         *posture_laws(situation),
     ]
     found += _readings(view) if view.table.kind == "absolute" else drawing_laws(situation)
@@ -258,6 +259,19 @@ def _moved_once(situation: Situation) -> Iterator[DeviceLaw]:
                 if view.table.kind == "absolute":  # what turns about another point is shifted too
                     turns, rows = (*columns, *turns), np.hstack([block, rows])
                 yield DeviceLaw(place, "turn from some time on", turns, rows)
+
+
+def _turning(situation: Situation) -> Iterator[DeviceLaw]:
+    """A device that turns slowly, about where it stands, as its tripod settles or the sun warms it."""
+    clock = situation.view.table.clock
+    if np.ptp(clock) == 0:
+        return
+    session = (clock - clock.min()) / np.ptp(clock)
+    about = _turns(situation)
+    for zero, when in ((0.0, "since the session began"), (0.5, "through the session, none in its middle")):
+        columns = tuple(Parameter(f"turn {when}: {axis}", "rad") for axis in "xyz")
+        rows = (session - zero)[situation.view.state][:, None] * about
+        yield DeviceLaw(DEVICE, "turn growing with the session", columns, rows)
 
 
 def _turns(situation: Situation) -> Array:
