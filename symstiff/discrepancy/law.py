@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from symstiff.arrays import Array
-from symstiff.discrepancy.problem import Problem
+from symstiff.discrepancy.problem import Parameter, Problem
 
 TINY = 1e-300
 """Size that stands for none where something is divided by it."""
@@ -25,8 +25,8 @@ class Law:
     """Whether it depends on nothing of other joints: then it is another shape of what the catalogue has there."""
     family: str = ""
     """Laws of one family at one place compete as one, by their average."""
-    units: tuple[str, ...] = ()
-    """Of the coefficients, where they have one."""
+    known: tuple[Parameter, ...] = ()
+    """The coefficients, where more is known of them than the text."""
     driven: frozenset[str] = frozenset()
     """What it depends on beside loads."""
 
@@ -34,6 +34,11 @@ class Law:
     def title(self) -> str:
         """The family, or the expression."""
         return self.family or " + ".join(self.text)
+
+    @property
+    def parameters(self) -> tuple[Parameter, ...]:
+        """The coefficients, one a column."""
+        return self.known or tuple(Parameter(t) for t in self.text)
 
 
 @dataclass(frozen=True)

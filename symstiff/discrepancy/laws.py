@@ -35,10 +35,7 @@ def unnamed_laws(problem: Problem) -> tuple[Candidate, ...]:
 
 
 def _candidate(place: str, title: str, laws: list[tuple[Array, Law]]) -> Candidate:
-    known = tuple(
-        tuple(Parameter(t, u) for t, u in zip(law.text, law.units or [""] * len(law.text), strict=True))
-        for _, law in laws
-    )
+    known = tuple(law.parameters for _, law in laws)
     return Candidate(
         EFFECT,
         {"at": place, "law": title},
@@ -76,12 +73,12 @@ def _everywhere(problem: Problem) -> Iterator[tuple[str, Array, Law]]:
     for axis in np.unique(problem.axis):
         indicator = (problem.axis == axis).astype(float)
         for law in _frame_laws(problem):
-            units = ("m" if axis < 3 else "rad",) * len(law.text)
-            yield f"{READING} {axis + 1}", indicator, replace(law, units=units)
+            known = tuple(Parameter(t, "m" if axis < 3 else "rad") for t in law.text)
+            yield f"{READING} {axis + 1}", indicator, replace(law, known=known)
     ones = np.ones(problem.rows)
     for added in problem.devices:
-        names, units = zip(*((p.name, p.unit) for p in added.parameters), strict=True)
-        yield added.place, ones, Law(names, added.values, family=added.title, units=units)
+        text = tuple(p.name for p in added.parameters)
+        yield added.place, ones, Law(text, added.values, family=added.title, known=added.parameters)
 
 
 def _unit(x: Array) -> Array:

@@ -9,7 +9,9 @@ import numpy as np
 
 from symstiff.arrays import Array
 from symstiff.calibration.experiment.situation import Situation
+from symstiff.calibration.measurements import Measurements
 from symstiff.discrepancy.problem import DeviceLaw, Parameter
+from symstiff.effects.blocks import all_pairs, block
 from symstiff.effects.common import load_of
 from symstiff.robot.schema import Robot
 from symstiff.symbolic.terms import Term, actuated_joint
@@ -75,17 +77,27 @@ def _shapes(q: Array, slides: bool) -> Iterator[tuple[tuple[str, str], tuple[Arr
 
 
 def _mounts(situation: Situation) -> Iterator[DeviceLaw]:
-    """A floor or a tool's mount that gives way any way, the more the larger its moment is."""
+    """A floor or a tool's mount that gives way any way: the more the larger its moment is, the later or the warmer."""
     view = situation.view
     acting = view.tau + view.more
     for i in (0, view.table.dof):
-        own = acting[:, 7 * i : 7 * i + 6]
-        size = np.linalg.norm(own[:, 3:], axis=1)
-        share = (size / max(float(size.max(initial=0.0)), 1e-300))[view.state]
-        J, tau = view.J[:, 7 * i : 7 * i + 6], own[view.state]
-        pairs = [(a, b) for a in range(6) for b in range(a, 6)]
-        title = "compliance that grows with the load"
-        names = tuple(Parameter(f"{title}: {a + 1}{b + 1}", _UNITS[a // 3 + b // 3]) for a, b in pairs)
-        columns = [J[:, a] * tau[:, b] + (J[:, b] * tau[:, a] if a != b else 0.0) for a, b in pairs]
+        whole = block(all_pairs)(view.robot, {"link": i}, {})
+        columns = situation.columns(list(whole.terms), [p.name for p in whole.parameters])
+        moment = np.linalg.norm(acting[:, 7 * i + 3 : 7 * i + 6], axis=1)
+        for what, share in _growing(view.table, moment):
+            title = f"compliance that grows with the {what}"
+            sizes = tuple(
+                Parameter(f"{title}: {p.name.rpartition('_')[2]}", p.unit, typical=p.typical)
+                for p in whole.parameters
+            )
+            yield DeviceLaw(f"link {i}", title, sizes, share[view.state, None] * columns)
+
+
+def _growing(table: Measurements, moment: Array) -> Iterator[tuple[str, Array]]:
+    """What a mount may give way with, as shares (N,) of the largest, where they are not all alike."""
+    shares = {"load": moment, "session": table.clock - table.clock.min()}
+    if np.all(np.isfinite(table.temperature)):
+        shares["temperature"] = table.temperature - table.temperature.min()
+    for what, share in shares.items():
         if np.ptp(share) > 0:
-            yield DeviceLaw(f"link {i}", title, names, share[:, None] * np.column_stack(columns))
+            yield what, share / float(np.max(share))
