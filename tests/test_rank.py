@@ -93,6 +93,17 @@ def test_a_joint_that_no_load_turns_asks_for_a_moment_about_its_axis():
     assert told.endswith(", or dx and dy measured as well")
 
 
+def test_what_one_axis_does_not_tell_apart_asks_for_the_others_first():
+    """Under weights along z alone, read along z alone: more values of the joints change nothing."""
+    A, x, kept, _ = identified(poses=30)
+    few = estimate(A[:12], (A @ x)[:12], np.tile(ROW_SIGMA, 2), kept)
+    told = str(missing_information(few.rank, kept, 12, (), ("dx", "dy")))
+    assert told.endswith(
+        "needed: dx and dy measured as well, or rotations: more poses alone may not tell them"
+    )
+    assert "more values of joint" not in told
+
+
 def test_columns_that_no_row_fills_are_all_silent_and_nothing_overflows():
     with warnings.catch_warnings():
         warnings.simplefilter("error")

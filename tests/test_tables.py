@@ -137,6 +137,21 @@ def test_a_row_given_in_two_files_names_both(tmp_path):
         read_table([one, tmp_path / ".." / tmp_path.name / "one.csv"])
 
 
+def test_tables_may_hold_one_component_each_of_the_same_readings(tmp_path):
+    """A device that lost one coordinate: such rows stand in a table without that column."""
+    head = "pose,q1[rad],fz[N],{}\na,0.1,-100,{}\nb,0.5,-100,{}\n"
+    one = save(tmp_path, head.format("dx[mm]", 0.1, 0.2), "one.csv")
+    two = save(tmp_path, head.format("dy[mm],dz[mm]", "0.3,0.5", "0.4,0.6"), "two.csv")
+    table = read_table([one, two])
+    assert table.measured[:, :3].tolist() == [[True, False, False]] * 2 + [[False, True, True]] * 2
+    assert table.labels == ("a", "b")
+    three = save(tmp_path, head.format("dz[mm]", 0.5, 0.6), "three.csv")
+    with pytest.raises(UserError, match=r"three\.csv: line 2: duplicate of .*two\.csv: line 2"):
+        read_table([one, two, three])
+    lost = refusal(tmp_path, head.format("dx[mm],dy[mm]", "0.1,", "0.2,0.4"))
+    assert "line 2: column dy[mm]: missing value: move such rows to a table without that column" in lost
+
+
 def test_equal_loads_of_two_load_steps_are_two_readings(tmp_path):
     head = "pose,q1[rad],fz[N],dx[mm],load_step,branch\n"
     table = read_table(save(tmp_path, head + "a,0,-100,0.10,1,up\na,0,-100,0.12,3,up\n"))

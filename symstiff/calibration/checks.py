@@ -93,15 +93,20 @@ def _first_rows(index: np.ndarray, count: int) -> np.ndarray:
 
 
 def _no_duplicates(table: Measurements) -> None:
+    """Refuse a component that was measured twice; tables may hold one each of a row's components."""
     context = np.column_stack([table.repeat, table.branch, table.load_step])
-    first = _first_equal(np.column_stack([table.pose, table.point, table.w, context]))
-    again = np.flatnonzero(first != np.arange(len(first)))
-    if again.size:
-        row = int(again[0])
-        raise UserError(
-            f"{table.place(row)}: duplicate of {table.place(int(first[row]))} "
-            "(same pose, load and point): drop it, or number repeated measurements in a column 'repeat'"
-        )
+    keys = np.column_stack([table.pose, table.point, table.w, context])
+    measured = table.measured if table.kind != "none" else np.ones((len(keys), 1), dtype=bool)
+    for own in measured.T:
+        rows = np.flatnonzero(own)
+        first = rows[_first_equal(keys[rows])]
+        again = np.flatnonzero(first != rows)
+        if again.size:
+            row, earlier = int(rows[again[0]]), int(first[again[0]])
+            raise UserError(
+                f"{table.place(row)}: duplicate of {table.place(earlier)} "
+                "(same pose, load and point): drop it, or number repeated measurements in a column 'repeat'"
+            )
 
 
 def _first_equal(keys: np.ndarray) -> np.ndarray:

@@ -24,6 +24,9 @@ from symstiff.robot.schema import Robot
 
 _HINT_ROWS = 1000
 _NO_FIT = 1e-3  # probability of the residual sum below which the fit is questioned
+_NO_DRAWING = (
+    0.05  # constant of the geometry [rad], or as a share of the reach, that no error of a drawing is
+)
 _SMALL = 0.9  # times the stated sigma from which less than that is spoken of
 
 
@@ -111,7 +114,25 @@ def beside_geometry(found: AbsoluteFit, model: StiffnessModel) -> list[str]:
     remarks.append(
         f"absolute positions: {geometry} constants of geometry and placement were fitted along{weights}"
     )
-    return [*remarks, *fits(found.fit, found.equations)]
+    return [*remarks, *_of_drawing(found, model.robot), *fits(found.fit, found.equations)]
+
+
+def _of_drawing(found: AbsoluteFit, robot: Robot) -> list[str]:
+    """A warning where constants of the geometry are beyond what a fit of small errors holds for."""
+    units = dict(zip(found.fit.names, found.fit.units, strict=True))
+    shares = {
+        name: abs(value) / (robot.reach if units[name] == "m" else 1.0)
+        for name, (value, _) in found.known.items()
+        if name.startswith("geometry_")
+    }
+    largest = max(shares, key=lambda name: shares[name], default="")
+    if not shares or shares[largest] < _NO_DRAWING:
+        return []
+    value, unit = found.known[largest][0], units[largest]
+    return [
+        f"{largest} would be {value:.3g} {unit}: no drawing is off by that, and the fit holds for small errors alone: "
+        "measure more poses, and look at units, signs and zeros of joints and positions, or at the robot file"
+    ]
 
 
 def of_sag(robot: Robot) -> list[str]:

@@ -232,12 +232,16 @@ def missing_information(
     silent = [name for name in names if name in set(decision.silent)]
     mixed = [name for name in names if name in set(decision.affected) - set(silent)]
     parts = [cause]
+    more = f"{' and '.join(unread)} measured as well" if unread else ""
     if silent:
         why = "in no reading" if unread else "not loaded at all"
-        more = f", or {' and '.join(unread)} measured as well" if unread else ""
-        parts.append(f"{why}: {few(silent)}; needed: {_needed(silent, slides)}{more}")
+        parts.append(
+            f"{why}: {few(silent)}; needed: {_needed(silent, slides)}{', or ' if more else ''}{more}"
+        )
     if mixed:
-        parts.append(f"not told apart: {few(mixed)}; needed: {_separate(mixed)}")
+        # what shows along one axis alone may be the same there in every pose
+        needed = f"{more}, or rotations: more poses alone may not tell them" if more else _separate(mixed)
+        parts.append(f"not told apart: {few(mixed)}; needed: {needed}")
     return "; ".join(parts)
 
 

@@ -284,7 +284,10 @@ class _Reader:
     def _bad_cell(self, name: str, cells: Sequence[str], rows: Index) -> UserError:
         for row, cell in zip(rows, cells, strict=True):
             if not cell.strip():
-                return self._fail(row, name, "missing value: fill it in, or drop the row or the column")
+                read = name.removeprefix("d") in COMPONENTS
+                apart = "move such rows to a table without that column (several are read together)"
+                remedy = apart if read else "fill it in, or drop the row or the column"
+                return self._fail(row, name, f"missing value: {remedy}")
             try:
                 float(_NO_DIGITS.sub("?", cell))
             except ValueError:
