@@ -70,7 +70,9 @@ def assemble(
     current = settled(model, table, weigh, fuller.arm if fuller else None)
     situation = _believing(current.situation, fuller.situation) if fuller else current.situation
     problem = _problem(situation, current)
-    candidates = grouped(problem, tuple(candidates_of(model, situation, problem, found)))
+    candidates = grouped(problem, tuple(candidates_of(model, situation, problem, found, noise)))
+    small = [c.counted for c in candidates if c.counted is not None]
+    problem = replace(problem, y=problem.y - np.sum(small, axis=0)) if small else problem
     candidates = structural(model, situation, candidates)
     fitted = {n: current.fitted[n] for n in model.parameters if n in current.fitted}
     return Assembly(problem, candidates, situation, current.names, fitted)

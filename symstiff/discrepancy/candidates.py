@@ -8,7 +8,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from symstiff.arrays import Array
-from symstiff.calibration.experiment.current import sigma_of, spread_of
+from symstiff.calibration.experiment.current import spread_of
 from symstiff.calibration.experiment.placement import placement_columns
 from symstiff.calibration.experiment.situation import (
     Situation,
@@ -19,6 +19,7 @@ from symstiff.calibration.experiment.situation import (
     under_weights,
 )
 from symstiff.calibration.measurements import Measurements
+from symstiff.discrepancy.noise import Noise
 from symstiff.discrepancy.problem import ANGLE, CLOCK, HISTORY, Candidate, Parameter, Problem, Shape
 from symstiff.discrepancy.ranges import Extent, at_size, extent_of
 from symstiff.discrepancy.scan import column_space
@@ -30,8 +31,8 @@ from symstiff.symbolic.terms import BRANCH, TEMPERATURE, TIME, VirtualJoint, q, 
 
 _LEFT = 1e-9
 """Share of a column's squared length below which nothing of it is outside the model."""
-_VISIBLE = 6.0
-"""Noncentrality below which an effect of known size is not looked for."""
+_VISIBLE = 12.0
+"""Noncentrality below which an effect of known size is counted as it is and not looked for: no test would see it."""
 _AT_ONCE = 0.1
 """Share of a session up to which the first reading's time is taken for the time since its start."""
 _UNLOADED = 1e-9
@@ -43,9 +44,13 @@ _SAME_ANGLE = 2e-3
 
 
 def candidates(
-    model: StiffnessModel, situation: Situation, problem: Problem, effects: Iterable[Effect]
-) -> Iterator[Candidate]:
-    """Every effect at every place, those that the data cannot show with the reason why."""
+    model: StiffnessModel, situation: Situation, problem: Problem, effects: Iterable[Effect],
+    noise: Noise | None = None,
+) -> Iterator[Candidate]:  # fmt: skip
+    """Every effect at every place, those that the data cannot show with the reason why.
+
+    ``noise`` is how the rows scatter, where more is known of it than what the table states.
+    """
     table = situation.view.table
     scales, extent = scales_of(situation.view), extent_of(situation.view)
     taken = frozenset(model.parameters)
@@ -74,8 +79,9 @@ def candidates(
                 yield _unavailable(effect, where, "nothing in these data moves it", first)
             elif _inside(columns, members, basis, situation.view):
                 yield _unavailable(effect, where, "its columns are combinations of the model's", first)
-            elif _below_noise(columns, members, basis, situation.view):
-                yield _unavailable(effect, where, "its known size is below the noise", first)
+            elif (known := _below_noise(columns, members, problem, noise)) is not None:
+                reason = "its known size is below the noise: it is counted as it is"
+                yield replace(_unavailable(effect, where, reason, first), counted=known)
             else:
                 alike = all(m.parameters == first for m in members)
                 yield Candidate(
@@ -198,19 +204,36 @@ def _inside(columns: _Columns, members: Sequence[_Member], basis: Array, view: V
     return True
 
 
-def _below_noise(columns: _Columns, members: Sequence[_Member], basis: Array, view: View) -> bool:
-    """Whether an effect of known size has too little of it outside the model to be seen."""
+def _below_noise(
+    columns: _Columns, members: Sequence[_Member], problem: Problem, noise: Noise | None
+) -> Array | None:
+    """What an effect of known size adds (M,), where too little of it is outside the model to be seen."""
     known = [m for m in members if m.realised.nominal]
-    if len(known) < len(members) or sigma_of(view) is None:
-        return False
-    weight = 1.0 / spread_of(view)
-    for member in known:
-        size = np.array([member.realised.nominal.get(p.name, 0.0) for p in member.parameters])
-        signal = (columns(member.shape) @ size) * weight
-        left = signal - basis @ (basis.T @ signal)
-        if left @ left > _VISIBLE:
-            return False
-    return True
+    if not known or len(known) < len(members):
+        return None
+    signals = [columns(m.shape) @ [m.realised.nominal.get(p.name, 0.0) for p in m.parameters] for m in known]
+    sizes = [_noncentrality(signal, problem, noise) for signal in signals]
+    return np.asarray(signals[0]) if max(sizes) < _VISIBLE else None
+
+
+def _noncentrality(signal: Array, problem: Problem, noise: Noise | None) -> float:
+    """How much of a signal (M,) is outside the model, squared, in units of the noise.
+
+    That is what is left, and no more than was stated: something may be missing.
+    """
+    rows = np.column_stack([signal, problem.y, problem.A])
+    if problem.sigma is not None:
+        weighed = rows / problem.sigma[:, None]
+    elif noise is not None:
+        weighed = noise.weigh(rows)
+    else:
+        return np.inf
+    basis = column_space(weighed[:, 2:])
+    left = weighed[:, :2] - basis @ (basis.T @ weighed[:, :2])
+    size, rest = np.sum(left**2, axis=0).tolist()
+    found = rest / max(problem.rows - basis.shape[1], 1)
+    scale = found if problem.sigma is None else min(found, 1.0)
+    return float(size / scale) if scale > 0 else np.inf
 
 
 def grouped(problem: Problem, candidates: Sequence[Candidate]) -> tuple[Candidate, ...]:

@@ -180,6 +180,8 @@ class Candidate:
     """How many of the last ``shapes`` are not of the profile: they were moved to what the data ask for."""
     unavailable: str = ""
     """Why these data cannot show the effect (a column is missing, another kind of data); empty if they can."""
+    counted: Array | None = None
+    """(M,) what it adds all the same, where its size is known and too small to be looked for."""
 
     def parameters_at(self, shape: Shape) -> tuple[Parameter, ...]:
         """The parameters that a shape's columns belong to."""
