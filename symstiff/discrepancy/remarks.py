@@ -11,13 +11,12 @@ from symstiff.calibration.experiment.situation import View
 from symstiff.calibration.measurements import Measurements
 from symstiff.calibration.remarks import of_sag
 from symstiff.discrepancy.drawing import DRAWING
-from symstiff.discrepancy.finding import Found
 from symstiff.discrepancy.gross import in_usual
 from symstiff.discrepancy.noise import CONTRADICTED, NoiseReport
 from symstiff.discrepancy.numbers import p_equals, quantity
 from symstiff.discrepancy.problem import Options
 from symstiff.discrepancy.ranges import CATALOGUE, Extent, at_size, extent_of
-from symstiff.discrepancy.result import Diagnosis, Quantity
+from symstiff.discrepancy.result import Diagnosis, Found, Quantity
 from symstiff.discrepancy.rivals import AS_MUCH
 from symstiff.discrepancy.sharing import JOINTS
 from symstiff.discrepancy.speech import law_words

@@ -14,7 +14,7 @@ from symstiff.discrepancy.null import critical
 from symstiff.discrepancy.power import visible
 from symstiff.discrepancy.prepare import Prepared
 from symstiff.discrepancy.problem import Candidate, Options, Problem, Shape
-from symstiff.discrepancy.result import CandidateResult, LawAlike, Name, NamedEffect, Quantity, Step
+from symstiff.discrepancy.result import CandidateResult, Found, LawAlike, Name, Quantity, Step
 from symstiff.discrepancy.scan import (
     Scan,
     at_sharing,
@@ -65,7 +65,7 @@ def _fitted(
     return value[:P], std[:P], fitted, effects
 
 
-def named_effects(problem: Problem, ready: Prepared, outcome: Outcome) -> tuple[NamedEffect, ...]:
+def named_effects(problem: Problem, ready: Prepared, outcome: Outcome) -> tuple[Found, ...]:
     """The effects of the admissible sets, best set first."""
     bank, sure = ready.bank, _confidences(outcome)
     out = []
@@ -74,7 +74,7 @@ def named_effects(problem: Problem, ready: Prepared, outcome: Outcome) -> tuple[
         for i, (member, entry) in enumerate(zip(judged.members, judged.entries, strict=True)):
             candidate = bank.candidates[member]
             out.append(
-                NamedEffect(
+                Found(
                     candidate.effect, candidate.where, bank.shape_of(entry), effects[i][1],
                     judged.p_members[i], float(np.clip(sure[number][member], 0.0, 1.0)),
                     _confused(ready, entry), number, _twins(bank, member),

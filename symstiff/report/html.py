@@ -11,9 +11,9 @@ from markupsafe import Markup
 from symstiff import __version__
 from symstiff.calibration.measurements import COMPONENTS
 from symstiff.discrepancy import numbers
-from symstiff.discrepancy.finding import Finding, Found
+from symstiff.discrepancy.finding import Finding
 from symstiff.discrepancy.noise import off
-from symstiff.discrepancy.result import CandidateResult, Name, Quantity
+from symstiff.discrepancy.result import CandidateResult, Found, Name, Quantity
 from symstiff.discrepancy.sharing import JOINTS
 from symstiff.discrepancy.speech import law_place, named, spoken
 from symstiff.discrepancy.verdict import AMBIGUOUS, INSUFFICIENT, NOTHING, UNEXPLAINED, UNTESTABLE

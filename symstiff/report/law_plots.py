@@ -12,8 +12,9 @@ import sympy as sp
 from symstiff.arrays import Array
 from symstiff.calibration.decomposition import unit_columns
 from symstiff.calibration.measurements import COMPONENTS
-from symstiff.discrepancy.finding import Finding, Found
+from symstiff.discrepancy.finding import Finding
 from symstiff.discrepancy.localise import back_project
+from symstiff.discrepancy.result import Found
 from symstiff.discrepancy.speech import named
 from symstiff.report.plots import AFTER, LAW, Picture, drawing
 from symstiff.report.tables import rotates, shift, weights

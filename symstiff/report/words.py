@@ -8,11 +8,11 @@ from typing import Any
 
 import numpy as np
 
-from symstiff.discrepancy.finding import Finding, Found
+from symstiff.discrepancy.finding import Finding
 from symstiff.discrepancy.numbers import milli, number, p_equals, quantity
 from symstiff.discrepancy.reasons import Why
 from symstiff.discrepancy.remarks import FEW, hiding
-from symstiff.discrepancy.result import Name
+from symstiff.discrepancy.result import Found, Name
 from symstiff.discrepancy.speech import law_place, named, place, spoken
 from symstiff.discrepancy.verdict import AMBIGUOUS, INSUFFICIENT, NAMED, NOTHING, UNEXPLAINED
 from symstiff.effects.instance import EffectInstance
