@@ -38,8 +38,7 @@ class Assembly:
     """A problem with the candidates for it, and what they were made from.
 
     ``names`` are the parameters of the problem's columns; ``fitted`` their values (the current model's
-    where the data do not tell); ``prediction`` (M,) by them. Candidates that cannot be told from the model
-    are ``unavailable``.
+    where the data do not tell). Candidates that cannot be told from the model are ``unavailable``.
     """
 
     problem: Problem

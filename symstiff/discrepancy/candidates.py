@@ -19,10 +19,10 @@ from symstiff.calibration.experiment.situation import (
     under_weights,
 )
 from symstiff.calibration.measurements import Measurements
-from symstiff.discrepancy.problem import ANGLE, CLOCK, HISTORY, Candidate, Parameter, Problem, Shape
+from symstiff.discrepancy.problem import ANGLE, CLOCK, HISTORY, Candidate, Parameter, Problem
 from symstiff.discrepancy.ranges import Extent, at_size, extent_of
 from symstiff.discrepancy.scan import column_space
-from symstiff.effects.base import Effect, Move, Realisation, Scales, Where
+from symstiff.effects.base import Effect, Move, Realisation, Scales, Shape, Where
 from symstiff.effects.lawful import check_laws
 from symstiff.model import StiffnessModel
 from symstiff.robot.schema import Robot
@@ -301,9 +301,8 @@ def scales_of(view: View) -> Scales:
             low, high = float(np.nanmin(values)), float(np.nanmax(values))
             # a clock that starts at the session's own begin counts from 0; another one from where it stands then
             lowest[name] = 0.0 if name == "time" and 0.0 <= low <= _AT_ONCE * (high - low) else low
-            context[name] = high - lowest[name]
-            if np.nanmax(values) == np.nanmin(values):
-                del context[name]
+            if high > low:
+                context[name] = high - lowest[name]
     return Scales(table.kind, load, tuple(angles), context, lowest, total)
 
 

@@ -9,10 +9,10 @@ from typing import Any
 from symstiff.arrays import Array
 from symstiff.discrepancy.localise import FittedDevice, FittedLaw, Localisation
 from symstiff.discrepancy.noise import NoiseReport
-from symstiff.discrepancy.problem import Shape
 from symstiff.discrepancy.proof import HeldOut, closed
 from symstiff.discrepancy.reasons import Reason, Why
 from symstiff.discrepancy.strata import Stratum
+from symstiff.effects.base import Shape
 from symstiff.effects.instance import EffectInstance
 
 

@@ -13,7 +13,7 @@ from symstiff.discrepancy.design import confusability, share_left
 from symstiff.discrepancy.null import critical
 from symstiff.discrepancy.power import visible
 from symstiff.discrepancy.prepare import Prepared
-from symstiff.discrepancy.problem import Candidate, Options, Problem, Shape
+from symstiff.discrepancy.problem import Candidate, Options, Problem
 from symstiff.discrepancy.result import CandidateResult, Found, LawAlike, Name, Quantity, Step
 from symstiff.discrepancy.scan import (
     Scan,
@@ -30,6 +30,7 @@ from symstiff.discrepancy.search import Judged
 from symstiff.discrepancy.strata import strata
 from symstiff.discrepancy.testability import telling, why_untestable
 from symstiff.discrepancy.verdict import Outcome
+from symstiff.effects.base import Shape
 
 CONFUSED = 0.9
 """Share of a candidate's fitted signal inside another's space from which they are said to be confused."""
