@@ -124,7 +124,8 @@ def _labels(table: Mapping[str, Any]) -> tuple[str, ...]:
 
 def _taken(robot: Robot, table: Mapping[str, Any], verdict: Path) -> Measurements | None:
     """Poses and loads of the data behind the verdict, marked as measured in the components that were."""
-    from symstiff.calibration.table import check_robot, read_poses
+    from symstiff.calibration.checks import check_robot
+    from symstiff.calibration.table import read_poses
 
     decide = table.get("decide", {})
     file = verdict.parent / TAKEN

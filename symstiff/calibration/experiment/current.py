@@ -9,7 +9,7 @@ from functools import lru_cache
 import numpy as np
 
 from symstiff.arrays import Array
-from symstiff.calibration.decomposition import svd
+from symstiff.calibration.decomposition import svd, unit_columns
 from symstiff.calibration.experiment.arm import Arm, drawn, standing
 from symstiff.calibration.experiment.full import full_laws
 from symstiff.calibration.experiment.placement import placed, placement_columns, turns_of
@@ -269,9 +269,8 @@ def _fitted(
     count = len(start)
     begin = np.concatenate([start, np.zeros(A.shape[1] - count)])
     X, r = plain(A), plain((y - A @ begin)[:, None])[:, 0]
-    length = np.linalg.norm(X, axis=0)
-    length[length == 0] = 1.0
-    U, s, Vt = svd(X / length)
+    columns, length = unit_columns(X)
+    U, s, Vt = svd(columns)
     keep = s > 1e-5 * s[0] if len(s) else s > 0
     share = U[:, keep].T @ r
     step = Vt[keep].T @ (share / s[keep]) / length
