@@ -247,7 +247,7 @@ def _of_known(robot: Robot, last: Diagnosis) -> list[str]:
         f"{named_at(e.effect, e.where)}: {name} has to be {value:g} by theory, and model.toml holds that; these "
         f"data alone give {quantity(told)}"
         for e in leading
-        for name, value in EffectInstance(e.effect, e.where, e.shape).realise(robot).nominal.items()
+        for name, value in e.instance.realise(robot).nominal.items()
         if (told := e.parameters.get(name)) is not None
     ]
 
