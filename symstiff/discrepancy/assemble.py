@@ -13,7 +13,7 @@ import numpy as np
 
 from symstiff.arrays import Array, Mask
 from symstiff.calibration.experiment.current import Current, settled, sigma_of
-from symstiff.calibration.experiment.situation import Situation, View, has_weights, loads_of, under_weights
+from symstiff.calibration.experiment.situation import Situation, View, loads_of, under_weights
 from symstiff.calibration.loading import load_factor
 from symstiff.calibration.measurements import Measurements
 from symstiff.discrepancy.candidates import candidates as candidates_of
@@ -155,7 +155,7 @@ def _load_cases(table: Measurements, pose: np.ndarray) -> np.ndarray:
 
 def _weight(view: View) -> Array | None:
     """Loads (M, V) of the links' weight where the robot tells masses; in absolute data τ holds them already."""
-    if view.table.kind != "deflection" or not has_weights(view.robot):
+    if view.table.kind != "deflection" or not view.robot.has_weights:
         return None
     return _carried(under_weights(view).tau - view.tau)[view.state]
 

@@ -13,7 +13,6 @@ from symstiff.calibration.experiment.placement import placement_columns
 from symstiff.calibration.experiment.situation import (
     Situation,
     View,
-    has_weights,
     linear_columns,
     look,
     under_weights,
@@ -285,7 +284,7 @@ def scales_of(view: View) -> Scales:
     """The experiment's sizes, over which shapes are profiled."""
     table = view.table
     load, total = _largest(view, view.tau), {}
-    if table.kind == "deflection" and has_weights(view.robot):
+    if table.kind == "deflection" and view.robot.has_weights:
         both = _largest(view, under_weights(view).tau)
         total = {v: size for v, size in both.items() if load[v]}
     angles = []

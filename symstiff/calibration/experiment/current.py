@@ -20,7 +20,6 @@ from symstiff.calibration.experiment.situation import (
     Situation,
     View,
     Weigh,
-    has_weights,
     loads_of,
     look,
     under_weights,
@@ -85,7 +84,7 @@ def settled(
             model, model.terms, (), view, drawn(view, Laws(view, model.terms, known)), known, weigh
         )
     view = under_weights(view)
-    hidden = _hidden(model) if has_weights(model.robot) else ()
+    hidden = _hidden(model) if model.robot.has_weights else ()
     terms = (*model.terms, *terms_of(hidden))
     first = arm or drawn(view, Laws(view, terms, known))
     current = _current(model, terms, hidden, view, first, known, weigh)

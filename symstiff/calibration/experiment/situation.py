@@ -186,11 +186,6 @@ def under_weights(view: View) -> View:
     return replace(view, tau=total)
 
 
-def has_weights(robot: Robot) -> bool:
-    """Whether the robot file tells the mass of any link."""
-    return any(link.mass for link in robot.links)
-
-
 @dataclass(frozen=True, eq=False)
 class Laws:
     """Terms with values: the deflections of the virtual joints as a function of their loads."""
@@ -300,7 +295,7 @@ class Situation:
     @cached_property
     def sag(self) -> Array:
         """(N, V) deflections under the links' known weight that deflections do not show; 0 in absolute data."""
-        if self.view.table.kind == "absolute" or not has_weights(self.view.robot):
+        if self.view.table.kind == "absolute" or not self.view.robot.has_weights:
             return np.zeros_like(self.view.tau)
         return self.laws(under_weights(self.view).tau - self.view.tau)
 
