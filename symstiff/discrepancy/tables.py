@@ -36,6 +36,8 @@ CONFUSED = 0.9
 """Share of a candidate's fitted signal inside another's space from which they are said to be confused."""
 _NEARLY = 2.0
 """Log evidence by which a law without a name may trail what it describes elsewhere, to be spoken of."""
+_LEADERS = 8
+"""Candidates among which confusion is told."""
 
 
 def _name(candidate: Candidate) -> Name:
@@ -264,9 +266,9 @@ def noise_floor(ready: Prepared) -> float:
     return float(np.hypot(ready.report.sigma, ready.report.approach))
 
 
-def confusion(ready: Prepared, outcome: Outcome, most: int = 8) -> tuple[tuple[Name, ...], Array]:
+def confusion(ready: Prepared, outcome: Outcome) -> tuple[tuple[Name, ...], Array]:
     """D_ij of the leading named candidates."""
     bank = ready.bank
-    order = [int(i) for i in np.argsort(-outcome.found.score) if not bank.generic[i]][:most]
+    order = [int(i) for i in np.argsort(-outcome.found.score) if not bank.generic[i]][:_LEADERS]
     D = confusability(ready.scan, [int(outcome.found.best_entry[i]) for i in order])
     return tuple(_name(bank.candidates[i]) for i in order), D
