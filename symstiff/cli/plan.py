@@ -75,7 +75,9 @@ class _Asked:
     @property
     def sigma(self) -> tuple[float, float]:
         """Standard deviations [m, rad] of one reading."""
-        return self.sigma_mm * 1e-3, self.sigma_mm * 1e-3 / 0.3
+        from symstiff.calibration.planning.measurement import BASELINE
+
+        return self.sigma_mm * 1e-3, self.sigma_mm * 1e-3 / BASELINE
 
     @property
     def together(self) -> tuple[float, float]:
