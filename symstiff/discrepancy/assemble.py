@@ -16,8 +16,8 @@ from symstiff.calibration.experiment.current import Current, settled, sigma_of
 from symstiff.calibration.experiment.situation import Situation, View, loads_of, under_weights
 from symstiff.calibration.loading import load_factor
 from symstiff.calibration.measurements import Measurements
+from symstiff.discrepancy.candidates import UNLOADED, grouped, structural
 from symstiff.discrepancy.candidates import candidates as candidates_of
-from symstiff.discrepancy.candidates import grouped, structural
 from symstiff.discrepancy.devices import DeviceLaws
 from symstiff.discrepancy.noise import Noise
 from symstiff.discrepancy.problem import Candidate, Problem
@@ -27,8 +27,6 @@ from symstiff.effects.registry import catalogue
 from symstiff.model import StiffnessModel
 from symstiff.symbolic.terms import VirtualJoint
 
-_UNLOADED = 1e-9
-"""Load on a virtual joint, against the largest, that is rounding."""
 _SAME_LOAD = 1e-3
 """Difference of loads, against the largest, up to which they are one."""
 
@@ -97,7 +95,7 @@ def _carried(loads: Array) -> Array:
 def _loaded(loads: Array) -> Mask:
     """Virtual joints (V,) of which the loads (N, V) are more than rounding."""
     largest = np.max(np.abs(loads), axis=0, initial=0.0)
-    return np.asarray(largest > _UNLOADED * np.max(largest, initial=0.0))
+    return np.asarray(largest > UNLOADED * np.max(largest, initial=0.0))
 
 
 def _problem(situation: Situation, current: Current) -> Problem:

@@ -33,8 +33,8 @@ _VISIBLE = 6.0
 """Noncentrality below which an effect of known size is not looked for."""
 _AT_ONCE = 0.1
 """Share of a session up to which the first reading's time is taken for the time since its start."""
-_UNLOADED = 1e-9
-"""Load on a joint, against the largest, that is rounding."""
+UNLOADED = 1e-9
+"""Load on a virtual joint, against the largest, that is rounding."""
 _SAME = 1e-6
 _MOST_SHAPES = 6
 """Shapes of a candidate up to which its columns are compared with those of others."""
@@ -308,7 +308,7 @@ def scales_of(view: View) -> Scales:
 def _largest(view: View, tau: Array) -> dict[VirtualJoint, float]:
     """Largest loads on the joints, 0 for those that hardly bear any."""
     largest = np.max(np.abs(tau), axis=0)
-    largest[largest < _UNLOADED * np.max(largest)] = 0.0
+    largest[largest < UNLOADED * np.max(largest)] = 0.0
     return {v: float(largest[k]) for k, v in enumerate(view.joints) if v.kind == "joint"}
 
 

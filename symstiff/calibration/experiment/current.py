@@ -43,8 +43,6 @@ _POSES = 60
 """Random poses at which columns are compared."""
 _ROUNDS = 3
 """Times that the device's placement and the arm's geometry are found from each other."""
-_STILL = 1e-9
-"""Range [rad, m] up to which a joint never moves."""
 _COMPLIANCE = 1e-7
 """Usual size of a compliance that the model leaves out."""
 _FRAME, _LARGE = 1e-3, 10.0
@@ -151,8 +149,7 @@ def _shares(model: StiffnessModel, hidden: Sequence[Compliance], table: Measurem
     program = _program(model.robot, parameters, points)
     rng = np.random.default_rng(0)
     q = np.array([rng.uniform(*j.range, size=_POSES) for j in model.robot.joint]).T
-    still = np.ptp(table.q, axis=0) < _STILL
-    q[:, still] = table.q[0, still]
+    q[:, table.still] = table.q[0, table.still]
     w = rng.normal(size=(_POSES, 6)) * [k in LOADS[model.loads] for k in range(1, 7)]
     A = evaluate_numpy(program, q=q, w=w)["A"]
     A = (A[:, :3] if model.measure == "position" and not points else A).reshape(-1, len(parameters))

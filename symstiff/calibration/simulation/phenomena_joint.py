@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from typing import Any
 
 import numpy as np
 
@@ -15,13 +14,12 @@ from symstiff.calibration.simulation.phenomena import (
     Additions,
     Builder,
     Site,
+    Values,
     phenomenon,
     saturation,
     smooth_sign,
 )
 from symstiff.errors import UserError
-
-Values = dict[str, Any]
 
 
 def _of_load(share: Callable[[Array, States, Values], Array]) -> Builder:
