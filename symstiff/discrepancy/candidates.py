@@ -66,29 +66,16 @@ def candidates(
             columns = _Columns(situation, effect, where, taken, extent)
             members = [columns.member(shape) for shape in shapes]
             check_laws(members[0].realised.terms, model.robot)
-            first = members[0].parameters
-            if not first:
-                yield _unavailable(effect, where, "the model has all of its parameters")
-            elif not any(columns(m.shape).any() for m in members):
-                yield _unavailable(effect, where, "nothing in these data moves it", first)
-            elif _inside(columns, members, basis, situation.view):
-                yield _unavailable(effect, where, "its columns are combinations of the model's", first)
-            elif _below_noise(columns, members, basis, situation.view):
-                yield _unavailable(effect, where, "its known size is below the noise", first)
-            else:
-                alike = all(m.parameters == first for m in members)
-                yield Candidate(
-                    effect.identifier,
-                    where,
-                    first,
-                    columns,
-                    tuple(shapes),
-                    _weights(effect, model.robot, shapes),
-                    parameters_of=None if alike else columns.parameters,
-                    driven=columns.driven,
-                    assumed=frozenset(effect.assumed),
-                    moves=columns.moves,
-                )
+            first, unseen = members[0].parameters, _unseen(columns, members, basis, situation.view)
+            if unseen:
+                yield _unavailable(effect, where, unseen, first)
+                continue
+            alike = all(m.parameters == first for m in members)
+            yield Candidate(
+                effect.identifier, where, first, columns, tuple(shapes), _weights(effect, model.robot, shapes),
+                parameters_of=None if alike else columns.parameters, driven=columns.driven,
+                assumed=frozenset(effect.assumed), moves=columns.moves,
+            )  # fmt: skip
 
 
 def _weights(effect: Effect, robot: Robot, shapes: Sequence[Shape]) -> tuple[float, ...]:
@@ -184,6 +171,17 @@ class _Columns:
         block = self.effect.columns(self.situation, self.where, member.shape)
         chosen = [k for k, p in enumerate(member.realised.parameters) if p.name in names]
         return np.asarray(block[:, chosen], dtype=float)
+
+
+def _unseen(columns: _Columns, members: Sequence[_Member], basis: Array, view: View) -> str:
+    """Why these data cannot show what the model does not have of an effect; empty if they can."""
+    if not members[0].parameters:
+        return "the model has all of its parameters"
+    if not any(columns(m.shape).any() for m in members):
+        return "nothing in these data moves it"
+    if _inside(columns, members, basis, view):
+        return "its columns are combinations of the model's"
+    return "its known size is below the noise" if _below_noise(columns, members, basis, view) else ""
 
 
 def _inside(columns: _Columns, members: Sequence[_Member], basis: Array, view: View) -> bool:
