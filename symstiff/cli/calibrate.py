@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from symstiff.cli.output import check_targets, console, note, stages, write_json
-from symstiff.display import counted
+from symstiff.display import counted, few
 from symstiff.errors import UserError
 
 if TYPE_CHECKING:
@@ -155,7 +155,6 @@ def _of_loads(unloaded: bool, split: tuple[str, ...]) -> list[str]:
 
 def _of_rows(found: Compensated, beyond: np.ndarray, table: Measurements) -> list[str]:
     """Remarks on rows that keep their command, by reason, and on those (N,) whose command leaves the joint limits."""
-    from symstiff.display import few
 
     def lines(rows: np.ndarray) -> str:
         return f"{rows.sum()} of {len(table)} poses (line {few([str(k) for k in table.line[rows]])})"

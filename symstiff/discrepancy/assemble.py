@@ -12,6 +12,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from symstiff.arrays import Array, Mask
+from symstiff.calibration.checks import check_measured, check_robot
 from symstiff.calibration.experiment.current import Current, settled, sigma_of
 from symstiff.calibration.experiment.situation import Situation, View, loads_of, under_weights
 from symstiff.calibration.loading import load_factor
@@ -57,8 +58,6 @@ def assemble(
     add, loads act on its compliances, and the arm stands as they say. Raises UserError where table and robot do not
     fit, or nothing was measured.
     """
-    from symstiff.calibration.checks import check_measured, check_robot
-
     check_robot(table, model.robot)
     check_measured(table)
     found = catalogue().values() if effects is None else effects

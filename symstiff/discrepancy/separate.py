@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from symstiff.arrays import Array
+from symstiff.calibration.checks import check_robot
 from symstiff.calibration.experiment.readings import ExperimentClass, read_at
 from symstiff.calibration.identify import start_model
 from symstiff.calibration.measurements import Measurements
@@ -122,7 +123,6 @@ def _labels(table: Mapping[str, Any]) -> tuple[str, ...]:
 
 def _taken(robot: Robot, table: Mapping[str, Any], verdict: Path) -> Measurements | None:
     """Poses and loads of the data behind the verdict, marked as measured in the components that were."""
-    from symstiff.calibration.checks import check_robot
     from symstiff.calibration.table import read_poses
 
     decide = table.get("decide", {})
