@@ -20,7 +20,8 @@ from symstiff.effects.base import Body, at_lever
 from symstiff.effects.common import GRAVITY
 from symstiff.robot.schema import Robot
 from symstiff.symbolic.algebras import NumpyAlgebra
-from symstiff.symbolic.numeric import Kinematics, kinematics, virtual_joints
+from symstiff.symbolic.chain import ElasticChain
+from symstiff.symbolic.numeric import Kinematics, kinematics
 from symstiff.symbolic.program import walk
 from symstiff.symbolic.terms import (
     AXES,
@@ -68,7 +69,7 @@ class View:
     @cached_property
     def joints(self) -> tuple[VirtualJoint, ...]:
         """The V virtual joints, base to tip."""
-        return virtual_joints(self.robot)
+        return ElasticChain(self.robot).virtual_joints
 
     @cached_property
     def index(self) -> dict[VirtualJoint, int]:
@@ -271,11 +272,6 @@ class Situation:
     def J(self) -> Array:
         """(N, 6, V) at the tool centre point, base axes."""
         return self.view.found.J_theta
-
-    @property
-    def virtual_joints(self) -> tuple[VirtualJoint, ...]:
-        """The columns of J."""
-        return self.view.joints
 
     @property
     def wrench(self) -> Array:
