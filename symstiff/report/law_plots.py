@@ -56,11 +56,8 @@ def draw_law(finding: Finding, effect: Found) -> Picture | None:
     What the rest of the model explains is taken away: points are the residual after growth plus what the effect adds,
     projected back to the virtual joint.
     """
-    try:
-        added = finding.added(effect)
-        together = sum((finding.added(e) for e in _beside(finding, effect)), np.zeros(len(added)))
-    except KeyError:
-        return None
+    added = finding.added(effect)
+    together = sum((finding.added(e) for e in _beside(finding, effect)), np.zeros(len(added)))
     partial = left_with(finding, together) + added
     law = _strongest(finding, effect)
     if law is None:
