@@ -14,7 +14,8 @@ from symstiff.calibration.simulation.truth import Effect
 from symstiff.discrepancy.finding import Task
 from symstiff.discrepancy.workflow import diagnose
 from symstiff.robot import Robot, load
-from symstiff.symbolic.numeric import kinematics, virtual_joints
+from symstiff.symbolic.chain import ElasticChain
+from symstiff.symbolic.numeric import kinematics
 
 NOISE = 2e-5
 FORCE = {"ur10": 60.0, "kuka_kr270": 1500.0}
@@ -47,7 +48,7 @@ def offset(joint: int, angle: float) -> Effect:
 def test_a_chain_whose_virtual_joints_stand_off_is_the_product_of_its_matrices(name: str) -> None:
     robot, rng = load(name), np.random.default_rng(4)
     q = rng.uniform(-1, 1, (2, robot.dof))
-    joints = virtual_joints(robot)
+    joints = ElasticChain(robot).virtual_joints
     theta = 0.03 * rng.normal(size=(2, len(joints)))
     found = kinematics(robot, q).moved(theta)
     place = [(v.kind, v.body, v.axis if v.kind == "link" else 0) for v in joints]

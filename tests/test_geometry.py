@@ -15,7 +15,7 @@ from symstiff.robot.exact import Exact
 from symstiff.robot.table import to_table
 from symstiff.symbolic.algebras import evaluate_decimal
 from symstiff.symbolic.chain import ElasticChain
-from symstiff.symbolic.numeric import kinematics, virtual_joints
+from symstiff.symbolic.numeric import kinematics
 from symstiff.symbolic.program import Let, Program
 from symstiff.symbolic.programs import (
     forward_program,
@@ -148,4 +148,4 @@ def test_jacobian_and_pose_of_every_library_robot_are_those_of_the_definition(na
     for k, angles in enumerate(configurations):
         np.testing.assert_allclose(found.J_theta[k], jacobian(robot, angles), atol=1e-13)
         np.testing.assert_allclose(found.T[k], poses(robot, configurations)[k], atol=1e-13)
-    assert [(v.kind, v.body, v.axis) for v in virtual_joints(robot)] == places(robot)
+    assert [(v.kind, v.body, v.axis) for v in ElasticChain(robot).virtual_joints] == places(robot)

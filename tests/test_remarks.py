@@ -6,9 +6,9 @@ from dataclasses import replace
 
 import pytest
 
-from symstiff.discrepancy.finding import Finding, Found, Task
+from symstiff.discrepancy.finding import Finding, Task
 from symstiff.discrepancy.remarks import astray, out_of_range, remarked
-from symstiff.discrepancy.result import Diagnosis, NamedEffect, Quantity
+from symstiff.discrepancy.result import Diagnosis, Found, Quantity
 from symstiff.discrepancy.workflow import diagnose
 from symstiff.effects.instance import EffectInstance
 from symstiff.robot import load
@@ -53,7 +53,7 @@ def test_signs_are_asked_about_where_only_the_sign_keeps_what_is_sure_from_leadi
 
 def test_a_size_that_is_known_beforehand_is_told_beside_what_the_data_say(found: Finding) -> None:
     share = {"large_deflection_all_share": Quantity(1.4, 0.3, "1")}
-    effect = NamedEffect("large_deflection", {"robot": "all"}, {}, share, 1e-4, 0.9, (), 0)
+    effect = Found("large_deflection", {"robot": "all"}, {}, share, 1e-4, 0.9, (), 0)
     words = "share has to be 1 by theory, and model.toml holds that; these data alone give 1.40 ± 0.30"
     assert said(found, replace(found.last, effects=(effect,)), words)
     assert not said(found, replace(found.last, effects=(replace(effect, set_number=1),)), "by theory")

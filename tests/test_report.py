@@ -13,8 +13,8 @@ import pytest
 import sympy as sp
 
 from symstiff.calibration.table import read_poses
-from symstiff.discrepancy.finding import Finding, Found, Task
-from symstiff.discrepancy.result import Quantity
+from symstiff.discrepancy.finding import Finding, Task
+from symstiff.discrepancy.result import Found, Quantity
 from symstiff.discrepancy.workflow import diagnose
 from symstiff.effects import EffectInstance
 from symstiff.report.code import _abridged, core, difference, formulas

@@ -17,12 +17,12 @@ from symstiff.calibration.simulation import Device, Truth, nominal_truth
 from symstiff.discrepancy import numbers
 from symstiff.discrepancy.assemble import assemble
 from symstiff.discrepancy.doubts import doubted
-from symstiff.discrepancy.finding import Found, Task
+from symstiff.discrepancy.finding import Task
 from symstiff.discrepancy.growth import fit, grow
 from symstiff.discrepancy.laws_of_angle import _soft_spots
 from symstiff.discrepancy.problem import Options
 from symstiff.discrepancy.remarks import out_of_range
-from symstiff.discrepancy.result import Quantity
+from symstiff.discrepancy.result import Found, Quantity
 from symstiff.discrepancy.search import _lacking
 from symstiff.discrepancy.sharing import AXES, EACH, Sharing
 from symstiff.discrepancy.strata import Stratum

@@ -18,10 +18,10 @@ from symstiff.calibration.rows import predict
 from symstiff.calibration.simulation import Effect, Noise, Truth, nominal_truth, simulate
 from symstiff.calibration.slips import Reading, joint_hint, marker_hint
 from symstiff.discrepancy.deciding import setups_like
-from symstiff.discrepancy.finding import Finding, Found, Task
+from symstiff.discrepancy.finding import Finding, Task
 from symstiff.discrepancy.reasons import Why
 from symstiff.discrepancy.remarks import astray, remarked
-from symstiff.discrepancy.result import Quantity
+from symstiff.discrepancy.result import Found, Quantity
 from symstiff.discrepancy.workflow import diagnose
 from symstiff.effects.base import Scales
 from symstiff.effects.instance import EffectInstance

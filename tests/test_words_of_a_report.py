@@ -10,9 +10,9 @@ import pytest
 
 from symstiff.calibration.simulation import Effect
 from symstiff.discrepancy.assemble import assemble
-from symstiff.discrepancy.finding import Finding, Found
+from symstiff.discrepancy.finding import Finding
 from symstiff.discrepancy.numbers import milli, number, p_equals, quantity
-from symstiff.discrepancy.result import Quantity
+from symstiff.discrepancy.result import Found, Quantity
 from symstiff.effects import EffectInstance
 from symstiff.report.words import magnitude, places
 from symstiff.robot import load

@@ -11,6 +11,9 @@ from symstiff.arrays import Array
 from symstiff.errors import UserError
 from symstiff.threads import one_thread
 
+_BLOCK = 4096
+"""Rows that are reduced together."""
+
 
 @dataclass(frozen=True, eq=False)
 class Compact:
@@ -79,10 +82,10 @@ def checked(
     return A, y, sigma, tuple(names)
 
 
-def triangular(stacked: Array, block: int = 4096) -> Array:
+def triangular(stacked: Array) -> Array:
     """R of a QR decomposition, by blocks of rows: the triangles of blocks are stacked and reduced again."""
-    if len(stacked) > block + stacked.shape[1]:
+    if len(stacked) > _BLOCK + stacked.shape[1]:
         with one_thread():  # several threads lose on narrow blocks, badly so on a busy machine
-            parts = [np.linalg.qr(stacked[k : k + block], mode="r") for k in range(0, len(stacked), block)]
+            parts = [np.linalg.qr(stacked[k : k + _BLOCK], mode="r") for k in range(0, len(stacked), _BLOCK)]
         stacked = np.vstack(parts)
     return np.asarray(np.linalg.qr(stacked, mode="r"))

@@ -77,14 +77,13 @@ def constrain(
     complete_names: Sequence[str] | None = None,
     *,
     nominal: Mapping[str, float] | None = None,
-    admissible: AdmissibleSet | None = None,
 ) -> ConstrainedEstimate:
     """Minimise the same sum of squares over the reduced sets that have an admissible complete set.
 
     fit: the free estimate (its triangular form is reused, so rows are not needed again); P: (r, n) with
     reduced = P·complete, identity where absent; nominal: sizes of the complete parameters. Link matrices
-    positive semidefinite, joints ≥ 0 (`admissible` overrides what the names say). Raises UserError for shapes
-    that do not fit. A second-order-cone or semidefinite program in the triangular form: no normal equations.
+    positive semidefinite, joints ≥ 0. Raises UserError for shapes that do not fit. A second-order-cone or semidefinite
+    program in the triangular form: no normal equations.
     """
     complete_names = tuple(fit.names if complete_names is None else complete_names)
     P = np.eye(len(fit.names), len(complete_names)) if P is None else np.asarray(P, dtype=float)
@@ -93,7 +92,7 @@ def constrain(
             f"mapping of shape {P.shape} does not fit {len(fit.names)} identified and {len(complete_names)} "
             "complete parameters: give the mapping of the same reduction"
         )
-    rules = admissible_set(complete_names) if admissible is None else admissible
+    rules = admissible_set(complete_names)
     scale = _sizes(complete_names, nominal, P, fit.values)
     rows, data, rest = _weighed(fit)
     n, k = len(complete_names), len(data)

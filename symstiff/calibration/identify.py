@@ -11,7 +11,7 @@ import numpy as np
 
 from symstiff.arguments import real, require, whole
 from symstiff.calibration.absolute import fit_absolute
-from symstiff.calibration.checks import check_measured, without_copies, without_zeros
+from symstiff.calibration.checks import check_measured, check_robot, without_copies, without_zeros
 from symstiff.calibration.constrained import ConstrainedEstimate, constrain
 from symstiff.calibration.estimate import Estimate
 from symstiff.calibration.experiment.readings import ExperimentClass, experiment_of
@@ -47,7 +47,6 @@ from symstiff.calibration.soundness import (
     unlike_file,
     usable_model,
 )
-from symstiff.calibration.table import check_robot
 from symstiff.display import counted, few
 from symstiff.effects.registry import find
 from symstiff.errors import UserError, printable
@@ -117,13 +116,8 @@ def start_model(
         )
         return StiffnessModel.of(reduction), reduction
     if start == "joints":
-        loads, measure, fixed, points = (
-            experiment.loads,
-            experiment.measure,
-            experiment.fixed,
-            experiment.points,
-        )
-        return joints_only(robot, loads, measure, fixed, points), None
+        e = experiment
+        return joints_only(robot, e.loads, e.measure, e.fixed, e.points), None
     remedy = "give complete, joints, the path of a model.toml, or the model itself"
     require(start, (str, Path), "a start model", remedy)
     if not Path(start).exists():

@@ -8,7 +8,6 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-from symstiff.calibration.experiment.situation import has_weights
 from symstiff.effects.arm import ASSUMED
 from symstiff.effects.base import place_name
 from symstiff.effects.instance import EffectInstance
@@ -64,7 +63,7 @@ def completed(model: StiffnessModel, told: StiffnessModel, kind: str) -> Stiffne
     ``kind`` of the table: what absolute positions showed counts the masses of the robot file from here on.
     """
     shown = list(model.effects)
-    if kind == "absolute" and has_weights(model.robot):
+    if kind == "absolute" and model.robot.has_weights:
         shown = [_counting(e, 1.0) for e in shown]
     places = [(e.effect, e.where) for e in shown]
     missing = [e for e in told.effects if (e.effect, e.where) not in places]

@@ -17,7 +17,6 @@ from symstiff.model import StiffnessModel
 from symstiff.reduction.structural import LOADS
 from symstiff.reduction.svd import numeric_rank
 
-_STILL = 1e-9  # rad, m
 _SHARE = 1e-6  # of a compliance in a combination, below which it is rounding
 
 
@@ -80,8 +79,7 @@ def _anywhere(model: StiffnessModel, table: Measurements, joint: int, angles: np
     seen = np.array([table.measured[table.point == k].any(axis=0) for k in range(points)])
     count = 3 * len(model.parameters) + 10 * len(angles)
     q = rng.uniform(-1.0, 1.0, (count, model.robot.dof))
-    still = np.ptp(table.q, axis=0) < _STILL
-    q[:, still] = table.q[0, still]
+    q[:, table.still] = table.q[0, table.still]
     q[:, joint - 1] = angles[np.arange(count) % len(angles)]
     w = rng.normal(size=(count, 6)) * [k in LOADS[model.loads] for k in range(1, 7)]
     return measurements(

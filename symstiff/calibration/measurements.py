@@ -20,6 +20,8 @@ Kind = Literal["deflection", "absolute", "none"]
 COMPONENTS = ("x", "y", "z", "rx", "ry", "rz")
 CONTEXT = ("time", "temperature", "load_step", "branch", "repeat")
 _ROWS = ("pose", "q", "w", "point", "values", "sigma", *CONTEXT, "file", "line")
+_STILL = 1e-9
+"""Range [rad, m] up to which a joint never moves."""
 
 
 @dataclass(frozen=True)
@@ -94,6 +96,11 @@ class Measurements:
     def dof(self) -> int:
         """Number of joint columns n."""
         return int(self.q.shape[1])
+
+    @property
+    def still(self) -> Mask:
+        """(n,): which joints never move."""
+        return np.asarray(np.ptp(self.q, axis=0) < _STILL)
 
     @property
     def measured(self) -> Mask:

@@ -9,7 +9,6 @@ import numpy as np
 
 from symstiff.arguments import A_MODEL, number, require, whole, words
 from symstiff.calibration.planning import (
-    Geometry,
     Goal,
     Load,
     Measurement,
@@ -120,11 +119,6 @@ def casadi_observation(model: StiffnessModel) -> Callable[[Any, Any], Any] | Non
 
     function = casadi_function(model.observation_program, "observation")
     return lambda q, w: function(q, w)
-
-
-def robot_of(model: StiffnessModel) -> Geometry:
-    """Return the floating-point chain that tables and plots of a plan need."""
-    return geometry(model.robot)
 
 
 def _check_kinds(load: Load, region: Region, progress: Progress | None, search: Search) -> None:

@@ -10,7 +10,6 @@ import scipy.stats
 from symstiff.calibration.absolute import AbsoluteFit
 from symstiff.calibration.axes import axis_hint_refit
 from symstiff.calibration.estimate import Estimate
-from symstiff.calibration.experiment.situation import has_weights
 from symstiff.calibration.fitting import Fitted
 from symstiff.calibration.measurements import Measurements
 from symstiff.calibration.residuals import ResidualTable
@@ -137,7 +136,7 @@ def _of_drawing(found: AbsoluteFit, robot: Robot) -> list[str]:
 
 def of_sag(robot: Robot) -> list[str]:
     """A remark for robots whose masses are known: no model, code or compensation holds what they do by themselves."""
-    if not has_weights(robot):
+    if not robot.has_weights:
         return []
     return [
         "the links' own weight bends the arm as well: absolute data count it, but model, code and compensation give "

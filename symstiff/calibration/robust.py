@@ -70,26 +70,22 @@ def robust_estimate(
     units: Sequence[str] | None = None,
     blocks: npt.ArrayLike | Blocks | None = None,
     estimated: bool = False,
-    confidence: float = 0.95,
-    tuning: float = HUBER,
     significance: float = 0.01,
 ) -> RobustEstimate:
     """Identify with Huber's loss on whitened residuals and report which rows and poses do not fit.
 
     A: (M, P), y, sigma, blocks, estimated as in `estimate`; groups: (M,) pose index of every row, with labels by index;
-    row_labels: (M,); tuning: residuals beyond tuning·scale count linearly; significance: chance that a clean data set
-    shows any suspect row (and any suspect pose). Raises UserError as `estimate`. Source: Huber, Robust Statistics.
+    row_labels: (M,); significance: chance that a clean data set shows any suspect row (and any suspect pose). Residuals
+    beyond HUBER·scale count linearly. Raises UserError as `estimate`. Source: Huber, Robust Statistics.
     """
-    start = estimate(
-        A, y, sigma, names, units=units, blocks=blocks, estimated=estimated, confidence=confidence
-    )
+    start = estimate(A, y, sigma, names, units=units, blocks=blocks, estimated=estimated)
     A, y, sigma, _ = checked(A, y, sigma, start.names)
     _, s, Vt = np.linalg.svd(start.compact.R)
     root = resolved_root(start.compact, s, Vt, start.rank.rank)
     Q = (A if sigma is None else A / sigma[:, None]) @ root
-    fit = _huber(Q, y if sigma is None else y / sigma, tuning)
+    fit = _huber(Q, y if sigma is None else y / sigma)
     if fit.iterations:
-        start = _with_fit(start, A, y, sigma, root, Q, fit, tuning, blocks, estimated)
+        start = _with_fit(start, A, y, sigma, root, Q, fit, blocks, estimated)
     rows = row_suspects(Q, fit, row_labels, significance, start.shared)
     poses = (
         ()
@@ -99,7 +95,7 @@ def robust_estimate(
     return RobustEstimate(start, fit.weights, fit.scale, rows, poses, fit.iterations, fit.converged)
 
 
-def _huber(Q: Array, target: Array, tuning: float) -> HuberFit:
+def _huber(Q: Array, target: Array) -> HuberFit:
     """Iterate weights and scale in an orthonormal basis, where the weighted system is well conditioned."""
     rows, rank = Q.shape
     weights, scale, iterations, converged = np.ones(rows), 0.0, 0, rows <= rank
@@ -114,7 +110,7 @@ def _huber(Q: Array, target: Array, tuning: float) -> HuberFit:
         if scale <= floor:
             break
         iterations += 1
-        weights = 1.0 / np.maximum(np.abs(residual) / (tuning * scale), 1.0)
+        weights = 1.0 / np.maximum(np.abs(residual) / (HUBER * scale), 1.0)
         system = Q.T @ (weights[:, None] * Q)
         previous, solution = solution, np.asarray(np.linalg.solve(system, Q.T @ (weights * target)), float)
         residual = target - Q @ solution
@@ -131,13 +127,12 @@ def _with_fit(
     root: Array,
     Q: Array,
     fit: HuberFit,
-    tuning: float,
     blocks: npt.ArrayLike | Blocks | None,
     estimated: bool,
 ) -> Estimate:
     """The least-squares record with the robust values and Huber's covariance in place of its own."""
     values = root @ fit.solution
-    variance, scatter, covariance, shared = _huber_covariance(root, Q, fit, tuning, blocks, sigma)
+    variance, scatter, covariance, shared = _huber_covariance(root, Q, fit, blocks, sigma)
     freedom = np.full(len(values), float(start.dof))
     if estimated and sigma is not None:
         doubt = doubt_of(A, scatter * sigma, sigma, root)
@@ -167,12 +162,11 @@ def _huber_covariance(
     root: Array,
     Q: Array,
     fit: HuberFit,
-    tuning: float,
     blocks: npt.ArrayLike | Blocks | None,
     sigma: Array | None,
 ) -> tuple[float, Array, Array, SharedError | None]:
     """Huber's variance of a row, what its fit scatters by (M,), the covariance (P, P), the error that rows share."""
-    limit, (rows, rank) = tuning * fit.scale, Q.shape
+    limit, (rows, rank) = HUBER * fit.scale, Q.shape
     share = float(np.mean(np.abs(fit.residual) <= limit))
     clipped = np.clip(fit.residual, -limit, limit)
     correction = 1.0 + rank / rows * (1.0 - share) / share

@@ -19,7 +19,7 @@ import numpy as np
 
 from symstiff.arguments import require, require_path
 from symstiff.arrays import Array, Index
-from symstiff.calibration.checks import check_robot, check_rows, check_sigmas
+from symstiff.calibration.checks import check_rows, check_sigmas
 from symstiff.calibration.columns import SHOWN, Columns, read_header
 from symstiff.calibration.measurements import (
     COMPONENTS,
@@ -27,22 +27,13 @@ from symstiff.calibration.measurements import (
     Kind,
     Measurements,
     concatenate,
-    measurements,
 )
 from symstiff.calibration.units import KELVIN
 from symstiff.calibration.writing import columns as columns_of
 from symstiff.calibration.writing import write_table
 from symstiff.errors import UserError, printable
 
-__all__ = [
-    "Measurements",
-    "check_robot",
-    "concatenate",
-    "measurements",
-    "read_poses",
-    "read_table",
-    "write_table",
-]
+__all__ = ["read_poses", "read_table", "write_table"]
 
 _MAX_BYTES = 1_000_000_000
 _SMALLEST_SIGMA = 1e-13  # m, rad

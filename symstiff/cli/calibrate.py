@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from symstiff.cli.output import check_targets, console, note, stages, write_json
-from symstiff.display import counted
+from symstiff.display import counted, few
 from symstiff.errors import UserError
 
 if TYPE_CHECKING:
@@ -36,9 +36,10 @@ def run_simulate(
     """Run a virtual experiment."""
     from dataclasses import replace
 
+    from symstiff.calibration.checks import check_robot
     from symstiff.calibration.measurements import COMPONENTS
     from symstiff.calibration.simulation import load_truth, simulate
-    from symstiff.calibration.table import check_robot, read_poses, write_table
+    from symstiff.calibration.table import read_poses, write_table
 
     if noise is not None and noise != 0 and not LEAST_NOISE <= noise < 100:
         raise UserError(
@@ -80,12 +81,13 @@ def run_simulate(
 
 def run_compensate(model_file: Path, trajectory: Path, output: Path, json: str | None) -> None:
     """Correct a trajectory."""
+    from symstiff.calibration.checks import check_robot
     from symstiff.calibration.loading import as_loading
     from symstiff.calibration.remarks import of_sag
     from symstiff.calibration.rewriting import rewrite_joints
     from symstiff.calibration.rows import context_of
     from symstiff.calibration.soundness import of_levers, of_tool, outside_class, outside_fixed, usable_model
-    from symstiff.calibration.table import check_robot, read_trajectory
+    from symstiff.calibration.table import read_trajectory
     from symstiff.compensation import compensate
 
     check_targets({"-o": output, "--json": json}, [model_file, trajectory])
@@ -153,7 +155,6 @@ def _of_loads(unloaded: bool, split: tuple[str, ...]) -> list[str]:
 
 def _of_rows(found: Compensated, beyond: np.ndarray, table: Measurements) -> list[str]:
     """Remarks on rows that keep their command, by reason, and on those (N,) whose command leaves the joint limits."""
-    from symstiff.display import few
 
     def lines(rows: np.ndarray) -> str:
         return f"{rows.sum()} of {len(table)} poses (line {few([str(k) for k in table.line[rows]])})"

@@ -75,7 +75,9 @@ class _Asked:
     @property
     def sigma(self) -> tuple[float, float]:
         """Standard deviations [m, rad] of one reading."""
-        return self.sigma_mm * 1e-3, self.sigma_mm * 1e-3 / 0.3
+        from symstiff.calibration.planning.measurement import BASELINE
+
+        return self.sigma_mm * 1e-3, self.sigma_mm * 1e-3 / BASELINE
 
     @property
     def together(self) -> tuple[float, float]:
@@ -88,8 +90,6 @@ class _Asked:
 
 def run_plan(request: PlanRequest) -> None:
     """Choose poses, write them, say what they promise."""
-    from symstiff.calibration.plan import robot_of
-
     _check(request)
     if request.separate is not None:
         return _separate(request)
@@ -100,9 +100,10 @@ def run_plan(request: PlanRequest) -> None:
         reduction, model, applied, plan = _chosen(request, asked, robot, progress)
     doubts = _write_poses(request, asked, plan, model, reduction)
     if request.plot is not None:
+        from symstiff.calibration.planning import geometry
         from symstiff.report.figures import draw_plan, save_figure
 
-        save_figure(draw_plan(plan, robot_of(model)), request.plot)
+        save_figure(draw_plan(plan, geometry(model.robot)), request.plot)
     write_json(request.json, _record(request, asked, plan, applied, doubts))
     warn_of(out, reduction)
     _print_plan(out, plan, model.units)
@@ -159,12 +160,11 @@ def _write_poses(
 ) -> tuple[str, ...]:
     """Write the poses as they are measured; the parameters that they may leave in doubt."""
     from symstiff.calibration.foreseen import doubtful
-    from symstiff.calibration.plan import robot_of
-    from symstiff.calibration.planning.poses import poses_table
+    from symstiff.calibration.planning import geometry, poses_table
     from symstiff.calibration.poses import in_steps, with_markers
     from symstiff.calibration.table import write_table
 
-    table = poses_table(plan, robot_of(model))
+    table = poses_table(plan, geometry(model.robot))
     if request.markers:
         table = with_markers(plan.q, plan.w, request.markers, table.joint_units)
     components = 3 if request.markers or asked.measure == "position" else 6
@@ -323,7 +323,8 @@ def _test_poses(request: PlanRequest, robot: Robot) -> tuple[Any, Any]:
         if request.criterion == "test":
             raise UserError("--criterion test needs --test-poses FILE: joint variables and loads that matter")
         return None, None
-    from symstiff.calibration.table import check_robot, read_poses
+    from symstiff.calibration.checks import check_robot
+    from symstiff.calibration.table import read_poses
 
     table = read_poses(request.test_poses)
     check_robot(table, robot)

@@ -182,8 +182,11 @@ def _effect_meaning(model: StiffnessModel, name: str) -> str:
             place = ", ".join(f"{k} {v}" for k, v in effect.where.items())
             told = "".join(f", {phrase}" for phrase in effect.shape_phrases(model.robot))
             # where masses are known, two laws of a joint may differ by this alone
-            heavy = any(link.mass for link in model.robot.links)
-            told += ", links' weight left out" if heavy and effect.shape.get("weights") == 0 else ""
+            told += (
+                ", links' weight left out"
+                if model.robot.has_weights and effect.shape.get("weights") == 0
+                else ""
+            )
             own = f": {p.meaning}" if p.meaning else ""
             text = f"{find(effect.effect).title.lower()} ({place}){told}{own}"
             text = text.replace("±", "+-").replace("·", "*").replace("°C", "degC")

@@ -14,7 +14,7 @@ from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
-from symstiff.codegen.emit import environment
+from symstiff.codegen.emit import emit_c, environment
 from symstiff.codegen.footprint_machines import MACHINES, Machine
 from symstiff.codegen.footprint_parse import call_graph, instructions_per_call, symbol_sizes, totals
 from symstiff.codegen.functions import Functions
@@ -22,6 +22,7 @@ from symstiff.codegen.names import moments
 from symstiff.codegen.options import Options
 from symstiff.codegen.reference import configurations, plausible_values
 from symstiff.codegen.text import CAlgebra
+from symstiff.files import write_tree
 
 FUNCTIONS = ("deflection", "compensate", "observation", "jacobian", "stiffness", "forward")
 
@@ -146,9 +147,6 @@ def markdown(measured: Mapping[str, Mapping[str, Any]]) -> str:
 
 def variants(functions: Functions) -> dict[str, Any]:
     """Footprints of both precisions and both layouts of a model's C code."""
-    from symstiff.codegen.emit import emit_c
-    from symstiff.files import write_tree
-
     found = {}
     for precision in ("double", "float"):
         for layout in ("unrolled", "compact"):

@@ -12,12 +12,13 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from symstiff.arrays import Array, Mask
+from symstiff.calibration.checks import check_measured, check_robot
 from symstiff.calibration.experiment.current import Current, settled, sigma_of
-from symstiff.calibration.experiment.situation import Situation, View, has_weights, loads_of, under_weights
+from symstiff.calibration.experiment.situation import Situation, View, loads_of, under_weights
 from symstiff.calibration.loading import load_factor
 from symstiff.calibration.measurements import Measurements
+from symstiff.discrepancy.candidates import UNLOADED, grouped, structural
 from symstiff.discrepancy.candidates import candidates as candidates_of
-from symstiff.discrepancy.candidates import grouped, structural
 from symstiff.discrepancy.devices import DeviceLaws
 from symstiff.discrepancy.noise import Noise
 from symstiff.discrepancy.problem import Candidate, Problem
@@ -27,8 +28,6 @@ from symstiff.effects.registry import catalogue
 from symstiff.model import StiffnessModel
 from symstiff.symbolic.terms import VirtualJoint
 
-_UNLOADED = 1e-9
-"""Load on a virtual joint, against the largest, that is rounding."""
 _SAME_LOAD = 1e-3
 """Difference of loads, against the largest, up to which they are one."""
 
@@ -38,8 +37,7 @@ class Assembly:
     """A problem with the candidates for it, and what they were made from.
 
     ``names`` are the parameters of the problem's columns; ``fitted`` their values (the current model's
-    where the data do not tell); ``prediction`` (M,) by them. Candidates that cannot be told from the model
-    are ``unavailable``.
+    where the data do not tell). Candidates that cannot be told from the model are ``unavailable``.
     """
 
     problem: Problem
@@ -60,8 +58,6 @@ def assemble(
     add, loads act on its compliances, and the arm stands as they say. Raises UserError where table and robot do not
     fit, or nothing was measured.
     """
-    from symstiff.calibration.checks import check_measured, check_robot
-
     check_robot(table, model.robot)
     check_measured(table)
     found = catalogue().values() if effects is None else effects
@@ -100,7 +96,7 @@ def _carried(loads: Array) -> Array:
 def _loaded(loads: Array) -> Mask:
     """Virtual joints (V,) of which the loads (N, V) are more than rounding."""
     largest = np.max(np.abs(loads), axis=0, initial=0.0)
-    return np.asarray(largest > _UNLOADED * np.max(largest, initial=0.0))
+    return np.asarray(largest > UNLOADED * np.max(largest, initial=0.0))
 
 
 def _problem(situation: Situation, current: Current) -> Problem:
@@ -158,7 +154,7 @@ def _load_cases(table: Measurements, pose: np.ndarray) -> np.ndarray:
 
 def _weight(view: View) -> Array | None:
     """Loads (M, V) of the links' weight where the robot tells masses; in absolute data τ holds them already."""
-    if view.table.kind != "deflection" or not has_weights(view.robot):
+    if view.table.kind != "deflection" or not view.robot.has_weights:
         return None
     return _carried(under_weights(view).tau - view.tau)[view.state]
 

@@ -10,7 +10,8 @@ from functools import cached_property
 import numpy as np
 
 from symstiff.arrays import Array, Index, Mask
-from symstiff.discrepancy.problem import Candidate, Parameter, Problem, Shape
+from symstiff.discrepancy.problem import Candidate, Parameter, Problem
+from symstiff.effects.base import Shape
 
 UNNAMED = 0.3
 """Prior share of laws without a name: the catalogue holds most of what robots have, and not all."""

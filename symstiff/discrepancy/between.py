@@ -10,7 +10,7 @@ import numpy as np
 
 from symstiff.arrays import Array, Index
 from symstiff.discrepancy.bank import Bank, build
-from symstiff.discrepancy.problem import Candidate, Move, Problem, Shape
+from symstiff.discrepancy.problem import Candidate, Problem
 from symstiff.discrepancy.scan import (
     Evidence,
     Layer,
@@ -21,6 +21,7 @@ from symstiff.discrepancy.scan import (
     extend,
     likeliest,
 )
+from symstiff.effects.base import Move, Shape
 
 WORTH = 2.0
 """Log likelihood that a shape between two has to gain."""

@@ -13,17 +13,16 @@ from symstiff.calibration.experiment.placement import placement_columns
 from symstiff.calibration.experiment.situation import (
     Situation,
     View,
-    has_weights,
     linear_columns,
     look,
     under_weights,
 )
 from symstiff.calibration.measurements import Measurements
 from symstiff.discrepancy.noise import Noise
-from symstiff.discrepancy.problem import ANGLE, CLOCK, HISTORY, Candidate, Parameter, Problem, Shape
+from symstiff.discrepancy.problem import ANGLE, CLOCK, HISTORY, Candidate, Parameter, Problem
 from symstiff.discrepancy.ranges import Extent, at_size, extent_of
 from symstiff.discrepancy.scan import column_space
-from symstiff.effects.base import Effect, Move, Realisation, Scales, Where
+from symstiff.effects.base import Effect, Move, Realisation, Scales, Shape, Where
 from symstiff.effects.lawful import check_laws
 from symstiff.model import StiffnessModel
 from symstiff.robot.schema import Robot
@@ -35,8 +34,8 @@ _VISIBLE = 12.0
 """Noncentrality below which an effect of known size is counted as it is and not looked for: no test would see it."""
 _AT_ONCE = 0.1
 """Share of a session up to which the first reading's time is taken for the time since its start."""
-_UNLOADED = 1e-9
-"""Load on a joint, against the largest, that is rounding."""
+UNLOADED = 1e-9
+"""Load on a virtual joint, against the largest, that is rounding."""
 _SAME = 1e-6
 _MOST_SHAPES = 6
 """Shapes of a candidate up to which its columns are compared with those of others."""
@@ -72,30 +71,21 @@ def candidates(
             columns = _Columns(situation, effect, where, taken, extent)
             members = [columns.member(shape) for shape in shapes]
             check_laws(members[0].realised.terms, model.robot)
-            first = members[0].parameters
-            if not first:
-                yield _unavailable(effect, where, "the model has all of its parameters")
-            elif not any(columns(m.shape).any() for m in members):
-                yield _unavailable(effect, where, "nothing in these data moves it", first)
-            elif _inside(columns, members, basis, situation.view):
-                yield _unavailable(effect, where, "its columns are combinations of the model's", first)
-            elif (known := _below_noise(columns, members, problem, noise)) is not None:
+            first, unseen = members[0].parameters, _unseen(columns, members, basis, situation.view)
+            if unseen:
+                yield _unavailable(effect, where, unseen, first)
+                continue
+            known = _below_noise(columns, members, problem, noise)
+            if known is not None:
                 reason = "its known size is below the noise: it is counted as it is"
                 yield replace(_unavailable(effect, where, reason, first), counted=known)
-            else:
-                alike = all(m.parameters == first for m in members)
-                yield Candidate(
-                    effect.identifier,
-                    where,
-                    first,
-                    columns,
-                    tuple(shapes),
-                    _weights(effect, model.robot, shapes),
-                    parameters_of=None if alike else columns.parameters,
-                    driven=columns.driven,
-                    assumed=frozenset(effect.assumed),
-                    moves=columns.moves,
-                )
+                continue
+            alike = all(m.parameters == first for m in members)
+            yield Candidate(
+                effect.identifier, where, first, columns, tuple(shapes), _weights(effect, model.robot, shapes),
+                parameters_of=None if alike else columns.parameters, driven=columns.driven,
+                assumed=frozenset(effect.assumed), moves=columns.moves,
+            )  # fmt: skip
 
 
 def _weights(effect: Effect, robot: Robot, shapes: Sequence[Shape]) -> tuple[float, ...]:
@@ -191,6 +181,15 @@ class _Columns:
         block = self.effect.columns(self.situation, self.where, member.shape)
         chosen = [k for k, p in enumerate(member.realised.parameters) if p.name in names]
         return np.asarray(block[:, chosen], dtype=float)
+
+
+def _unseen(columns: _Columns, members: Sequence[_Member], basis: Array, view: View) -> str:
+    """Why these data cannot show what the model does not have of an effect; empty if they can."""
+    if not members[0].parameters:
+        return "the model has all of its parameters"
+    if not any(columns(m.shape).any() for m in members):
+        return "nothing in these data moves it"
+    return "its columns are combinations of the model's" if _inside(columns, members, basis, view) else ""
 
 
 def _inside(columns: _Columns, members: Sequence[_Member], basis: Array, view: View) -> bool:
@@ -308,7 +307,7 @@ def scales_of(view: View) -> Scales:
     """The experiment's sizes, over which shapes are profiled."""
     table = view.table
     load, total = _largest(view, view.tau), {}
-    if table.kind == "deflection" and has_weights(view.robot):
+    if table.kind == "deflection" and view.robot.has_weights:
         both = _largest(view, under_weights(view).tau)
         total = {v: size for v, size in both.items() if load[v]}
     angles = []
@@ -324,16 +323,15 @@ def scales_of(view: View) -> Scales:
             low, high = float(np.nanmin(values)), float(np.nanmax(values))
             # a clock that starts at the session's own begin counts from 0; another one from where it stands then
             lowest[name] = 0.0 if name == "time" and 0.0 <= low <= _AT_ONCE * (high - low) else low
-            context[name] = high - lowest[name]
-            if np.nanmax(values) == np.nanmin(values):
-                del context[name]
+            if high > low:
+                context[name] = high - lowest[name]
     return Scales(table.kind, load, tuple(angles), context, lowest, total)
 
 
 def _largest(view: View, tau: Array) -> dict[VirtualJoint, float]:
     """Largest loads on the joints, 0 for those that hardly bear any."""
     largest = np.max(np.abs(tau), axis=0)
-    largest[largest < _UNLOADED * np.max(largest)] = 0.0
+    largest[largest < UNLOADED * np.max(largest)] = 0.0
     return {v: float(largest[k]) for k, v in enumerate(view.joints) if v.kind == "joint"}
 
 

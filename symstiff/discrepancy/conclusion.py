@@ -12,14 +12,14 @@ from symstiff.calibration.redundant import redundant
 from symstiff.calibration.rows import predict
 from symstiff.discrepancy.assemble import Assembly
 from symstiff.discrepancy.climb import Ladder
-from symstiff.discrepancy.finding import Finding, Found, Rung, Task
+from symstiff.discrepancy.finding import Finding, Rung, Task
 from symstiff.discrepancy.growth import JointFit, fit_told, grow
 from symstiff.discrepancy.numbers import milli
 from symstiff.discrepancy.proof import FEWEST
 from symstiff.discrepancy.ranges import extent_of
 from symstiff.discrepancy.reasons import Reason, Why
 from symstiff.discrepancy.remarks import astray, inconstant, out_of_range, remarked
-from symstiff.discrepancy.result import Diagnosis, Quantity
+from symstiff.discrepancy.result import Diagnosis, Found, Quantity
 from symstiff.discrepancy.speech import named as named_at
 from symstiff.discrepancy.verdict import AMBIGUOUS, NAMED, NOTHING, UNEXPLAINED, UNTESTABLE
 from symstiff.display import few
@@ -54,7 +54,7 @@ def finding_of(course: Course, remarks: list[str], tell: Callable[[str], None]) 
     """Identify all parameters jointly with the leading effects, and say what was found."""
     task, table, ladder, last = course.task, course.table, course.ladder, course.last
     tell("identification")
-    leading = [e for e in _named(last) if e.set_number == 0]
+    leading = [e for e in last.effects if e.set_number == 0]
     grown = grow(ladder.base, [e.instance for e in leading])
     after = fit_told(grown, table, trusted=course.trusted)
     if astray(
@@ -83,22 +83,13 @@ def finding_of(course: Course, remarks: list[str], tell: Callable[[str], None]) 
     )  # fmt: skip
 
 
-def _named(last: Diagnosis) -> tuple[Found, ...]:
-    """The effects of all admissible sets as the diagnosis has them."""
-    return tuple(
-        Found(e.effect, e.where, e.shape, e.parameters, e.p_value, e.confidence, e.confounded_with, e.set_number,
-              e.twins)
-        for e in last.effects
-    )  # fmt: skip
-
-
 def _effects(course: Course, after: JointFit, unconfirmed: bool) -> tuple[Found, ...]:
     """The effects of all admissible sets; those of the first as they were identified."""
     changing = {named_at(one.name.effect, one.name.where) for one in course.last.inconstant}
-    doubted = (unconfirmed or named_at(e.effect, e.where) in changing for e in _named(course.last))
+    doubted = (unconfirmed or named_at(e.effect, e.where) in changing for e in course.last.effects)
     named = [
         replace(e, confidence=min(e.confidence, _UNCONFIRMED)) if doubt else e
-        for e, doubt in zip(_named(course.last), doubted, strict=True)
+        for e, doubt in zip(course.last.effects, doubted, strict=True)
     ]
     joined = _told([_as_identified(e, after) for e in course.ladder.effects])
     sets = sorted({e.set_number for e in named}) or [0]  # each holds what joined

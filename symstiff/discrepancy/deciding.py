@@ -10,7 +10,7 @@ import numpy as np
 
 from symstiff.arrays import Array, Index
 from symstiff.calibration.experiment.placement import placement_columns
-from symstiff.calibration.experiment.situation import Laws, Situation, has_weights, look, under_weights
+from symstiff.calibration.experiment.situation import Laws, Situation, look, under_weights
 from symstiff.calibration.loading import load_factor
 from symstiff.calibration.measurements import Measurements, concatenate, measurements
 from symstiff.discrepancy.candidates import scales_of
@@ -197,7 +197,7 @@ def _hypotheses(
 ) -> Hypotheses:
     """The model's columns on a table's measured rows, the device's placement included, and each rival's."""
     view = look(model.robot, table)
-    if table.kind == "absolute" and has_weights(model.robot):
+    if table.kind == "absolute" and model.robot.has_weights:
         view = under_weights(view)
     situation = Situation(view, Laws(view, model.terms, dict(model.values)))
     A = situation.columns(model.terms, list(model.parameters))

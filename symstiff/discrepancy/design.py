@@ -10,13 +10,12 @@ from scipy import optimize, stats
 
 from symstiff.arrays import Array
 from symstiff.discrepancy.marginal import log_bayes
+from symstiff.discrepancy.power import POWER
 from symstiff.discrepancy.scan import Scan, basis_of
 
 
-def detectable_noncentrality(
-    score: float, log_prior: float, rank: float, freedom: int, power: float = 0.8
-) -> float:
-    """Noncentrality at which an effect of this rank exceeds ``score`` with the given power; inf where none does.
+def detectable_noncentrality(score: float, log_prior: float, rank: float, freedom: int) -> float:
+    """Noncentrality at which an effect of this rank exceeds ``score`` with ``POWER``; inf where none does.
 
     With few degrees of freedom no signal, however large, is held for one that stands out.
     """
@@ -32,7 +31,7 @@ def detectable_noncentrality(
         return np.inf
     square = optimize.brentq(gap, 1e-9, high) if gap(1e-9) < 0 else 1e-9
     low, top = 0.0, 4.0 * square + 50.0
-    return float(optimize.brentq(lambda lam: stats.ncx2.sf(square, rank, max(lam, 1e-9)) - power, low, top))
+    return float(optimize.brentq(lambda lam: stats.ncx2.sf(square, rank, max(lam, 1e-9)) - POWER, low, top))
 
 
 def effective_rank(scan: Scan, entry: int) -> float:

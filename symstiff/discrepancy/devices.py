@@ -10,7 +10,7 @@ from typing import overload
 import numpy as np
 
 from symstiff.arrays import Array
-from symstiff.calibration.experiment.situation import Situation, View, has_weights, under_weights
+from symstiff.calibration.experiment.situation import Situation, View, under_weights
 from symstiff.calibration.loading import load_factor
 from symstiff.discrepancy.drawing import drawing_laws
 from symstiff.discrepancy.posture import posture_laws
@@ -194,7 +194,7 @@ def _late(situation: Situation) -> Iterator[DeviceLaw]:
 def _foot(view: View) -> Iterator[DeviceLaw]:
     """A base whose foot lifts: it tilts the way of the moment across its z axis, by what is beyond a threshold."""
     across = [view.index[link_joint(0, axis)] for axis in (4, 5)]
-    own = view.table.kind == "deflection" and has_weights(view.robot)
+    own = view.table.kind == "deflection" and view.robot.has_weights
     total = ((under_weights(view).tau if own else view.tau) + view.more)[:, across]
     before = total - (view.tau + view.more)[:, across] if own else np.zeros_like(total)
     largest = max(float(np.max(np.linalg.norm(total, axis=1), initial=0.0)), 1e-300)

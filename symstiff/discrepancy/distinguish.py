@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 import sympy as sp
 
-from symstiff.effects.base import Effect, Scales, Shape, Where
+from symstiff.effects.base import Effect, Scales, Where
 from symstiff.effects.instance import EffectInstance
 from symstiff.effects.registry import catalogue, find
 from symstiff.model import StiffnessModel
@@ -55,34 +55,25 @@ class Distinction:
 
 def survey(model: StiffnessModel, kind: str = "deflection") -> Iterator[tuple[Effect, Where, Distinction]]:
     """Every effect of the catalogue at every place of the model's robot that does not depend on the data."""
-    known = _Known.of(model, None, kind)
+    known = _Known.of(model, kind)
     for identifier, effect in catalogue().items():
         for where in effect.places(model.robot):
-            yield effect, where, _distinction(known, identifier, where, kind, None)
+            yield effect, where, _distinction(known, identifier, where, kind)
 
 
-def distinction(
-    model: StiffnessModel,
-    effect: str,
-    where: Where,
-    experiment: Experiment | None = None,
-    kind: str = "deflection",
-    shape: Shape | None = None,
-) -> Distinction:
-    """Tell structurally how an effect stands to a model.
+def distinction(model: StiffnessModel, effect: str, where: Where, kind: str = "deflection") -> Distinction:
+    """Tell structurally how an effect, in its first shape, stands to a model for the model's class of experiments.
 
-    ``experiment`` defaults to the model's own class; ``shape`` to the effect's first. Effects whose columns
-    come from the data themselves (outliers, second-order terms) count as distinguishable where they can be
-    seen at all. Raises UserError for a place the robot does not have.
+    Effects whose columns come from the data themselves (outliers, second-order terms) count as distinguishable where
+    they can be seen at all. Raises UserError for a place the robot does not have.
     """
-    return _distinction(_Known.of(model, experiment, kind), effect, where, kind, shape)
+    return _distinction(_Known.of(model, kind), effect, where, kind)
 
 
-def _distinction(known: _Known, effect: str, where: Where, kind: str, shape: Shape | None) -> Distinction:
+def _distinction(known: _Known, effect: str, where: Where, kind: str) -> Distinction:
     entry, model = find(effect), known.model
-    if shape is None:
-        everything = Scales(kind, context={"time": 3600.0, "temperature": 10.0}, lowest={"temperature": 20.0})
-        shape = next(iter(entry.shapes(model.robot, where, everything)), {})
+    everything = Scales(kind, context={"time": 3600.0, "temperature": 10.0}, lowest={"temperature": 20.0})
+    shape = next(iter(entry.shapes(model.robot, where, everything)), {})
     instance = EffectInstance(effect, where, shape)
     realised = instance.realise(model.robot)
     own = tuple(p.name for p in realised.parameters if p.name not in model.parameters)
@@ -132,9 +123,9 @@ class _Known:
     points: Mapping[str, Any]
 
     @classmethod
-    def of(cls, model: StiffnessModel, experiment: Experiment | None, kind: str) -> _Known:
+    def of(cls, model: StiffnessModel, kind: str) -> _Known:
         """In absolute data the placement of the measuring device is among what is known."""
-        experiment = experiment or Experiment(model.loads, model.measure)
+        experiment = Experiment(model.loads, model.measure)
         terms = tuple(dict.fromkeys((*model.terms, *(_placement() if kind == "absolute" else ()))))
         engine = ExactEngine(model.chain, deflection_program(model.chain, (), ()), (), experiment)
         prime = prime_with_roots(engine.order, model.chain.squares())

@@ -2,20 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any
 
 from symstiff.arrays import Array
 from symstiff.calibration.kept import completed
 from symstiff.calibration.measurements import Measurements
 from symstiff.discrepancy.assemble import Assembly
 from symstiff.discrepancy.growth import JointFit, contribution
-from symstiff.discrepancy.problem import Shape
 from symstiff.discrepancy.reasons import Reason
-from symstiff.discrepancy.result import CandidateResult, Diagnosis, Name, Quantity, Rms
+from symstiff.discrepancy.result import CandidateResult, Diagnosis, Found, Rms
 from symstiff.discrepancy.strata import Stratum
-from symstiff.effects.instance import EffectInstance
 from symstiff.model import StiffnessModel
 from symstiff.robot.schema import Robot
 
@@ -37,27 +33,6 @@ class Task:
     def origin(self) -> str:
         """What the diagnosis starts from, as text."""
         return self.start if isinstance(self.start, str) else "a model"
-
-
-@dataclass(frozen=True)
-class Found:
-    """An effect of the verdict, with everything that is said about it; effects of one set stand together."""
-
-    effect: str
-    where: Mapping[str, Any]
-    shape: Shape
-    parameters: Mapping[str, Quantity]
-    p_value: float
-    confidence: float
-    confounded_with: tuple[Name, ...]
-    set_number: int = 0
-    twins: tuple[Name, ...] = ()
-    """Other names for the same columns."""
-
-    @property
-    def instance(self) -> EffectInstance:
-        """The effect as a model holds it."""
-        return EffectInstance(self.effect, dict(self.where), dict(self.shape))
 
 
 @dataclass(frozen=True, eq=False)

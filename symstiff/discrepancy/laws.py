@@ -14,7 +14,8 @@ import numpy as np
 from symstiff.arrays import Array
 from symstiff.discrepancy.law import TINY, Law, largest_load, load_on
 from symstiff.discrepancy.laws_of_angle import laws_of_angle, wave
-from symstiff.discrepancy.problem import ANGLE, CLOCK, HISTORY, Candidate, Parameter, Problem, Shape
+from symstiff.discrepancy.problem import ANGLE, CLOCK, HISTORY, Candidate, Parameter, Problem
+from symstiff.effects.base import Shape
 
 EFFECT = "unnamed_law"
 READING = "measurement axis"

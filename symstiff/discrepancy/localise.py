@@ -20,6 +20,9 @@ _ROUNDING = 1e-9
 _SUSPECTS = 3
 _BEYOND_DOUBT = 1e-6
 """Probability, over all poses, below which one is unlike the others."""
+_TERMS, _FOLDS, _GAIN = 3, 5, 0.01
+"""Laws that a description is put together from, at most, folds of poses, and the share of squares that each has to gain
+on poses left out."""
 
 
 @dataclass(frozen=True)
@@ -201,9 +204,7 @@ def device_law(problem: Problem, scan: Scan, found: Evidence, place: str) -> Fit
     return FittedDevice(place, tuple((p.name, v, d, p.unit) for p, v, d in numbers), explained)
 
 
-def best_law(
-    problem: Problem, scan: Scan, virtual_joint: str, terms: int = 3, folds: int = 5
-) -> FittedLaw | None:
+def best_law(problem: Problem, scan: Scan, virtual_joint: str) -> FittedLaw | None:
     """Forward choice from the dictionary at one virtual joint, as long as left-out poses gain from it."""
     if problem.J is None or problem.tau is None or virtual_joint not in problem.virtual_joints:
         return None
@@ -215,16 +216,16 @@ def best_law(
     for law in laws:
         W = scan.noise.apply(layer.whiten, J * law.values / scan.noise.spread[:, None])
         blocks.append(W - layer.basis @ (layer.basis.T @ W))
-    fold = problem.place % folds
+    fold = problem.place % _FOLDS
     chosen: list[int] = []
     best = 0.0
-    for _ in range(terms):
+    for _ in range(_TERMS):
         trial = [
             (-np.inf if i in chosen else _gained([blocks[c] for c in [*chosen, i]], layer.y, fold))
             for i in range(len(laws))
         ]
         i = int(np.argmax(trial))
-        if trial[i] < best + 0.01:
+        if trial[i] < best + _GAIN:
             break
         best = trial[i]
         chosen.append(i)

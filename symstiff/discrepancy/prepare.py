@@ -43,6 +43,8 @@ SAME_SHARE = 0.1
 """Change of the markers' or the repeats' own part of a shared error up to which the coarse grid is not seen again."""
 _SURE, _PAIRS, _SHAKES = 4.0, 60, 0.25
 """Standard deviations, pairs of rows and variance from which the markers of one reading are taken to share an error."""
+_MOST, _STANDS_OUT = 3, 4.0
+"""Candidates that stand out beyond doubt, at most, and the score from which one does."""
 _LOOKS = _COARSE, _NEAR, _FINE = "coarse", "near", "fine"
 """How the size of the shared error is looked for."""
 
@@ -160,14 +162,14 @@ def _sharing_none(scan: Scan) -> float:
     return min(1.0, float(0.5 * ways * stats.chi2.sf(2.0 * (np.max(value) - alone), 1)))
 
 
-def _obvious(scan: Scan, most: int = 3, least: float = 4.0) -> tuple[int, ...]:
+def _obvious(scan: Scan) -> tuple[int, ...]:
     """The few candidates that stand out beyond doubt, named or not, each in its best shape beside those before it."""
     entries: tuple[int, ...] = ()
-    for _ in range(most):
+    for _ in range(_MOST):
         found = evidence(extend(scan, entries))
         score = np.array(found.score)
         score[scan.bank.owner[list(entries)]] = -np.inf
-        if not len(score) or score.max() < least:
+        if not len(score) or score.max() < _STANDS_OUT:
             break
         entries = (*entries, int(found.best_entry[int(np.argmax(score))]))
     return entries

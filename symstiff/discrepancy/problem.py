@@ -4,16 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Protocol
 
 import numpy as np
 
 from symstiff.arrays import Array, Index
 from symstiff.calibration.experiment.rounding import without_rounding
 from symstiff.calibration.residuals import places
+from symstiff.effects.base import Move, Shape
 from symstiff.errors import UserError
-
-Shape = Mapping[str, float]
 
 
 @dataclass(frozen=True)
@@ -139,16 +137,6 @@ class Problem:
 
 ANGLE, CLOCK, HISTORY = "angle", "clock", "history"
 """What laws may depend on beside loads: the joints' variables; time, temperature or order; where the load came from."""
-
-
-class Move(Protocol):
-    """How a value of a shape is moved by steps of its profile; what goes ``around`` is an angle without ends."""
-
-    @property
-    def around(self) -> bool: ...  # noqa: D102
-
-    def __call__(self, value: float, steps: float, /) -> float:
-        """The value that lies so many steps from another."""
 
 
 @dataclass(frozen=True)

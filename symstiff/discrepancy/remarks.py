@@ -11,13 +11,12 @@ from symstiff.calibration.experiment.situation import View
 from symstiff.calibration.measurements import Measurements
 from symstiff.calibration.remarks import of_sag
 from symstiff.discrepancy.drawing import DRAWING
-from symstiff.discrepancy.finding import Found
 from symstiff.discrepancy.gross import in_usual
 from symstiff.discrepancy.noise import CONTRADICTED, NoiseReport
 from symstiff.discrepancy.numbers import p_equals, quantity
 from symstiff.discrepancy.problem import Options
 from symstiff.discrepancy.ranges import CATALOGUE, Extent, at_size, extent_of
-from symstiff.discrepancy.result import Diagnosis, Inconstancy, Quantity
+from symstiff.discrepancy.result import Diagnosis, Found, Inconstancy, Quantity
 from symstiff.discrepancy.rivals import AS_MUCH
 from symstiff.discrepancy.sharing import JOINTS
 from symstiff.discrepancy.speech import law_words
@@ -266,7 +265,7 @@ def _of_known(robot: Robot, last: Diagnosis) -> list[str]:
         f"{named_at(e.effect, e.where)}: {name} has to be {value:g} by theory, and model.toml holds that; these "
         f"data alone give {quantity(told)}"
         for e in leading
-        for name, value in EffectInstance(e.effect, e.where, e.shape).realise(robot).nominal.items()
+        for name, value in e.instance.realise(robot).nominal.items()
         if (told := e.parameters.get(name)) is not None
     ]
 

@@ -4,14 +4,16 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from typing import Any
 
 from symstiff.arrays import Array
 from symstiff.discrepancy.localise import FittedDevice, FittedLaw, Localisation
 from symstiff.discrepancy.noise import NoiseReport
-from symstiff.discrepancy.problem import Shape
 from symstiff.discrepancy.proof import HeldOut, closed
 from symstiff.discrepancy.reasons import Reason, Why
 from symstiff.discrepancy.strata import Stratum
+from symstiff.effects.base import Shape
+from symstiff.effects.instance import EffectInstance
 
 
 @dataclass(frozen=True)
@@ -32,21 +34,26 @@ class Name:
 
 
 @dataclass(frozen=True)
-class NamedEffect:
-    """An effect of the verdict."""
+class Found:
+    """An effect of the verdict, with everything that is said about it."""
 
     effect: str
-    where: Mapping[str, object]
+    where: Mapping[str, Any]
     shape: Shape
     parameters: Mapping[str, Quantity]
     p_value: float
     """Family-wise, given the other effects of its set."""
     confidence: float
     confounded_with: tuple[Name, ...]
-    set_number: int
+    set_number: int = 0
     """Effects of one set stand together; an ambiguous verdict has several sets, best first."""
     twins: tuple[Name, ...] = ()
     """Other names for the same columns: nothing that can be measured tells them from this one."""
+
+    @property
+    def instance(self) -> EffectInstance:
+        """The effect as a model holds it."""
+        return EffectInstance(self.effect, dict(self.where), dict(self.shape))
 
 
 @dataclass(frozen=True)
@@ -156,7 +163,7 @@ class Diagnosis:
 
     verdict: str
     because: Reason
-    effects: tuple[NamedEffect, ...]
+    effects: tuple[Found, ...]
     candidates: tuple[CandidateResult, ...]
     """Best first, untestable ones last."""
     p_missing: float

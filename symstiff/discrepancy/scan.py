@@ -23,6 +23,8 @@ from symstiff.threads import in_threads
 
 _ROWS = 128
 """Rows whose columns are worked on together, so that they stay near the processor."""
+_NEAR = 5.0
+"""Log likelihood by which a sharing may trail the best."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -230,8 +232,8 @@ def _extended(bank: Bank, layer: Layer, U: Array, s: Array, products: Array) -> 
     )  # fmt: skip
 
 
-def likely(scan: Scan, by_way: bool = False, within: float = 5.0) -> Mask:
-    """(R,) the sharings within some log-likelihood of the best, or of the best of their way.
+def likely(scan: Scan, by_way: bool) -> Mask:
+    """(R,) the sharings whose likelihood is near that of the best, or of the best of their way.
 
     It is enough to be so with or without the best candidate.
     """
@@ -242,7 +244,7 @@ def likely(scan: Scan, by_way: bool = False, within: float = 5.0) -> Mask:
     kept = np.zeros(len(scan.layers), bool)
     for value in (scan.log_likelihood, log_likelihood(scan, rss - top)):
         best = np.array([value[ways == way].max() if by_way else value.max() for way in ways])
-        kept |= value > best - within
+        kept |= value > best - _NEAR
     return kept
 
 

@@ -24,6 +24,9 @@ from symstiff.discrepancy.sharing import Sharing
 from symstiff.discrepancy.strata import PROPORTIONAL, Stratum, fills
 from symstiff.discrepancy.workshop import Proposal, Workshop
 
+_BREADTH = 24
+"""Candidates that join a base, at most."""
+
 
 @dataclass(frozen=True)
 class Judged:
@@ -53,12 +56,12 @@ class Judged:
     """Family-wise p-value of each member given the others."""
 
 
-def proposals(shop: Workshop, bases: list[Proposal], breadth: int = 24) -> list[Proposal]:
+def proposals(shop: Workshop, bases: list[Proposal]) -> list[Proposal]:
     """Sets with one more member than their base, best first, each set once."""
     made: dict[frozenset[int], Proposal] = {}
     for base in bases:
         score = shop.score(base.members, base.entries, False)
-        for candidate in np.argsort(score)[::-1][:breadth]:
+        for candidate in np.argsort(score)[::-1][:_BREADTH]:
             if not np.isfinite(score[candidate]):
                 break
             entry, own = _entry(shop, int(candidate), base.entries)

@@ -11,11 +11,12 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from symstiff.arrays import Array
+from symstiff.calibration.checks import check_robot
 from symstiff.calibration.experiment.readings import ExperimentClass, read_at
 from symstiff.calibration.identify import start_model
 from symstiff.calibration.measurements import Measurements
 from symstiff.calibration.planning.loads import Load
-from symstiff.calibration.planning.measurement import Measurement
+from symstiff.calibration.planning.measurement import BASELINE, Measurement
 from symstiff.calibration.writing import LOADS
 from symstiff.discrepancy.deciding import OFFERED, Choice, Rival, Setup, decide_poses, several_levels
 from symstiff.discrepancy.separation import Decider
@@ -31,8 +32,6 @@ from symstiff.robot.schema import Robot
 if TYPE_CHECKING:
     from symstiff.calibration.planning.region import Region
 
-_TURN = 0.3
-"""Distance over which the rotation of a measured body is read from its points [m]."""
 TAKEN = "taken.csv"
 """File beside an ambiguous verdict.json: poses and loads of the data that it is about, without readings."""
 
@@ -124,7 +123,7 @@ def _labels(table: Mapping[str, Any]) -> tuple[str, ...]:
 
 def _taken(robot: Robot, table: Mapping[str, Any], verdict: Path) -> Measurements | None:
     """Poses and loads of the data behind the verdict, marked as measured in the components that were."""
-    from symstiff.calibration.table import check_robot, read_poses
+    from symstiff.calibration.table import read_poses
 
     decide = table.get("decide", {})
     file = verdict.parent / TAKEN
@@ -214,7 +213,7 @@ def _means(robot: Robot, rivals: list[Rival], table: Mapping[str, Any], wish: Wi
         raise UserError(
             f"{origin}: not a verdict.json: decide and noise do not tell an experiment"
         ) from error
-    rotation = sigma if wish.sigma is None and min(setup.components) >= 3 else sigma / _TURN
+    rotation = sigma if wish.sigma is None and min(setup.components) >= 3 else sigma / BASELINE
     return Means(loads, measure, setup, np.repeat([sigma, rotation], 3))
 
 

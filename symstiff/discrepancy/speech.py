@@ -20,7 +20,7 @@ def spoken(effect: str) -> str:
 
 
 def place(where: Mapping[str, Any]) -> str:
-    """A place as words: ``at joint 2``, ``at joints 4, 5``, ``of the force sensor``."""
+    """A place as words: ``at joint 2``, ``between joints 4, 5``, ``(force sensor)``."""
     parts = []
     for key, value in where.items():
         shown = ", ".join(str(v) for v in value) if isinstance(value, list | tuple) else str(value)

@@ -13,8 +13,8 @@ from symstiff.discrepancy.design import confusability, share_left
 from symstiff.discrepancy.null import critical
 from symstiff.discrepancy.power import visible
 from symstiff.discrepancy.prepare import Prepared
-from symstiff.discrepancy.problem import Candidate, Options, Problem, Shape
-from symstiff.discrepancy.result import CandidateResult, LawAlike, Name, NamedEffect, Quantity, Step
+from symstiff.discrepancy.problem import Candidate, Options, Problem
+from symstiff.discrepancy.result import CandidateResult, Found, LawAlike, Name, Quantity, Step
 from symstiff.discrepancy.scan import (
     Scan,
     at_sharing,
@@ -30,11 +30,14 @@ from symstiff.discrepancy.search import Judged
 from symstiff.discrepancy.strata import strata
 from symstiff.discrepancy.testability import telling, why_untestable
 from symstiff.discrepancy.verdict import Outcome
+from symstiff.effects.base import Shape
 
 CONFUSED = 0.9
 """Share of a candidate's fitted signal inside another's space from which they are said to be confused."""
 _NEARLY = 2.0
 """Log evidence by which a law without a name may trail what it describes elsewhere, to be spoken of."""
+_LEADERS = 8
+"""Candidates among which confusion is told."""
 
 
 def _name(candidate: Candidate) -> Name:
@@ -65,7 +68,7 @@ def _fitted(
     return value[:P], std[:P], fitted, effects
 
 
-def named_effects(problem: Problem, ready: Prepared, outcome: Outcome) -> tuple[NamedEffect, ...]:
+def named_effects(problem: Problem, ready: Prepared, outcome: Outcome) -> tuple[Found, ...]:
     """The effects of the admissible sets, best set first."""
     bank, sure = ready.bank, _confidences(outcome)
     out = []
@@ -74,7 +77,7 @@ def named_effects(problem: Problem, ready: Prepared, outcome: Outcome) -> tuple[
         for i, (member, entry) in enumerate(zip(judged.members, judged.entries, strict=True)):
             candidate = bank.candidates[member]
             out.append(
-                NamedEffect(
+                Found(
                     candidate.effect, candidate.where, bank.shape_of(entry), effects[i][1],
                     judged.p_members[i], float(np.clip(sure[number][member], 0.0, 1.0)),
                     _confused(ready, entry), number, _twins(bank, member),
@@ -263,9 +266,9 @@ def noise_floor(ready: Prepared) -> float:
     return float(np.hypot(ready.report.sigma, ready.report.approach))
 
 
-def confusion(ready: Prepared, outcome: Outcome, most: int = 8) -> tuple[tuple[Name, ...], Array]:
+def confusion(ready: Prepared, outcome: Outcome) -> tuple[tuple[Name, ...], Array]:
     """D_ij of the leading named candidates."""
     bank = ready.bank
-    order = [int(i) for i in np.argsort(-outcome.found.score) if not bank.generic[i]][:most]
+    order = [int(i) for i in np.argsort(-outcome.found.score) if not bank.generic[i]][:_LEADERS]
     D = confusability(ready.scan, [int(outcome.found.best_entry[i]) for i in order])
     return tuple(_name(bank.candidates[i]) for i in order), D

@@ -134,7 +134,7 @@ def odds(robot: Robot, shape: Shape) -> float:
 
 def untold_weight(robot: Robot, joint: int) -> bool:
     """Whether the arm's weight may load a joint and the robot file does not tell by how much."""
-    if any(link.mass for link in robot.links):
+    if robot.has_weights:
         return False
     return _most_arm_load(robot, joint, 0.0) > 0 or _most_hung_load(robot, joint) > 0
 

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from fractions import Fraction
+from functools import cached_property
 from itertools import combinations_with_replacement
 
 import numpy as np
@@ -99,7 +100,7 @@ class _Sampler:
 
     def at(self, point: Sequence[int]) -> dict[tuple[str, str], int]:
         """All couplings at one choice of lengths."""
-        form, pivots = echelon(self.engine.matrix(self.prime, list(point))[:, self.order], self.prime)
+        form, pivots = self.engine.reduced(self.prime, self.order, point)
         if pivots != list(range(len(self.kept))):
             raise _SpecialLengthsError
         return {
@@ -115,16 +116,20 @@ class _Sampler:
             self.points.append(point)
             self.values.append(self.at(point))
 
+    @cached_property
+    def origin(self) -> dict[tuple[str, str], int]:
+        """All couplings at one choice of lengths that the others are compared with."""
+        return self.at(self.base)
+
+    @cached_property
+    def shifted(self) -> list[dict[tuple[str, str], int]]:
+        """The same where one length after the other is another."""
+        changed = [(x * 3 + 1) % self.prime for x in self.base]
+        return [self.at([*self.base[:k], x, *self.base[k + 1 :]]) for k, x in enumerate(changed)]
+
     def dependence(self, key: tuple[str, str]) -> list[int]:
         """Indices of the lengths on which a coupling depends."""
-        if not hasattr(self, "_shifted"):
-            self._origin = self.at(self.base)
-            self._shifted = []
-            for k in range(self.dimension):
-                point = list(self.base)
-                point[k] = (point[k] * 3 + 1) % self.prime
-                self._shifted.append(self.at(point))
-        return [k for k in range(self.dimension) if self._shifted[k][key] != self._origin[key]]
+        return [k for k, there in enumerate(self.shifted) if there[key] != self.origin[key]]
 
 
 def _fit(

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
 import numpy as np
 import scipy.sparse
@@ -32,7 +32,7 @@ class Solution:
 
     x: Array
     duals: tuple[Array, ...]
-    status: str = field(default="solved")
+    status: str
 
 
 def solve(quadratic: Array, linear: Array, constraints: Sequence[Constraint]) -> Solution:
@@ -48,7 +48,7 @@ def solve(quadratic: Array, linear: Array, constraints: Sequence[Constraint]) ->
 
 
 def _solve(quadratic: Array, linear: Array, constraints: Sequence[Constraint], step: float) -> Solution:
-    import clarabel  # type: ignore[import-untyped,unused-ignore]
+    import clarabel
 
     settings = clarabel.DefaultSettings()
     settings.verbose = False

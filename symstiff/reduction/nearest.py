@@ -93,11 +93,11 @@ def deepest(affine: Affine, rules: AdmissibleSet) -> float:
     return float(deepest_point(affine, rules)[-1])
 
 
-def deepest_point(affine: Affine, rules: AdmissibleSet, most: float = 1.0) -> Array:
-    """That point and its t, (n + 1,); t is at most `most`."""
+def deepest_point(affine: Affine, rules: AdmissibleSet) -> Array:
+    """That point and its t, (n + 1,)."""
     n, gain = len(affine.scale), affine.gain
     affine = affine.resized(gain)
-    constraints = [affine.equations(n + 1), _at_most(n, most / gain)]
+    constraints = [affine.equations(n + 1), _at_most(n, 1.0 / gain)]
     for block, cone in zip(rules.blocks, semidefinite(rules, affine.scale, n + 1), strict=True):
         rows = cone.rows.copy()
         rows[:, n] = block_rows(block, affine.scale, n)[1]

@@ -16,10 +16,9 @@ from symstiff.reduction.structural import Couplings, Partition, partition
 
 @dataclass(frozen=True)
 class NumericRank:
-    """Singular values of the scaled matrix, the threshold used, the rank, and the gap σ_r / σ_{r+1}."""
+    """Singular values of the scaled matrix, the rank, and the gap σ_r / σ_{r+1}."""
 
     singular_values: np.ndarray
-    threshold: float
     rank: int
 
     @property
@@ -36,7 +35,7 @@ def numeric_rank(singular_values: np.ndarray, rows: int) -> NumericRank:
     s = np.asarray(singular_values, dtype=float)
     largest = float(s[0]) if s.size else 0.0
     threshold = largest * max(rows, s.size) * np.finfo(float).eps * 100
-    return NumericRank(s, threshold, int((s > threshold).sum()))
+    return NumericRank(s, int((s > threshold).sum()))
 
 
 def numeric_partition(

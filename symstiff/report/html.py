@@ -10,10 +10,11 @@ from markupsafe import Markup
 
 from symstiff import __version__
 from symstiff.calibration.measurements import COMPONENTS
+from symstiff.codegen.emit import environment
 from symstiff.discrepancy import numbers
-from symstiff.discrepancy.finding import Finding, Found
+from symstiff.discrepancy.finding import Finding
 from symstiff.discrepancy.noise import off
-from symstiff.discrepancy.result import CandidateResult, Name, Quantity
+from symstiff.discrepancy.result import CandidateResult, Found, Name, Quantity
 from symstiff.discrepancy.sharing import JOINTS
 from symstiff.discrepancy.speech import law_place, named, spoken
 from symstiff.discrepancy.verdict import AMBIGUOUS, INSUFFICIENT, NOTHING, UNEXPLAINED, UNTESTABLE
@@ -33,8 +34,6 @@ _SHORT = {"positional": "position", "rotational": "rotation"}
 
 def render(finding: Finding, files: dict[str, Any], changes: list[Line]) -> str:
     """The page. ``files`` says what else is in the folder; ``changes`` what the growth changed in the C code."""
-    from symstiff.codegen.emit import environment
-
     jinja = environment()
     jinja.autoescape = True
     return str(jinja.get_template("report/report.html.j2").render(_context(finding, files, changes)))

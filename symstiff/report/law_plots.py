@@ -12,8 +12,9 @@ import sympy as sp
 from symstiff.arrays import Array
 from symstiff.calibration.decomposition import unit_columns
 from symstiff.calibration.measurements import COMPONENTS
-from symstiff.discrepancy.finding import Finding, Found
+from symstiff.discrepancy.finding import Finding
 from symstiff.discrepancy.localise import back_project
+from symstiff.discrepancy.result import Found
 from symstiff.discrepancy.speech import named
 from symstiff.report.plots import AFTER, LAW, Picture, drawing
 from symstiff.report.tables import rotates, shift, weights
@@ -55,11 +56,8 @@ def draw_law(finding: Finding, effect: Found) -> Picture | None:
     What the rest of the model explains is taken away: points are the residual after growth plus what the effect adds,
     projected back to the virtual joint.
     """
-    try:
-        added = finding.added(effect)
-        together = sum((finding.added(e) for e in _beside(finding, effect)), np.zeros(len(added)))
-    except KeyError:
-        return None
+    added = finding.added(effect)
+    together = sum((finding.added(e) for e in _beside(finding, effect)), np.zeros(len(added)))
     partial = left_with(finding, together) + added
     law = _strongest(finding, effect)
     if law is None:

@@ -59,8 +59,8 @@ _WORDS = {
 def law_text(finding: Finding, law: FittedLaw) -> str:
     """A fitted law as one reads it, with t for the load in units of the largest."""
     text = re.sub(r"[-+]?\d[\d.]*e[-+]\d+", lambda m: f"{float(m.group()):+.9f}", law.expression)
-    factor, unit, load = (1e3, "mrad", "N·m") if rotates(finding, law.virtual_joint) else (1e3, "mm", "N")
-    text = re.sub(r"(?<![\w.(*^])[-+]?\d[\d.]*(?=\*)", lambda m: f"{factor * float(m.group()):+.3g}", text)
+    unit, load = ("mrad", "N·m") if rotates(finding, law.virtual_joint) else ("mm", "N")
+    text = re.sub(r"(?<![\w.(*^])[-+]?\d[\d.]*(?=\*)", lambda m: f"{1e3 * float(m.group()):+.3g}", text)
     for plain, written in (("tau", "t"), ("*", "·"), (" ", ""), ("+", " + "), ("-", " − ")):
         text = text.replace(plain, written)
     text = text.strip().removeprefix("+").strip()

@@ -8,8 +8,8 @@ from typing import Any
 
 import numpy as np
 
-from symstiff.discrepancy.finding import Finding, Found
-from symstiff.discrepancy.result import CandidateResult, Name, Quantity
+from symstiff.discrepancy.finding import Finding
+from symstiff.discrepancy.result import CandidateResult, Found, Name, Quantity
 from symstiff.discrepancy.sharing import JOINTS
 from symstiff.discrepancy.strata import Stratum
 from symstiff.display import finite

@@ -8,14 +8,13 @@ from typing import Any
 
 import numpy as np
 
-from symstiff.discrepancy.finding import Finding, Found
+from symstiff.discrepancy.finding import Finding
 from symstiff.discrepancy.numbers import milli, number, p_equals, quantity
 from symstiff.discrepancy.reasons import Why
 from symstiff.discrepancy.remarks import FEW, hiding
-from symstiff.discrepancy.result import Name
+from symstiff.discrepancy.result import Found, Name
 from symstiff.discrepancy.speech import law_place, named, place, spoken
 from symstiff.discrepancy.verdict import AMBIGUOUS, INSUFFICIENT, NAMED, NOTHING, UNEXPLAINED
-from symstiff.effects.instance import EffectInstance
 from symstiff.report.deciding import deciding
 from symstiff.report.tables import shift
 from symstiff.report.unnamed import device_text, explained, law_text
@@ -181,8 +180,7 @@ def _told(finding: Finding, group: list[Found], even: bool = False) -> list[str]
 
 def shape_text(finding: Finding, effect: Found) -> str:
     """The shape of an effect's law, with units."""
-    instance = EffectInstance(effect.effect, effect.where, effect.shape)
-    return ", ".join(instance.shape_phrases(finding.assembly.situation.view.robot))
+    return ", ".join(effect.instance.shape_phrases(finding.assembly.situation.view.robot))
 
 
 def _or_else(effect: Found) -> str:

@@ -235,6 +235,11 @@ class Robot(_Frozen):
         strokes = [max(map(abs, j.range)) for j in self.joint if j.prismatic]
         return sum(offsets) + sum(strokes) + math.hypot(*map(float, self.tool.xyz))
 
+    @property
+    def has_weights(self) -> bool:
+        """Whether the file tells the mass of any link."""
+        return any(link.mass for link in self.links)
+
     def marker_position(self, name: str) -> Triple:
         """Return a marker's position in frame n [m]; ``tcp`` is the tool centre point."""
         if name == "tcp":

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import asdict, dataclass
 from functools import reduce
 from operator import mul
 from typing import Any
@@ -92,7 +92,6 @@ class CountAlgebra:
     neg: int = 0
     trig: int = 0
     other: int = 0
-    names: dict[str, int] = field(default_factory=dict)
 
     def number(self, value: sp.Expr) -> None:
         """Free."""
@@ -128,7 +127,7 @@ def count(program: Program) -> dict[str, int]:
     """Operations of a program: ``add``, ``mul``, ``neg``, ``trig`` and ``other`` functions."""
     algebra = CountAlgebra()
     evaluate(program, {v.name: [None] * len(v.symbols) for v in program.inputs}, algebra)
-    return {k: getattr(algebra, k) for k in ("add", "mul", "neg", "trig", "other")}
+    return asdict(algebra)
 
 
 def evaluate_numpy(program: Program, **inputs: Any) -> dict[str, np.ndarray]:

@@ -3,32 +3,27 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 
 import sympy as sp
 
 from symstiff.symbolic.builder import Builder
 from symstiff.symbolic.chain import ElasticChain, Vec, cross, dot, plus, turn_x, turn_z
-from symstiff.symbolic.terms import VirtualJoint, actuated_joint, link_joint, q
+from symstiff.symbolic.terms import VirtualJoint, actuated_joint, link_joint
 
-
-@dataclass(frozen=True)
-class Turns:
-    """Cosine and sine of every joint angle θ_i."""
-
-    pairs: tuple[tuple[sp.Expr, sp.Expr], ...]
+Turns = tuple[tuple[sp.Expr, sp.Expr], ...]
+"""Cosine and sine of every joint angle θ_i."""
 
 
 def turns(chain: ElasticChain, b: Builder) -> Turns:
     """Bind the sine and cosine of every joint angle."""
-    return Turns(tuple(b.cos_sin(chain.angle(i), f"_{i}") for i in range(1, chain.dof + 1)))
+    return tuple(b.cos_sin(chain.angle(i), f"_{i}") for i in range(1, chain.dof + 1))
 
 
 def lever(chain: ElasticChain, b: Builder, t: Turns) -> Vec:
     """Frame 0's origin to the tool centre point, in the axes of frame 0; passed from the tip to the base."""
     r = chain.tool_offset()
     for i in range(chain.dof, 0, -1):
-        c, s = t.pairs[i - 1]
+        c, s = t[i - 1]
         turned: Vec = b.vector(turn_x(r, *chain.alpha(b, i)))
         r = b.vector(turn_z(b.vector(plus(turned, chain.offset(i))), c, s))
     return r
@@ -50,7 +45,7 @@ def passed_loads(
     loads = _link_loads(chain, b, 0, force, moment)
     for i in range(1, chain.dof + 1):
         loads[actuated_joint(i)] = force[2] if chain.rows[i - 1].prismatic else moment[2]
-        c, s = t.pairs[i - 1]
+        c, s = t[i - 1]
         ca, sa = chain.alpha(b, i)
         force = b.vector(turn_z(force, c, -s))
         moment = b.vector(turn_z(moment, c, -s))
@@ -69,8 +64,3 @@ def _link_loads(
     forces = b.vector(dot(e, force) for e in axes)
     moments = b.vector(dot(e, moment) for e in axes)
     return {link_joint(i, k + 1): value for k, value in enumerate((*forces, *moments))}
-
-
-def joint_variables(chain: ElasticChain) -> tuple[sp.Symbol, ...]:
-    """q_1 … q_n."""
-    return tuple(q(i) for i in range(1, chain.dof + 1))

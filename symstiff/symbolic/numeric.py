@@ -14,12 +14,6 @@ from symstiff.symbolic.chain import ElasticChain, frames
 from symstiff.symbolic.passes import q_vector
 from symstiff.symbolic.program import Program
 from symstiff.symbolic.programs import forward_program, jacobian_program, virtual_jacobian_program
-from symstiff.symbolic.terms import VirtualJoint
-
-
-def virtual_joints(robot: Robot) -> tuple[VirtualJoint, ...]:
-    """All link and joint virtual joints, base to tip: link 0's six, joint 1, link 1's six, …."""
-    return ElasticChain(robot).virtual_joints
 
 
 @dataclass(frozen=True)

@@ -13,9 +13,9 @@ import sympy as sp
 
 from symstiff.symbolic.builder import Builder
 from symstiff.symbolic.chain import IDENTITY, ZERO, ElasticChain, Vec, cross, dot, plus, turn_x, turn_z
-from symstiff.symbolic.loads import Turns, in_base, joint_variables, lever, turns
+from symstiff.symbolic.loads import Turns, in_base, lever, turns
 from symstiff.symbolic.program import Vector
-from symstiff.symbolic.terms import AXES, CONTEXT, Term, VirtualJoint, actuated_joint, link_joint, up, w
+from symstiff.symbolic.terms import AXES, CONTEXT, Term, VirtualJoint, actuated_joint, link_joint, q, up, w
 
 Twist = tuple[Vec, Vec]
 STILL: Twist = (ZERO, ZERO)
@@ -28,7 +28,7 @@ def split_twist(six: Sequence[sp.Expr]) -> Twist:
 
 def q_vector(chain: ElasticChain) -> Vector:
     """Input ``q``: the joint variables."""
-    return Vector("q", joint_variables(chain))
+    return Vector("q", tuple(q(i) for i in range(1, chain.dof + 1)))
 
 
 def w_vector() -> Vector:
@@ -71,7 +71,7 @@ class Passes:
 
     def lifted(self, i: int, twist: Twist) -> Twist:
         """A twist of the tip at frame i's origin and axes, seen at frame i−1's."""
-        b, (c, s) = self.b, self.turns.pairs[i - 1]
+        b, (c, s) = self.b, self.turns[i - 1]
         ca, sa = self.chain.alpha(b, i)
         v: Vec = b.vector(turn_x(twist[0], ca, sa))
         r: Vec = b.vector(turn_x(twist[1], ca, sa))
@@ -113,7 +113,7 @@ class Passes:
         """The vertical in the axes of every frame, bound."""
         ups = [in_base(self.base, IDENTITY[2])]
         for i in range(1, self.chain.dof + 1):
-            c, s = self.turns.pairs[i - 1]
+            c, s = self.turns[i - 1]
             ca, sa = self.chain.alpha(self.b, i)
             ups.append(self.b.vector(turn_x(self.b.vector(turn_z(ups[-1], c, -s)), ca, -sa)))
         return {up(i, k + 1): u[k] for i, u in enumerate(ups) for k in range(3)}

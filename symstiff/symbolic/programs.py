@@ -96,7 +96,7 @@ def _with_weights(
             total[link_joint(i, k + 4)] += dot(e[k], moment)
         if i:
             ca, sa = chain.alpha(b, i)
-            c, s = passes.turns.pairs[i - 1]
+            c, s = passes.turns[i - 1]
             force = b.vector(turn_x(force, ca, sa))
             moment = b.vector(turn_x(moment, ca, sa))
             moment = b.vector(plus(moment, cross(chain.offset(i), force)))

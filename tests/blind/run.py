@@ -15,9 +15,10 @@ from typing import Any
 import numpy as np
 
 from symstiff.discrepancy.assemble import Assembly, assemble
-from symstiff.discrepancy.finding import Finding, Found, Task
+from symstiff.discrepancy.finding import Finding, Task
 from symstiff.discrepancy.prepare import prepare
 from symstiff.discrepancy.problem import Problem
+from symstiff.discrepancy.result import Found
 from symstiff.discrepancy.scan import column_space
 from symstiff.discrepancy.verdict import AMBIGUOUS, NAMED, NOTHING
 from symstiff.discrepancy.workflow import diagnose

@@ -9,7 +9,7 @@ from functools import lru_cache
 import numpy as np
 
 from symstiff.arrays import Array
-from symstiff.calibration.decomposition import svd
+from symstiff.calibration.decomposition import svd, unit_columns
 from symstiff.calibration.experiment.arm import Arm, drawn, standing
 from symstiff.calibration.experiment.full import full_laws
 from symstiff.calibration.experiment.placement import placed, placement_columns, turns_of
@@ -20,7 +20,6 @@ from symstiff.calibration.experiment.situation import (
     Situation,
     View,
     Weigh,
-    has_weights,
     loads_of,
     look,
     under_weights,
@@ -44,8 +43,6 @@ _POSES = 60
 """Random poses at which columns are compared."""
 _ROUNDS = 3
 """Times that the device's placement and the arm's geometry are found from each other."""
-_STILL = 1e-9
-"""Range [rad, m] up to which a joint never moves."""
 _COMPLIANCE = 1e-7
 """Usual size of a compliance that the model leaves out."""
 _FRAME, _LARGE = 1e-3, 10.0
@@ -85,7 +82,7 @@ def settled(
             model, model.terms, (), view, drawn(view, Laws(view, model.terms, known)), known, weigh
         )
     view = under_weights(view)
-    hidden = _hidden(model) if has_weights(model.robot) else ()
+    hidden = _hidden(model) if model.robot.has_weights else ()
     terms = (*model.terms, *terms_of(hidden))
     first = arm or drawn(view, Laws(view, terms, known))
     current = _current(model, terms, hidden, view, first, known, weigh)
@@ -152,8 +149,7 @@ def _shares(model: StiffnessModel, hidden: Sequence[Compliance], table: Measurem
     program = _program(model.robot, parameters, points)
     rng = np.random.default_rng(0)
     q = np.array([rng.uniform(*j.range, size=_POSES) for j in model.robot.joint]).T
-    still = np.ptp(table.q, axis=0) < _STILL
-    q[:, still] = table.q[0, still]
+    q[:, table.still] = table.q[0, table.still]
     w = rng.normal(size=(_POSES, 6)) * [k in LOADS[model.loads] for k in range(1, 7)]
     A = evaluate_numpy(program, q=q, w=w)["A"]
     A = (A[:, :3] if model.measure == "position" and not points else A).reshape(-1, len(parameters))
@@ -269,9 +265,8 @@ def _fitted(
     count = len(start)
     begin = np.concatenate([start, np.zeros(A.shape[1] - count)])
     X, r = plain(A), plain((y - A @ begin)[:, None])[:, 0]
-    length = np.linalg.norm(X, axis=0)
-    length[length == 0] = 1.0
-    U, s, Vt = svd(X / length)
+    columns, length = unit_columns(X)
+    U, s, Vt = svd(columns)
     keep = s > 1e-5 * s[0] if len(s) else s > 0
     share = U[:, keep].T @ r
     step = Vt[keep].T @ (share / s[keep]) / length

@@ -16,7 +16,7 @@ import numpy as np
 
 from symstiff.arrays import Array
 from symstiff.calibration.decomposition import unit_columns
-from symstiff.calibration.experiment.situation import Laws, View, Weigh, has_weights, linear_columns
+from symstiff.calibration.experiment.situation import Laws, View, Weigh, linear_columns
 from symstiff.model import StiffnessModel
 from symstiff.reduction.physical import Parameter, original, physical_stages, terms_of
 from symstiff.symbolic.terms import Term, actuated_joint
@@ -36,7 +36,7 @@ def full_laws(
     ``further`` (M, k) are columns that are fitted along without a prior: effects, the device's placement. ``weigh``
     gives rows (M, k) in units of the noise.
     """
-    apart = view.table.kind == "absolute" and has_weights(model.robot)
+    apart = view.table.kind == "absolute" and model.robot.has_weights
     parameters = everything(model, apart)
     names = [p.name for p in parameters]
     terms = terms_of(parameters)

@@ -10,7 +10,6 @@ import numpy as np
 from symstiff.calibration.measurements import Measurements
 from symstiff.robot.schema import Robot
 
-_STILL = 1e-9  # rad, m
 _SAME = 1e-6  # m
 
 
@@ -36,8 +35,8 @@ def experiment_of(table: Measurements, robot: Robot) -> ExperimentClass:
     loads = "wrench" if used[3:].any() else ("force" if used[:2].any() else "gravity")
     still = {
         i: float(table.q[0, i - 1])
-        for i in range(1, robot.dof + 1)
-        if np.ptp(table.q[:, i - 1]) < _STILL and len(table.labels) > 1
+        for i, stands in enumerate(table.still, start=1)
+        if stands and len(table.labels) > 1
     }
     if table.measured[:, 3:].any():
         return ExperimentClass(loads, "pose", still)

@@ -20,7 +20,8 @@ from symstiff.effects.base import Body, at_lever
 from symstiff.effects.common import GRAVITY
 from symstiff.robot.schema import Robot
 from symstiff.symbolic.algebras import NumpyAlgebra
-from symstiff.symbolic.numeric import Kinematics, kinematics, virtual_joints
+from symstiff.symbolic.chain import ElasticChain
+from symstiff.symbolic.numeric import Kinematics, kinematics
 from symstiff.symbolic.program import walk
 from symstiff.symbolic.terms import (
     AXES,
@@ -68,7 +69,7 @@ class View:
     @cached_property
     def joints(self) -> tuple[VirtualJoint, ...]:
         """The V virtual joints, base to tip."""
-        return virtual_joints(self.robot)
+        return ElasticChain(self.robot).virtual_joints
 
     @cached_property
     def index(self) -> dict[VirtualJoint, int]:
@@ -186,11 +187,6 @@ def under_weights(view: View) -> View:
     return replace(view, tau=total)
 
 
-def has_weights(robot: Robot) -> bool:
-    """Whether the robot file tells the mass of any link."""
-    return any(link.mass for link in robot.links)
-
-
 @dataclass(frozen=True, eq=False)
 class Laws:
     """Terms with values: the deflections of the virtual joints as a function of their loads."""
@@ -278,11 +274,6 @@ class Situation:
         return self.view.found.J_theta
 
     @property
-    def virtual_joints(self) -> tuple[VirtualJoint, ...]:
-        """The columns of J."""
-        return self.view.joints
-
-    @property
     def wrench(self) -> Array:
         """(N, 6)"""
         return self.view.table.w
@@ -300,7 +291,7 @@ class Situation:
     @cached_property
     def sag(self) -> Array:
         """(N, V) deflections under the links' known weight that deflections do not show; 0 in absolute data."""
-        if self.view.table.kind == "absolute" or not has_weights(self.view.robot):
+        if self.view.table.kind == "absolute" or not self.view.robot.has_weights:
             return np.zeros_like(self.view.tau)
         return self.laws(under_weights(self.view).tau - self.view.tau)
 

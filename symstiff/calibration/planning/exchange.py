@@ -76,12 +76,10 @@ def _exchange_one(
         history.append(score)
 
 
-def greedy(
-    rows: np.ndarray, count: int, criterion: Criterion, ridge: float, first: tuple[int, ...] = ()
-) -> tuple[int, ...]:
+def greedy(rows: np.ndarray, count: int, criterion: Criterion, ridge: float) -> tuple[int, ...]:
     """Choose candidates one by one, each the best addition so far; ``ridge`` carries the first steps."""
-    chosen = list(first)
-    information = information_of(rows[:, chosen]) + ridge * np.eye(rows.shape[2])
+    chosen: list[int] = []
+    information = ridge * np.eye(rows.shape[2])
     while len(chosen) < count:
         barred = _barred(rows.shape[1], chosen, None)
         new, _ = best_gain(rows, basis(criterion, information), -np.inf, barred)

@@ -1,4 +1,4 @@
-"""Where the frames of a robot stand, for keep-out regions, markers and plots: one recursion, three backends.
+"""Where the frames of a robot stand, for keep-out regions, markers and plots: one recursion, two backends.
 
 The same code runs on NumPy arrays (N configurations at once) and on CasADi symbols, because it uses nothing
 but ``+ - *`` and the sine and cosine it is given.

@@ -12,6 +12,9 @@ from symstiff.calibration.planning.frames import Geometry, flange_rotation
 from symstiff.errors import UserError
 from symstiff.robot import Robot
 
+BASELINE = 0.3
+"""Distance over which the rotation of a measured body is read from its points [m]."""
+
 
 @dataclass(frozen=True)
 class Measurement:

@@ -16,7 +16,7 @@ _TOUCH = 1e-9  # m; a point on a boundary is allowed
 
 @dataclass(frozen=True)
 class Box:
-    """A box in world axes [m] that no line between the origins of neighbouring frames may enter."""
+    """A box in base axes [m] that no line between the origins of neighbouring frames may enter."""
 
     low: tuple[float, float, float]
     high: tuple[float, float, float]

@@ -1,8 +1,8 @@
 """The virtual experiment: an elastic robot in full nonlinear equilibrium, with whatever a truth puts into it.
 
 Stages: ``load_truth`` (TRUTH.toml) → ``prepare`` (a ``Mechanism``) → ``equilibrium`` (virtual coordinates) →
-``simulate`` (a measurement table with noise). It reads robot files and shares no other code with the
-package, so that it can serve as the outside world in tests.
+``simulate`` (a measurement table with noise). It reads robot files and tables and shares no mechanics with
+the package, so that it can serve as the outside world in tests.
 """
 
 from symstiff.calibration.simulation import (  # noqa: F401  (imported to register their shapes)

@@ -76,10 +76,10 @@ class Weight:
     only_loaded: bool = False
 
 
-def weight_at(link: int, mass: float, com: Array, behind: bool = False, only_loaded: bool = False) -> Weight:
+def weight_at(link: int, mass: float, com: Array, behind: bool = False) -> Weight:
     """Return the weight of a mass [kg] at ``com`` (3,) [m] in DH frame ``link``."""
     x, y, z = (float(mass * c) for c in com)
-    return Weight(link, mass, (x, y, z), behind, only_loaded)
+    return Weight(link, mass, (x, y, z), behind)
 
 
 @dataclass(frozen=True)

@@ -46,7 +46,9 @@ class Site:
     compliance: Array
 
 
-Builder = Callable[[Site, dict[str, Any]], Additions]
+Values = dict[str, Any]
+"""Sizes and options of a shape, by name."""
+Builder = Callable[[Site, Values], Additions]
 
 
 @dataclass(frozen=True)

@@ -12,13 +12,12 @@ from symstiff.calibration.simulation.equilibrium import States, Weight, weight_a
 from symstiff.calibration.simulation.phenomena import (
     Additions,
     Site,
+    Values,
     phenomenon,
     rotation_matrix,
     saturation,
 )
 from symstiff.errors import UserError
-
-Values = dict[str, Any]
 
 
 def block_of(entries: dict[str, float]) -> Array:

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 import numpy as np
 
 from symstiff.arrays import Array
@@ -12,13 +10,12 @@ from symstiff.calibration.simulation.equilibrium import States
 from symstiff.calibration.simulation.phenomena import (
     Additions,
     Site,
+    Values,
     phenomenon,
     rotation_matrix,
     saturation,
 )
 from symstiff.calibration.simulation.phenomena_body import clock
-
-Values = dict[str, Any]
 
 
 def _bias(site: Site, p: Values, drifting: bool) -> Additions:

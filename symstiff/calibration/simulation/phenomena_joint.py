@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from typing import Any
 
 import numpy as np
 
@@ -15,13 +14,12 @@ from symstiff.calibration.simulation.phenomena import (
     Additions,
     Builder,
     Site,
+    Values,
     phenomenon,
     saturation,
     smooth_sign,
 )
 from symstiff.errors import UserError
-
-Values = dict[str, Any]
 
 
 def _of_load(share: Callable[[Array, States, Values], Array]) -> Builder:
@@ -175,7 +173,7 @@ def _compensator(site: Site, p: Values) -> Additions:
 
 
 phenomenon("gravity_compensator", "cosine", "joint", "c", phase=0.0)(
-    lambda site, p: _scaled_by_angle(site, p, site.where, lambda q: p["c"] * np.cos(q - p["phase"]))
+    lambda site, p: _scaled_by_angle(site, site.where, lambda q: p["c"] * np.cos(q - p["phase"]))
 )
 
 
@@ -185,10 +183,10 @@ def _per_angle(site: Site, p: Values) -> Additions:
     angles, extra = p["angles"], p["c"]
     if len(angles) != len(extra):
         raise UserError("c needs one entry for each of angles")
-    return _scaled_by_angle(site, p, site.where, lambda q: extra[np.abs(q[:, None] - angles).argmin(axis=1)])
+    return _scaled_by_angle(site, site.where, lambda q: extra[np.abs(q[:, None] - angles).argmin(axis=1)])
 
 
-def _scaled_by_angle(site: Site, p: Values, joint: int, c: Callable[[Array], Array]) -> Additions:
+def _scaled_by_angle(site: Site, joint: int, c: Callable[[Array], Array]) -> Additions:
     """Δθ_j = c(q_joint)·τ_j."""
     v = joint_index(site.where)
 
@@ -206,7 +204,7 @@ def _angle_dependent(site: Site, p: Values) -> Additions:
     """Joint j gives way by c·cos(order·q_k + phase)·τ_j: its stiffness depends on another joint's angle."""
     joint, other = site.where
     moved = Site(site.chain, joint, site.compliance)
-    return _scaled_by_angle(moved, p, other, lambda q: p["c"] * np.cos(p["order"] * q + p["phase"]))
+    return _scaled_by_angle(moved, other, lambda q: p["c"] * np.cos(p["order"] * q + p["phase"]))
 
 
 @phenomenon("load_product", "product", "joints", "c")
@@ -236,7 +234,7 @@ phenomenon("local_bump", "position", "joint", "a", center=0.0, width=0.2)(
 )
 phenomenon("local_bump", "compliance", "joint", "c", center=0.0, width=0.2)(
     lambda site, p: _scaled_by_angle(
-        site, p, site.where, lambda q: p["c"] * np.exp(-(((q - p["center"]) / p["width"]) ** 2))
+        site, site.where, lambda q: p["c"] * np.exp(-(((q - p["center"]) / p["width"]) ** 2))
     )
 )
 phenomenon("creep", "exponential", "joint", "c", T=600.0)(
