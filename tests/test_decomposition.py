@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from symstiff.calibration.decomposition import svd
+from symstiff.reduction.svd import svd
 
 
 @pytest.mark.parametrize("converges", [True, False])

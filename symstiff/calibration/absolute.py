@@ -7,7 +7,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from symstiff.calibration.decomposition import own_columns, svd
+from symstiff.calibration.decomposition import own_columns
 from symstiff.calibration.estimate import Estimate, estimate
 from symstiff.calibration.experiment.current import Current, settled, sigma_of
 from symstiff.calibration.experiment.placement import best_placed
@@ -16,6 +16,7 @@ from symstiff.calibration.plausible import implausible
 from symstiff.calibration.residuals import ResidualTable, residual_table, sizes
 from symstiff.calibration.rows import Equations, shared_blocks, weights
 from symstiff.model import StiffnessModel
+from symstiff.reduction.svd import svd
 
 _INSIDE, _OUTSIDE = 1e-6, 1e-4
 """Least part of a column outside others for it to count: of a constant of the geometry, and of a weight's effect."""

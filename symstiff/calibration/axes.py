@@ -9,8 +9,9 @@ from itertools import permutations, product
 import numpy as np
 
 from symstiff.arrays import Array
-from symstiff.calibration.decomposition import svd, unit_columns
+from symstiff.calibration.decomposition import unit_columns
 from symstiff.errors import UserError
+from symstiff.reduction.svd import svd
 
 _FAR_BETTER = 0.25  # of the unexplained part that is left as measured
 _WORTH_A_WORD = 0.05  # unexplained part below which the data are not questioned

@@ -15,6 +15,7 @@ import numpy as np
 from symstiff.arrays import Array
 from symstiff.calibration.compact import triangular
 from symstiff.calibration.decomposition import unit_columns
+from symstiff.reduction.svd import svd
 
 _EXPECTED = 1.0
 """Standard deviation of log(sigma ratio) about the ratio of the readings, before residuals are looked at."""
@@ -38,7 +39,7 @@ def component_sigma(A: Array, y: Array, labels: Sequence[str]) -> Array:
         triangular(np.column_stack([A[rows], y[rows]]) / s) for rows, s in zip(members, start, strict=True)
     ]
     stacked = np.vstack(triangles)
-    U, s, _ = np.linalg.svd(unit_columns(stacked[:, :columns])[0], full_matrices=False)
+    U, s, _ = svd(unit_columns(stacked[:, :columns])[0])
     Q = U[:, s > s.max(initial=0.0) * max(A.shape) * np.finfo(float).eps]
     left = stacked[:, columns] - Q @ (Q.T @ stacked[:, columns])
     free = len(y) - Q.shape[1]

@@ -16,6 +16,7 @@ from symstiff.display import finite
 from symstiff.errors import UserError
 from symstiff.reduction.admissible import AdmissibleSet, admissible_set, scales
 from symstiff.reduction.conic import Constraint, dual_matrix, semidefinite, solve
+from symstiff.reduction.svd import svd
 
 _ACTIVE = 1e-6  # sizes: a block whose least eigenvalue is below touches its bound
 _COSTS = 1e-3  # ½·chi² per size: a multiplier below is the solver's rounding
@@ -133,7 +134,7 @@ def _weighed(fit: Estimate) -> tuple[Array, Array, float]:
     not resolve keep the rows' own noise.
     """
     form, rank = fit.compact, fit.rank.rank
-    U = np.linalg.svd(form.R)[0]
+    U = svd(form.R)[0]
     own = fit.unit_variance if math.isfinite(fit.unit_variance) and fit.unit_variance > 0 else 1.0
     rows, data = U.T @ (form.R * form.scale), U.T @ form.z
     covariance = rows[:rank] @ fit.covariance @ rows[:rank].T

@@ -3,24 +3,10 @@
 from __future__ import annotations
 
 import numpy as np
-from scipy import linalg
 
 from symstiff.arrays import Array
 from symstiff.calibration.compact import triangular
 from symstiff.reduction.svd import independent
-
-
-def svd(A: Array) -> tuple[Array, Array, Array]:
-    """Thin U (M, k), s (k,), Vt (k, N) of A (M, N).
-
-    LAPACK's divide-and-conquer may not converge where columns depend on each other beside a few that are nothing but
-    rounding, though all of them are finite; the slower QR iteration does then.
-    """
-    try:
-        U, s, Vt = np.linalg.svd(A, full_matrices=False)
-    except np.linalg.LinAlgError:
-        U, s, Vt = linalg.svd(A, full_matrices=False, lapack_driver="gesvd")
-    return np.asarray(U), np.asarray(s), np.asarray(Vt)
 
 
 def unit_columns(A: Array) -> tuple[Array, Array]:

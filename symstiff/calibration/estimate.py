@@ -18,6 +18,7 @@ from symstiff.calibration.rank import Combination, RankDecision, combinations, d
 from symstiff.calibration.shared import Blocks, SharedError, shared_error
 from symstiff.display import finite
 from symstiff.errors import UserError
+from symstiff.reduction.svd import svd
 
 
 @dataclass(frozen=True, eq=False)
@@ -171,7 +172,7 @@ def _resolved(
     form: Compact, A: Array, names: tuple[str, ...], given: bool, truncate: Literal["noise", "rounding"]
 ) -> tuple[RankDecision, Array, Array]:
     """The rank decision, the (P, r) root of the covariance of what is resolved, and the (r,) data along it."""
-    U, s, Vt = np.linalg.svd(form.R)
+    U, s, Vt = svd(form.R)
     singular = np.concatenate([s, np.zeros(len(names) - len(s))])
     known = U.T @ form.z
     noise = _noise(form, s, known, given) if truncate == "noise" else 0.0

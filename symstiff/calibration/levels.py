@@ -15,7 +15,7 @@ from symstiff.effects.registry import catalogue
 from symstiff.errors import UserError
 from symstiff.model import StiffnessModel
 from symstiff.reduction.structural import LOADS
-from symstiff.reduction.svd import numeric_rank
+from symstiff.reduction.svd import numeric_rank, svd
 
 _SHARE = 1e-6  # of a compliance in a combination, below which it is rounding
 
@@ -69,7 +69,7 @@ def _without_spare(
 
 def _null(A: np.ndarray) -> np.ndarray:
     """(d, P) orthonormal combinations of columns, scaled to length one, that vanish."""
-    _, s, vt = np.linalg.svd(unit_columns(A)[0], full_matrices=False)
+    _, s, vt = svd(unit_columns(A)[0])
     return np.asarray(vt[numeric_rank(s, len(A)).rank :])
 
 

@@ -17,6 +17,7 @@ from symstiff.calibration.outliers import UNTESTABLE, HuberFit, Suspect, pose_su
 from symstiff.calibration.rank import combinations, resolved_root
 from symstiff.calibration.shared import Blocks, SharedError, shared_error
 from symstiff.display import finite
+from symstiff.reduction.svd import svd
 
 HUBER = 1.345  # of the scale: 95 % efficient on normal noise
 _MAD_TO_SIGMA = 1.482602218505602
@@ -80,7 +81,7 @@ def robust_estimate(
     """
     start = estimate(A, y, sigma, names, units=units, blocks=blocks, estimated=estimated)
     A, y, sigma, _ = checked(A, y, sigma, start.names)
-    _, s, Vt = np.linalg.svd(start.compact.R)
+    _, s, Vt = svd(start.compact.R)
     root = resolved_root(start.compact, s, Vt, start.rank.rank)
     Q = (A if sigma is None else A / sigma[:, None]) @ root
     fit = _huber(Q, y if sigma is None else y / sigma)

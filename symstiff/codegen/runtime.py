@@ -255,7 +255,7 @@ def _result(into: np.ndarray | None, shape: tuple[int, ...]) -> np.ndarray:
     flat = (shape[0], math.prod(shape[1:]))
     if into is None:
         return np.empty(flat)
-    usable = into.dtype == np.float64 and into.flags.c_contiguous and into.flags.writeable
+    usable = into.dtype == np.float64 and into.flags.carray
     if not usable or into.shape != shape:
         raise UserError(f"out: expected a contiguous array of doubles of shape {shape}")
     return into.reshape(flat)
@@ -273,7 +273,7 @@ def _strided(array: np.ndarray) -> tuple[Any, Any]:
     """Pointer and strides (component, pose) in elements; an array that these cannot describe is copied."""
     size = array.itemsize
     if any(s < 0 or s % size for s in array.strides) or not array.flags.aligned:
-        array = np.ascontiguousarray(array)
+        array = np.require(array, requirements=("C", "A"))
     strides = (ctypes.c_size_t * 2)(array.strides[1] // size, array.strides[0] // size)
     first = pointer(array)
     first.array = array  # keeps a copy alive for the call

@@ -14,11 +14,11 @@ import numpy as np
 from scipy import stats
 
 from symstiff.arrays import Array
-from symstiff.calibration.decomposition import svd
 from symstiff.discrepancy.prepare import Prepared
 from symstiff.discrepancy.problem import Problem
 from symstiff.discrepancy.result import Inconstancy, Name
 from symstiff.discrepancy.scan import Layer, Scan, back, coefficients, extend
+from symstiff.reduction.svd import svd
 
 LEVEL = 0.01
 """Family-wise level, over all effects of a set and all that their sizes may follow."""

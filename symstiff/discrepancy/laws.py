@@ -149,6 +149,8 @@ def _laws_of_load(problem: Problem, v: int) -> list[Law]:
             out.append(Law((name,), other.law(lambda x: x), own=False))
             out.append(Law((f"{name}*|{name}|",), other.law(lambda x: x * np.abs(x)), own=False))
             out.append(Law((f"sign({name})",), other.law(lambda x: np.tanh(x / _SHARP)), own=False))
+            even, family = {f"|{name}|": np.abs, f"{name}^2": np.square}, f"|{name}| or its square"
+            out += [Law((text,), other.law(of), own=False, family=family) for text, of in even.items()]
             out.append(Law((f"tau*{name}",), product[:, None], own=False))
             out.append(Law((f"tau*|{name}|",), size[:, None], own=False))
     return out

@@ -8,13 +8,13 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from symstiff.arrays import Array, Index
-from symstiff.calibration.decomposition import svd
 from symstiff.discrepancy.bank import Bank
 from symstiff.discrepancy.between import moved
 from symstiff.discrepancy.noise import Noise
 from symstiff.discrepancy.problem import Options, Problem
 from symstiff.discrepancy.scan import evidence, extend, open_scan
 from symstiff.discrepancy.sharing import Roots
+from symstiff.reduction.svd import svd
 
 FEWEST = 4
 """Poses from which some are left out."""

@@ -8,9 +8,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from symstiff.arrays import Array
-from symstiff.calibration.decomposition import svd
 from symstiff.discrepancy.scan import Scan, basis_of
 from symstiff.discrepancy.workshop import Proposal, Workshop
+from symstiff.reduction.svd import svd
 
 SAME_SIGNAL = 0.85
 """Share of an unnamed law's signal inside a set's space from which both describe the same thing."""

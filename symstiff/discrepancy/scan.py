@@ -13,12 +13,13 @@ from functools import cached_property
 import numpy as np
 
 from symstiff.arrays import Array, Index, Mask
-from symstiff.calibration.decomposition import svd, unit_columns
+from symstiff.calibration.decomposition import unit_columns
 from symstiff.discrepancy.bank import Bank
 from symstiff.discrepancy.bases import Bases, Single, bases_of, inner
 from symstiff.discrepancy.marginal import of_groups, of_ranks, of_sizes
 from symstiff.discrepancy.noise import Noise
 from symstiff.discrepancy.sharing import Roots, Sharing
+from symstiff.reduction.svd import svd
 from symstiff.threads import in_threads
 
 _ROWS = 128

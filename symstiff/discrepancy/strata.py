@@ -8,9 +8,9 @@ import numpy as np
 from scipy import stats
 
 from symstiff.arrays import Array, Index
-from symstiff.calibration.decomposition import svd
 from symstiff.discrepancy.problem import Problem
 from symstiff.discrepancy.scan import Scan, directions
+from symstiff.reduction.svd import svd
 
 PROPORTIONAL = "proportional to load, by pose"
 """The stratum in which compliances, frames and sensors speak."""

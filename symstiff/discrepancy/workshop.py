@@ -57,7 +57,7 @@ class Workshop:
         """The evidence of everything else with some entries in the model."""
         key = tuple(sorted(entries))
         if key not in self.found:
-            self.found[key] = evidence(extend(self.start, key))
+            self.found[key] = evidence(self.scan(key))
         return self.found[key]
 
     def null(self, members: tuple[int, ...], entries: tuple[int, ...]) -> Null:

@@ -10,7 +10,9 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from scipy import linalg
 
+from symstiff.arrays import Array
 from symstiff.reduction.structural import Couplings, Partition, partition
 
 
@@ -47,7 +49,7 @@ def numeric_partition(
     """
     lengths = np.linalg.norm(matrix, axis=0)
     scale = np.where(lengths > lengths.max(initial=0.0) * 1e-14, lengths, 1.0)
-    _, s, vt = np.linalg.svd(matrix / scale, full_matrices=False)
+    _, s, vt = svd(matrix / scale)
     decision = numeric_rank(s, len(matrix))
     row_space = vt[: decision.rank]
     order = [names.index(n) for n in preference]
@@ -64,6 +66,19 @@ def numeric_partition(
         if c not in kept
     }
     return partition(names, [names[k] for k in kept], couplings), decision
+
+
+def svd(A: Array) -> tuple[Array, Array, Array]:
+    """Thin U (M, k), s (k,), Vt (k, N) of A (M, N).
+
+    LAPACK's divide-and-conquer may not converge where columns depend on each other beside a few that are nothing but
+    rounding, though all of them are finite; the slower QR iteration does then.
+    """
+    try:
+        U, s, Vt = np.linalg.svd(A, full_matrices=False)
+    except np.linalg.LinAlgError:
+        U, s, Vt = linalg.svd(A, full_matrices=False, lapack_driver="gesvd")
+    return np.asarray(U), np.asarray(s), np.asarray(Vt)
 
 
 def independent(A: np.ndarray, least: float) -> list[int]:

@@ -9,7 +9,7 @@ from functools import lru_cache
 import numpy as np
 
 from symstiff.arrays import Array
-from symstiff.calibration.decomposition import svd, unit_columns
+from symstiff.calibration.decomposition import unit_columns
 from symstiff.calibration.experiment.arm import Arm, drawn, standing
 from symstiff.calibration.experiment.full import full_laws
 from symstiff.calibration.experiment.placement import placed, placement_columns, turns_of
@@ -32,6 +32,7 @@ from symstiff.model import StiffnessModel
 from symstiff.reduction.physical import Parameter as Compliance
 from symstiff.reduction.physical import physical_stages, terms_of
 from symstiff.reduction.structural import LOADS
+from symstiff.reduction.svd import svd
 from symstiff.robot import Robot
 from symstiff.symbolic.algebras import evaluate_numpy
 from symstiff.symbolic.chain import ElasticChain
