@@ -134,7 +134,7 @@ def _weighed(fit: Estimate) -> tuple[Array, Array, float]:
     not resolve keep the rows' own noise.
     """
     form, rank = fit.compact, fit.rank.rank
-    U = svd(form.R)[0]
+    U = svd(form.R, full=True)[0]
     own = fit.unit_variance if math.isfinite(fit.unit_variance) and fit.unit_variance > 0 else 1.0
     rows, data = U.T @ (form.R * form.scale), U.T @ form.z
     covariance = rows[:rank] @ fit.covariance @ rows[:rank].T

@@ -172,7 +172,7 @@ def _resolved(
     form: Compact, A: Array, names: tuple[str, ...], given: bool, truncate: Literal["noise", "rounding"]
 ) -> tuple[RankDecision, Array, Array]:
     """The rank decision, the (P, r) root of the covariance of what is resolved, and the (r,) data along it."""
-    U, s, Vt = svd(form.R)
+    U, s, Vt = svd(form.R, full=True)
     singular = np.concatenate([s, np.zeros(len(names) - len(s))])
     known = U.T @ form.z
     noise = _noise(form, s, known, given) if truncate == "noise" else 0.0

@@ -81,7 +81,7 @@ def robust_estimate(
     """
     start = estimate(A, y, sigma, names, units=units, blocks=blocks, estimated=estimated)
     A, y, sigma, _ = checked(A, y, sigma, start.names)
-    _, s, Vt = svd(start.compact.R)
+    _, s, Vt = svd(start.compact.R, full=True)
     root = resolved_root(start.compact, s, Vt, start.rank.rank)
     Q = (A if sigma is None else A / sigma[:, None]) @ root
     fit = _huber(Q, y if sigma is None else y / sigma)

@@ -68,16 +68,16 @@ def numeric_partition(
     return partition(names, [names[k] for k in kept], couplings), decision
 
 
-def svd(A: Array) -> tuple[Array, Array, Array]:
-    """Thin U (M, k), s (k,), Vt (k, N) of A (M, N).
+def svd(A: Array, full: bool = False) -> tuple[Array, Array, Array]:
+    """Thin U (M, k), s (k,), Vt (k, N) of A (M, N), or full U (M, M) and Vt (N, N).
 
     LAPACK's divide-and-conquer may not converge where columns depend on each other beside a few that are nothing but
     rounding, though all of them are finite; the slower QR iteration does then.
     """
     try:
-        U, s, Vt = np.linalg.svd(A, full_matrices=False)
+        U, s, Vt = np.linalg.svd(A, full_matrices=full)
     except np.linalg.LinAlgError:
-        U, s, Vt = linalg.svd(A, full_matrices=False, lapack_driver="gesvd")
+        U, s, Vt = linalg.svd(A, full_matrices=full, lapack_driver="gesvd")
     return np.asarray(U), np.asarray(s), np.asarray(Vt)
 
 
