@@ -50,17 +50,29 @@ class Course:
         return self.last.verdict in (NOTHING, NAMED, AMBIGUOUS) and not self.ladder.effects
 
 
-def finding_of(course: Course, remarks: list[str], tell: Callable[[str], None]) -> Finding:
-    """Identify all parameters jointly with the leading effects, and say what was found."""
+Without = Callable[[Course, Sequence[Found]], Course | None]
+"""The course without some effects; None where nothing else accounts for the data."""
+
+
+def finding_of(
+    course: Course,
+    remarks: list[str],
+    tell: Callable[[str], None],
+    without: Without = lambda course, found: None,
+) -> Finding:
+    """Identify all parameters jointly with the leading effects, and say what was found.
+
+    Effects whose sizes go astray there are taken back, and what else there is takes their place.
+    """
     task, table, ladder, last = course.task, course.table, course.ladder, course.last
     tell("identification")
     leading = [e for e in last.effects if e.set_number == 0]
     grown = grow(ladder.base, [e.instance for e in leading])
     after = fit_told(grown, table, trusted=course.trusted)
-    if astray(
-        [_as_identified(e, after) for e in leading], task.robot, extent_of(course.assembly.situation.view)
-    ):
-        return finding_of(replace(course, last=_taken_back(last)), remarks, tell)
+    extent = extent_of(course.assembly.situation.view)
+    if strays := [e for e in leading if astray([_as_identified(e, after)], task.robot, extent)]:
+        other = without(course, strays) or replace(course, last=_taken_back(last))
+        return finding_of(other, remarks, tell)
     before = after if grown is ladder.start else fit_told(ladder.start, table, after.noise, after)
     verdict, because = last.verdict, last.because
     if ladder.effects and verdict == NOTHING:

@@ -33,9 +33,9 @@ from symstiff.discrepancy.finding import Finding, Task
 from symstiff.discrepancy.gross import gross, remark
 from symstiff.discrepancy.growth import fit, grow
 from symstiff.discrepancy.prepare import at_first
-from symstiff.discrepancy.problem import Options
+from symstiff.discrepancy.problem import Options, key_of
 from symstiff.discrepancy.reasons import Reason
-from symstiff.discrepancy.result import Diagnosis, Name, Quantity
+from symstiff.discrepancy.result import Diagnosis, Found, Name, Quantity
 from symstiff.discrepancy.speech import named as named_at
 from symstiff.discrepancy.used import used
 from symstiff.discrepancy.verdict import AMBIGUOUS, NAMED, UNTESTABLE
@@ -97,7 +97,18 @@ def _of_table(task: Task, table: Measurements, remarks: Sequence[str], tell: Tel
         if climbed is None:
             break
         course = climbed
-    return finding_of(course, remarks, tell)
+    return finding_of(course, remarks, tell, lambda course, found: _without(course, found, tell))
+
+
+def _without(course: Course, found: Sequence[Found], tell: Tell) -> Course | None:
+    """The diagnosis without effects that went astray; None where nothing else accounts for the data."""
+    tell("without what goes astray")
+    names = [key_of(e.effect, e.where) for e in found]
+    assembly, last = _diagnosed(course.ladder.base, course.table, _options(course.task), tell, without=names)
+    if last.verdict not in (NAMED, AMBIGUOUS):
+        return None
+    first = last if course.first is course.last else course.first
+    return replace(course, assembly=assembly, first=first, last=last)
 
 
 def _climbed(course: Course, wider: Wider, tell: Tell) -> Course | None:
@@ -118,17 +129,19 @@ def first_assembly(model: StiffnessModel, table: Measurements) -> Assembly:
 
 
 def _diagnosed(
-    model: StiffnessModel, table: Measurements, options: Options, tell: Tell, doubt: Reason | None = None
-) -> tuple[Assembly, Diagnosis]:
+    model: StiffnessModel, table: Measurements, options: Options, tell: Tell, doubt: Reason | None = None,
+    without: Sequence[str] = (),
+) -> tuple[Assembly, Diagnosis]:  # fmt: skip
     """The diagnosis of a model; where it finds loads, other laws are looked for once more under the sum.
 
     A wrong payload or a biased sensor loads the gears too; what turns an arm by an angle that is no small one moves the
     levers, and is looked at again the same way. The second look stands where it says the same with
     better shapes, does without some of the effects, or where the first did not account for the data; never without
     the effects whose loads it takes for granted, and what stood against their names in the first look still does.
+    Candidates ``without`` which the data are to be explained, by their keys, take no part.
     """
     tell("columns")
-    assembly = first_assembly(model, table)
+    assembly = _but(first_assembly(model, table), without)
     found = examine(assembly.problem, assembly.candidates, options, tell, doubt=doubt)
     settled = found.verdict == AMBIGUOUS or (found.verdict == NAMED and len(found.leading) == 1)
     effects = [(EffectInstance(n.effect, dict(n.where), dict(s)), e) for n, s, e in found.leading]
@@ -137,12 +150,19 @@ def _diagnosed(
         return assembly, found
     tell("columns under the loads found")
     believed = fit(grow(model, [effect for effect, _ in effects]), table)
-    under = assemble(model, table, noise=believed.noise, believed=believed.model)
+    under = _but(assemble(model, table, noise=believed.noise, believed=believed.model), without)
     again = examine(under.problem, under.candidates, options, tell, given)
     enough = again.verdict == NAMED and not Counter(_names(again)) - Counter(_names(found))
     stands = enough if found.verdict == NAMED else again.verdict in (NAMED, AMBIGUOUS)
     kept = {named_at(n.effect, n.where) for n in given} <= set(_names(again))
     return (under, _no_surer(again, found, given)) if stands and kept else (assembly, found)
+
+
+def _but(assembly: Assembly, without: Sequence[str]) -> Assembly:
+    """An assembly without some candidates."""
+    why = "where all parameters are identified jointly, its size goes far beyond the physical range"
+    candidates = (replace(c, unavailable=why) if c.key in without else c for c in assembly.candidates)
+    return replace(assembly, candidates=tuple(candidates)) if without else assembly
 
 
 def _no_surer(again: Diagnosis, found: Diagnosis, given: Sequence[Name]) -> Diagnosis:
