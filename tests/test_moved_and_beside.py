@@ -103,8 +103,10 @@ def test_a_device_that_reads_too_much_along_its_beam_is_accused_with_its_gain() 
     law = found.last.device_law
     assert law is not None
     assert law.place == "measuring device"
-    gain = dict(zip(("xx", "xy", "xz", "yy", "yz", "zz"), law.terms, strict=True))
+    gain = dict(zip(("xx", "xy", "xz", "yy", "yz"), law.terms, strict=True))
+    assert gain["xx"][0].endswith("xx beyond the mean")
     assert gain["xy"][1] == pytest.approx(100 * 0.06 * beam[0] * beam[1], abs=3 * gain["xy"][2])
+    assert gain["xx"][1] == pytest.approx(100 * 0.06 * (beam[0] ** 2 - 1 / 3), abs=3 * gain["xx"][2])
 
 
 def test_poses_that_hardly_show_an_effect_predict_nothing_of_it() -> None:

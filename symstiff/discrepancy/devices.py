@@ -12,6 +12,7 @@ import numpy as np
 from symstiff.arrays import Array
 from symstiff.calibration.experiment.situation import Situation, View, under_weights
 from symstiff.calibration.loading import load_factor
+from symstiff.calibration.measurements import Measurements
 from symstiff.discrepancy.drawing import drawing_laws
 from symstiff.discrepancy.posture import posture_laws
 from symstiff.discrepancy.problem import DeviceLaw, Parameter
@@ -28,6 +29,8 @@ _GROWTH = (1, 2)
 _TURNS = (1, 2)
 """Waves per turn of an encoder of the measuring device that runs out of true."""
 
+_LEVELS = 8
+"""Sizes of loads up to which one of them may be another weight than the table says."""
 _CUTS = 20
 """Moments of a session at which something may have moved, at most."""
 
@@ -63,7 +66,7 @@ def _found(situation: Situation) -> tuple[DeviceLaw, ...]:
     view = situation.view
     found = [
         *_gains(situation),
-        *_loads_of_poses(situation),
+        *_loads_that_differ(situation),
         *_strains(situation),
         *sensor_laws(situation),
         *_markers(view),
@@ -96,24 +99,43 @@ def _gains(situation: Situation) -> Iterator[DeviceLaw]:
     if np.ptp(branch) > 0:
         rubbed = (Parameter("gain*branch", "%"),)
         yield DeviceLaw(SENSOR, "gain*branch", rubbed, (branch * every)[:, None])
+    for what, course in _courses(view.table):
+        title = f"gain*{what}"
+        yield DeviceLaw(SENSOR, title, (Parameter(title, "%"),), (course[view.state] * every)[:, None])
     if np.ptp(share) > 0:
         for name, column in zip(places, block.T, strict=True):
             yield DeviceLaw(name, "gain*load", grown, (share * column)[:, None])
         yield DeviceLaw(SENSOR, "gain*load", grown, (share * every)[:, None])
 
 
-def _loads_of_poses(situation: Situation) -> Iterator[DeviceLaw]:
-    """A pose whose loads are not those of the table: a weight that was not put on."""
+def _courses(table: Measurements) -> Iterator[tuple[str, Array]]:
+    """How far the session and its temperature have gone (N,), from 0 to 1, where the table tells them."""
+    for what, values in (("time", table.time), ("temperature", table.temperature)):
+        if np.all(np.isfinite(values)) and np.ptp(values) > 0:
+            yield what, (values - values.min()) / np.ptp(values)
+
+
+def _loads_that_differ(situation: Situation) -> Iterator[DeviceLaw]:
+    """Loads that are not those of the table: a weight that was not put on, in a pose, or another one in all poses."""
     view = situation.view
     more = _PERCENT * situation.columns([Term("w", VirtualJoint("load", 0, c), w(c)) for c in AXES], ["w"])
     title = "load that differs"
     for number in np.unique(view.table.pose):
         own = (view.table.pose == number)[view.state][:, None]
         yield DeviceLaw(f"pose {view.table.labels[number]}", title, (Parameter(title, "%"),), own * more)
+    size = np.round(np.linalg.norm(view.table.w[:, :3], axis=1), 1)
+    levels = np.unique(size[size > 0])
+    if 2 < len(levels) <= _LEVELS:
+        for level in levels:
+            own = (size == level)[view.state][:, None]
+            yield DeviceLaw(f"load of {level:g} N", title, (Parameter(title, "%"),), own * more)
 
 
 def _strains(situation: Situation) -> Iterator[DeviceLaw]:
-    """A device that reads too much along some direction, as along its beam: any symmetric gain."""
+    """A device that reads too much along some direction, as along its beam: any symmetric gain.
+
+    But for a common one, which is that of all compliances.
+    """
     read = np.unique(situation.view.component[situation.view.component < 3]) + 1
     terms = {
         (int(a), int(b)): Term(f"{a}{b}", VirtualJoint("measure", 0, int(a)), deflection(int(b)))
@@ -122,11 +144,15 @@ def _strains(situation: Situation) -> Iterator[DeviceLaw]:
     }
     block = situation.columns(list(terms.values()), [t.parameter for t in terms.values()])
     column = dict(zip(terms, _PERCENT * block.T, strict=True))
-    pairs = [(a, b) for a, b in terms if a <= b]
-    names = tuple(Parameter(f"gain along a direction: {'xyz'[a - 1]}{'xyz'[b - 1]}", "%") for a, b in pairs)
+    pairs = [(a, b) for a, b in terms if a <= b][
+        : -1 if len(read) else None
+    ]  # the last axis holds the rest to none
     if len(read) > 1:
-        gains = [column[a, b] + (column[b, a] if a != b else 0.0) for a, b in pairs]
-        yield DeviceLaw(DEVICE, "gain along a direction", names, np.column_stack(gains))
+        last = column[read[-1], read[-1]]
+        words = [f"{'xyz'[a - 1]}{'xyz'[b - 1]}" + " beyond the mean" * (a == b) for a, b in pairs]
+        gains = [column[a, b] + (column[b, a] if a != b else -last) for a, b in pairs]
+        columns = tuple(Parameter(f"gain along a direction: {word}", "%") for word in words)
+        yield DeviceLaw(DEVICE, "gain along a direction", columns, np.column_stack(gains))
 
 
 def _markers(view: View) -> Iterator[DeviceLaw]:
@@ -146,7 +172,10 @@ def _markers(view: View) -> Iterator[DeviceLaw]:
         list("xyz"),
         *([f"{a} by {v}{b}" for a in "xyz" for b in "xyz"] for v in "fg"),
     )
+    session = view.table.clock[view.state][:, None] - view.table.clock.min()
+    session = session / max(float(session.max()), 1e-300)
     laws = {
+        "shift growing with the session in the tool's axes": (axes, session * turned),
         "shift with the load": (axes, share * fixed),
         "shift with the load in the tool's axes": (axes, share * turned),
         "shift the way of the force": (axes, force * fixed),

@@ -8,6 +8,8 @@ from typing import Any
 _DEVICE = {
     "gain": "a gain error",
     "gain*load": "a gain error that grows with the load",
+    "gain*time": "a gain error that grows with the session",
+    "gain*temperature": "a gain error that grows with the temperature",
     "gain*branch": "a load that is another one rising than falling, as friction in the rig makes it",
     "crosstalk": "crosstalk",
     "late": "a reading that still holds a share of the load before",
@@ -40,7 +42,7 @@ def named(effect: str, where: Mapping[str, Any]) -> str:
 
 def law_place(accused: str) -> str:
     """The place of a law without a name, with the article of things that have no number."""
-    things = ("reading", "force", "measuring", "order", "foot", "flange", "robot")
+    things = ("reading", "force", "load of", "measuring", "order", "foot", "flange", "robot")
     return f"the {accused}" if accused.startswith(things) else accused
 
 
