@@ -233,6 +233,17 @@ def test_results_are_written_to_the_array_that_is_given(backend):
     close(A, m.observation(q, w))
     with pytest.raises(UserError, match=r"out: expected a contiguous array of doubles of shape \(30, 6\)"):
         evaluator.deflection(q, w, out=np.empty((6, 30)).T)
+    with pytest.raises(UserError, match="out: expected a contiguous array"):
+        evaluator.deflection(q, w, out=beside_its_words(np.empty((30, 6))))
+    close(evaluator.deflection(beside_its_words(q), beside_its_words(w)), m.deflection(q, w))
+
+
+def beside_its_words(array):
+    """The same numbers one byte beside where doubles begin, as packets of a network hold them."""
+    raw = np.zeros(array.nbytes + 1, np.uint8)[1:]
+    out = raw.view(np.float64).reshape(array.shape)
+    out[...] = array
+    return out
 
 
 def test_arrays_of_a_wrong_shape_are_named():

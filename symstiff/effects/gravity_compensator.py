@@ -17,7 +17,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping, Sequence
-from functools import cache
+from functools import lru_cache
 from itertools import pairwise
 
 import numpy as np
@@ -40,7 +40,7 @@ _SOFTEST = 0.02
 """Least stiffness of the joint over its own."""
 
 
-@cache
+@lru_cache(maxsize=256)
 def spring_stiffness() -> sp.Expr:
     """∂M/∂q of the spring for unit rate, in the symbols a, L, s_0, alpha and q."""
     a, L, s0, alpha, angle = sp.symbols("a L s_0 alpha q", real=True)
@@ -75,7 +75,7 @@ def _spring(robot: Robot, j: int, shape: Shape) -> sp.Expr:
         return load_of(j) * law / (1 + ratio * law) if ratio else load_of(j) * law
 
 
-@cache
+@lru_cache(maxsize=256)
 def _check_spring(a: float, L: float, s0: float, ratio: float) -> None:
     """Raise ValueError for a spring that has no length somewhere, or a joint that is not stiff there."""
     if not min(a, L) > 0 or s0 < 0:
@@ -90,14 +90,14 @@ def _check_spring(a: float, L: float, s0: float, ratio: float) -> None:
 _ANGLE, _ALPHA = sp.symbols("q alpha", real=True)
 
 
-@cache
+@lru_cache(maxsize=256)
 def _stiffness(a: float, L: float, s0: float) -> sp.Expr:
     """k̂(q): the spring's stiffness over its largest size."""
     values = {s: exact(v) for s, v in zip(sp.symbols("a L s_0", real=True), (a, L, s0), strict=True)}
     return spring_stiffness().xreplace(values) / exact(f"{_largest(a, L, s0):.9g}")
 
 
-@cache
+@lru_cache(maxsize=256)
 def _largest(a: float, L: float, s0: float) -> float:
     """Largest size of the spring's stiffness over a turn, for unit rate."""
     return float(np.abs(_shape_over_a_turn(a, L, s0)).max())
@@ -108,7 +108,7 @@ def _shape_over_a_turn(a: float, L: float, s0: float) -> np.ndarray:
     return np.asarray(_numeric_stiffness()(a, L, s0, 0.0, np.linspace(-math.pi, math.pi, 721)))
 
 
-@cache
+@lru_cache(maxsize=256)
 def _numeric_stiffness() -> Callable[..., np.ndarray]:
     symbols = sp.symbols("a L s_0 alpha q", real=True)
     return sp.lambdify(symbols, spring_stiffness(), "numpy")  # type: ignore[no-any-return]
