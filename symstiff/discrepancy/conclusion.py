@@ -87,7 +87,7 @@ def _named(last: Diagnosis) -> tuple[Found, ...]:
     """The effects of all admissible sets as the diagnosis has them."""
     return tuple(
         Found(e.effect, e.where, e.shape, e.parameters, e.p_value, e.confidence, e.confounded_with, e.set_number,
-              e.twins)
+              e.twins, e.instead)
         for e in last.effects
     )  # fmt: skip
 

@@ -13,7 +13,7 @@ from symstiff.discrepancy.assemble import Assembly
 from symstiff.discrepancy.growth import JointFit, contribution
 from symstiff.discrepancy.problem import Shape
 from symstiff.discrepancy.reasons import Reason
-from symstiff.discrepancy.result import CandidateResult, Diagnosis, Name, Quantity, Rms
+from symstiff.discrepancy.result import CandidateResult, Diagnosis, Instead, Name, Quantity, Rms
 from symstiff.discrepancy.strata import Stratum
 from symstiff.effects.instance import EffectInstance
 from symstiff.model import StiffnessModel
@@ -53,6 +53,8 @@ class Found:
     set_number: int = 0
     twins: tuple[Name, ...] = ()
     """Other names for the same columns."""
+    instead: tuple[Instead, ...] = ()
+    """Those of ``confounded_with`` in its place."""
 
     @property
     def instance(self) -> EffectInstance:

@@ -12,9 +12,11 @@ from symstiff.discrepancy.finding import Finding, Found
 from symstiff.discrepancy.numbers import milli, number, p_equals, quantity
 from symstiff.discrepancy.reasons import Why
 from symstiff.discrepancy.remarks import FEW, hiding
-from symstiff.discrepancy.result import Name
+from symstiff.discrepancy.result import Instead, Name
+from symstiff.discrepancy.rivals import AS_MUCH
 from symstiff.discrepancy.speech import law_place, named, place, spoken
 from symstiff.discrepancy.verdict import AMBIGUOUS, INSUFFICIENT, NAMED, NOTHING, UNEXPLAINED
+from symstiff.display import counted
 from symstiff.effects.instance import EffectInstance
 from symstiff.report.deciding import deciding
 from symstiff.report.tables import shift
@@ -22,6 +24,10 @@ from symstiff.report.unnamed import device_text, explained, law_text
 
 _FEW = 3
 """Compliances of an effect up to which one of them says how large it is."""
+_PLACED = 2
+"""Others at most that are told in the place of a named effect."""
+TRAILING = 5.0
+"""Log evidence, 150 to 1, by which another effect may trail a named one to be told to fit nearly as well."""
 LOUDER = 1.08
 """Least residual over the stated sigma that is spoken of where nothing is missing."""
 
@@ -223,7 +229,7 @@ def _noise(finding: Finding) -> str:
 
 
 def _named(finding: Finding) -> str:
-    text = f"What is missing: {listed(finding)}; {gap(finding)}.{_hardly_told(finding)}"
+    text = f"What is missing: {listed(finding)}; {gap(finding)}.{_as_well(finding)}"
     sets = sorted({e.set_number for e in finding.alternatives})
     others = [[e for e in finding.alternatives if e.set_number == s] for s in sets]
     if not others:
@@ -231,16 +237,45 @@ def _named(finding: Finding) -> str:
     return f"{text} Less likely, but not excluded: {'; or '.join(_instead(members, finding) for members in others)}."
 
 
-def _hardly_told(finding: Finding) -> str:
-    """What else holds nearly all of a named effect's signal, where that is no explanation that is told anyhow."""
+def _as_well(finding: Finding) -> str:
+    """What would fit in the place of a named effect, where that is no explanation that is told anyhow."""
     told = {named(e.effect, e.where) for e in (*finding.named, *finding.alternatives)}
     text = ""
     for e in finding.named:
         known = told | {name_text(n) for n in e.twins}
-        like = [name_text(n) for n in e.confounded_with if name_text(n) not in known]
-        if like:
-            text += f" These data hardly tell {named(e.effect, e.where)} from {' or '.join(like[:2])}."
+        others = [o for o in e.instead if name_text(o.name) not in known]
+        larger = [o for o in others if o.directions > o.own and o.worse < AS_MUCH and o.behind > 0]
+        near = [o for o in others if o not in larger and o.behind < TRAILING]
+        text += _larger(e, larger[:_PLACED]) + _near(e, near)
     return text
+
+
+def _larger(effect: Found, others: Sequence[Instead]) -> str:
+    """Others that fit as well by more parameters."""
+    if not others:
+        return ""
+    counts = [f"{counted(others[0].directions, 'parameter')} instead of {others[0].own}"]
+    counts += [str(o.directions) for o in others[1:]]
+    told = " or ".join(f"{name_text(o.name)} ({n})" for o, n in zip(others, counts, strict=True))
+    simpler = _first(named(effect.effect, effect.where))
+    return f" {simpler} is named for being simpler: {told} would fit these data as well."
+
+
+def _first(text: str) -> str:
+    """A text as the first of its sentence."""
+    return text[:1].upper() + text[1:]
+
+
+def _near(effect: Found, others: Sequence[Instead]) -> str:
+    """The other that trails least, and by how little."""
+    if not others:
+        return ""
+    next_best = min(others, key=lambda o: o.behind)
+    by = number(math.exp(next_best.behind), 2) if next_best.behind > AS_MUCH else "less than 3"
+    return (
+        f" {_first(name_text(next_best.name))} would fit nearly as well: these data favour "
+        f"{named(effect.effect, effect.where)} by {by} to 1."
+    )
 
 
 def _instead(members: list[Found], finding: Finding) -> str:
@@ -333,7 +368,7 @@ def _unexplained(finding: Finding) -> str:
     if finding.because.why is Why.NOT_ALONE:
         told = [named(name.effect, name.where) for name, _, _ in finding.last.leading]
         sets, verb = ", ".join(told), "account" if len(told) > 1 else "accounts"
-        text = f"{sets[:1].upper()}{sets[1:]} {verb} for the data, but a law without a name does so as well"
+        text = f"{_first(sets)} {verb} for the data, but a law without a name does so as well"
     text += f"; the evidence is strongest at {law_place(accused)}" if accused else ""
     if finding.last.device_law is not None:
         text += f", where {device_text(finding.last.device_law)}"
