@@ -180,9 +180,15 @@ def _told(finding: Finding, group: list[Found], even: bool = False) -> list[str]
         return [f"{names(group)} ({count} parameters, {confidence(group, even)})"]
     return [
         f"{named(e.effect, e.where)}{_or_else(e)} "
-        f"({', '.join(t for t in (magnitude(finding, e), confidence([e], even)) if t)})"
+        f"({', '.join(t for t in (_over(finding, e, magnitude(finding, e)), confidence([e], even)) if t)})"
         for e in group
     ]
+
+
+def _over(finding: Finding, effect: Found, sizes: str) -> str:
+    """Sizes, after what they are counted over: a drift is one over a time or a change of temperature."""
+    spans = effect.instance.span_phrases(finding.assembly.situation.view.robot)
+    return f"{', '.join(spans)}: {sizes}" if spans and sizes else sizes
 
 
 def shape_text(finding: Finding, effect: Found) -> str:
