@@ -63,6 +63,9 @@ def test_what_fits_nearly_as_well_is_told_with_how_little_it_trails(found: Findi
     assert _beside(found, like).endswith(f"{told}26 to 1.")
     assert _beside(found, replace(like, behind=0.4)).endswith(f"{told}less than 3 to 1.")
     assert "Backlash" not in _beside(found, replace(like, behind=7.4))  # it trails clearly
+    same = _beside(found, replace(like, behind=np.log(7.0), worse=0.0))
+    assert same.endswith(" would fit these data as well: it is only less likely beforehand, 7 to 1.")
+    assert "as well, and is refused" in _beside(found, replace(like, behind=-1.0))
     (gear,) = found.named
     other = replace(gear, effect="backlash", where={"joint": 2}, set_number=1)
     beside = replace(found, effects=(replace(gear, instead=(like,)),), alternatives=(other,))

@@ -276,12 +276,14 @@ def _near(effect: Found, others: Sequence[Instead]) -> str:
     """The other that trails least, and by how little."""
     if not others:
         return ""
-    next_best = min(others, key=lambda o: o.behind)
-    by = number(math.exp(next_best.behind), 2) if next_best.behind > AS_MUCH else "less than 3"
-    return (
-        f" {_first(name_text(next_best.name))} would fit nearly as well: these data favour "
-        f"{named(effect.effect, effect.where)} by {by} to 1."
-    )
+    other = min(others, key=lambda o: o.behind)
+    told = f"{_first(name_text(other.name))} would fit"
+    if other.behind <= 0:
+        return f" {told} these data as well, and is refused for other reasons: see the candidates."
+    by = f"{number(math.exp(other.behind), 2) if other.behind > AS_MUCH else 'less than 3'} to 1"
+    if other.worse < min(AS_MUCH, 0.5 * other.behind):
+        return f" {told} these data as well: it is only less likely beforehand, {by}."
+    return f" {told} nearly as well: these data favour {named(effect.effect, effect.where)} by {by}."
 
 
 def _instead(members: list[Found], finding: Finding) -> str:
