@@ -12,11 +12,11 @@ from symstiff.discrepancy.finding import Finding, Found
 from symstiff.discrepancy.numbers import milli, number, p_equals, quantity
 from symstiff.discrepancy.reasons import Why
 from symstiff.discrepancy.remarks import FEW, hiding
-from symstiff.discrepancy.result import Instead, Name
+from symstiff.discrepancy.result import Instead, Name, Quantity
 from symstiff.discrepancy.rivals import AS_MUCH
 from symstiff.discrepancy.speech import law_place, named, place, spoken
 from symstiff.discrepancy.verdict import AMBIGUOUS, INSUFFICIENT, NAMED, NOTHING, UNEXPLAINED
-from symstiff.display import counted
+from symstiff.display import counted, listing
 from symstiff.effects.instance import EffectInstance
 from symstiff.report.deciding import deciding
 from symstiff.report.tables import shift
@@ -24,6 +24,8 @@ from symstiff.report.unnamed import device_text, explained, law_text
 
 _FEW = 3
 """Compliances of an effect up to which one of them says how large it is."""
+_SIZES = 2
+"""Parameters of an effect at most that are told for being determined best."""
 _PLACED = 2
 """Others at most that are told in the place of a named effect."""
 TRAILING = 5.0
@@ -140,22 +142,36 @@ def sentence(finding: Finding, decide: Mapping[str, Any] | None = None) -> str:
     return text if decide is None else f"{text} {deciding(decide)}"
 
 
-def main_parameter(effect: Found) -> str:
-    """The best determined parameter of an effect, as text."""
-    known = {n: e for n, e in effect.parameters.items() if math.isfinite(e.std) and e.std > 0}
+def main_parameters(effect: Found) -> str:
+    """The best determined parameters of an effect, and its mass, as text; of the others how many are determined."""
+    sizes = effect.parameters
+    known = [n for n, e in sizes.items() if math.isfinite(e.std) and e.std > 0]
     if not known:
         return ""
-    best = max(known, key=lambda n: abs(known[n].value) / known[n].std)
-    more = len(effect.parameters) - 1
-    return f"{best} = {quantity(known[best])}" + (f" and {more} more" if more else "")
+    best = sorted(known, key=lambda n: -abs(sizes[n].value) / sizes[n].std)
+    shown = [best[0], *(n for n in best[1:_SIZES] if _determined(sizes[n]))]
+    shown += [n for n, e in sizes.items() if e.unit == "kg" and n not in shown]
+    rest = [_determined(e) for n, e in sizes.items() if n not in shown]
+    text = [f"{n} = {quantity(sizes[n])}{_doubt(sizes[n])}" for n in shown]
+    text += [f"{sum(rest)} more"] * any(rest) + [f"{rest.count(False)} not determined"] * (not all(rest))
+    return listing(text)
+
+
+def _determined(size: Quantity) -> bool:
+    """Whether a size is larger than its deviation."""
+    return size.std <= abs(size.value)
+
+
+def _doubt(size: Quantity) -> str:
+    return "" if _determined(size) or not math.isfinite(size.std) else " (not determined)"
 
 
 def magnitude(finding: Finding, effect: Found) -> str:
-    """How large an effect is: its best determined parameter, of a block of compliances what it moves."""
+    """How large an effect is: its best determined parameters, of a block of compliances what it moves."""
     units = {e.unit for e in effect.parameters.values()}
     moved = np.abs(finding.added(effect)[finding.assembly.problem.axis < 3])
     if len(effect.parameters) <= _FEW or not moved.size or not all("/N" in u or "/(N" in u for u in units):
-        return main_parameter(effect)
+        return main_parameters(effect)
     known = sum(math.isfinite(e.std) for e in effect.parameters.values())
     return f"{known} compliances that move a reading by up to {milli(float(moved.max()))} mm"
 
