@@ -95,6 +95,28 @@ def test_another_effect_in_the_place_of_the_only_one_trails_as_it_does_alone(fou
         )  # one parameter each: their shapes are all that differs
 
 
+@pytest.mark.parametrize(
+    ("before", "after", "told"),
+    [
+        (2.59e-5, 2.51e-5, "falls from 0.0259 mm to 0.0251 mm rms"),
+        (1.0374e-5, 1.0052e-5, "falls from 0.0104 mm to 0.0101 mm rms"),
+        (3.1e-4, 2e-5, "falls from 0.310 mm to 0.020 mm rms"),
+        (2e-5, 2.00001e-5, "stays at 0.02000 mm rms"),
+    ],
+)
+def test_what_is_gained_near_the_noise_is_told_with_digits_that_show_it(
+    found: Finding, before: float, after: float, told: str
+) -> None:
+    sizes = replace(found.rms, before=before, after=after, noise=2.6e-5)
+    text = words.gap(replace(found, rms=sizes))
+    assert f"the residual {told}" in text
+    noise = re.findall(r"\(noise ([\d.]+) mm\)", text)[0]
+    assert len(noise) == len(told.split(" mm")[0].split()[-1])  # as many digits: they are compared
+    far = replace(found.rms, before=12.3, after=11.0, noise=2.6e-5)
+    assert "from 12300 mm to 11000 mm" in words.gap(replace(found, rms=far))
+    assert "(noise 0.026 mm)" in words.gap(replace(found, rms=far))
+
+
 def test_what_the_code_leaves_of_a_large_deflection_is_told_in_millimetres() -> None:
     """The model's deflections are those of the unloaded pose: what they miss is in the data, whatever was found."""
     model = StiffnessModel.of(reduce(load(ROBOT), "wrench", "pose"))

@@ -12,7 +12,7 @@ import pytest
 from symstiff.calibration.simulation import Effect
 from symstiff.discrepancy.assemble import assemble
 from symstiff.discrepancy.finding import Finding, Found
-from symstiff.discrepancy.numbers import milli, number, p_equals, quantity
+from symstiff.discrepancy.numbers import decimals_between, milli, number, p_equals, quantity
 from symstiff.discrepancy.result import Quantity
 from symstiff.effects import EffectInstance
 from symstiff.report.words import magnitude, main_parameters, places

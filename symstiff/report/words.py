@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from symstiff.discrepancy.finding import Finding, Found
-from symstiff.discrepancy.numbers import milli, number, p_equals, quantity
+from symstiff.discrepancy.numbers import decimals_between, milli, number, p_equals, quantity
 from symstiff.discrepancy.reasons import Why
 from symstiff.discrepancy.remarks import FEW, hiding
 from symstiff.discrepancy.result import Instead, Name, Quantity
@@ -24,6 +24,8 @@ from symstiff.report.unnamed import device_text, explained, law_text
 
 _FEW = 3
 """Compliances of an effect up to which one of them says how large it is."""
+_TWO_DIGITS = 10.0
+"""Units of the last digit from which a size has two."""
 _SIZES = 2
 """Parameters of an effect at most that are told for being determined best."""
 _PLACED = 2
@@ -54,10 +56,13 @@ def _nothing_missing(finding: Finding) -> str:
     return "Nothing is missing"
 
 
-def size(value: float | None, finding: Finding) -> str:
-    """A residual as millimetres; as milliradians where rotations alone were measured."""
+def size(value: float | None, finding: Finding, decimals: int | None = None) -> str:
+    """A residual as millimetres, with so many decimals; as milliradians where rotations alone were measured."""
     unit = "mm" if finding.table.measured[:, :3].any() else "mrad"
-    return "–" if value is None else f"{milli(value)} {unit}"
+    if value is None:
+        return "–"
+    few = decimals is None or 1e3 * value * 10**decimals < _TWO_DIGITS
+    return f"{milli(value) if few else f'{1e3 * value:.{decimals}f}'} {unit}"
 
 
 def headline(finding: Finding) -> str:
@@ -227,26 +232,24 @@ def gap(finding: Finding) -> str:
     if r.held_out_before is not None and r.held_out_after is not None:
         text += f", on poses that were not used it {_goes(r.held_out_before, r.held_out_after, finding)}"
         text += ", which does not confirm it" if r.unconfirmed else ""
-    return f"{text} ({_noise(finding)})"
+    return f"{text} ({_noise(finding, decimals_between(r.before, r.after))})"
 
 
 def _goes(before: float, after: float, finding: Finding) -> str:
-    """From one size to another, in words."""
-    first, last = size(before, finding), size(after, finding)
-    if first == last:  # near the noise a digit more tells whether the gap shrank
-        unit = first.split()[-1]
-        first, last = (f"{number(1e3 * value)} {unit}" for value in (before, after))
+    """From one size to another, in words, with the digits that tell them apart."""
+    decimals = decimals_between(before, after)
+    first, last = size(before, finding, decimals), size(after, finding, decimals)
     if first == last:
         return f"stays at {first}"
     return f"{'falls' if after < before else 'rises'} from {first} to {last}"
 
 
-def _noise(finding: Finding) -> str:
+def _noise(finding: Finding, decimals: int | None = None) -> str:
     """The noise of a coordinate; where a pose's rows share more than that, which may be something missing, both."""
     report = finding.last.noise
     if not report.mostly_shared:
-        return f"noise {size(finding.rms.noise, finding)}"
-    own, shared = size(report.sigma, finding), size(report.approach, finding)
+        return f"noise {size(finding.rms.noise, finding, decimals)}"
+    own, shared = size(report.sigma, finding, decimals), size(report.approach, finding, decimals)
     return f"noise {own}, and {shared} that a pose's rows share"
 
 
@@ -289,7 +292,7 @@ def _first(text: str) -> str:
 
 
 def _near(effect: Found, others: Sequence[Instead]) -> str:
-    """The other that trails least, and by how little."""
+    """The other that trails least, and by how little, or why."""
     if not others:
         return ""
     other = min(others, key=lambda o: o.behind)
