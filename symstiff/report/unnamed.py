@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from dataclasses import replace
 
 from symstiff.discrepancy.finding import Finding
 from symstiff.discrepancy.laws import READING
@@ -15,6 +16,8 @@ from symstiff.report.tables import rotates
 
 _LITTLE = 0.1
 """Share of what is left below which a law's size in standard deviations is told."""
+_TERMS, _TERM = 3, re.compile(r" (?=[-+][\d.]+(?:e[-+]\d+)?\*)")
+"""Terms of a law that a sentence shows, and what stands before each but the first."""
 _MANY, _CLEAR = 6, 2.0
 """Sizes of a device's law of which only those beyond so many standard deviations are told."""
 
@@ -56,8 +59,19 @@ _WORDS = {
 """What the words of a law mean, by how they are found in it."""
 
 
-def law_text(finding: Finding, law: FittedLaw) -> str:
-    """A fitted law as one reads it, with t for the load in units of the largest."""
+def law_in_short(finding: Finding, law: FittedLaw) -> str:
+    """A fitted law as a sentence holds it: of many terms the largest."""
+    terms = sorted(_TERM.split(law.expression), key=lambda term: -abs(float(term.partition("*")[0])))
+    if len(terms) <= _TERMS + 1:
+        return law_text(finding, law)
+    shown = " ".join(terms[:_TERMS])
+    used = {name: size for name, size in law.other_scales.items() if re.search(rf"\b{name}\b", shown)}
+    kept = replace(law, expression=shown, other_scales=used)
+    return law_text(finding, kept, f" and {len(terms) - _TERMS} smaller terms")
+
+
+def law_text(finding: Finding, law: FittedLaw, more: str = "") -> str:
+    """A fitted law as one reads it, with t for the load in units of the largest; ``more`` follows its terms."""
     text = re.sub(r"[-+]?\d[\d.]*e[-+]\d+", lambda m: f"{float(m.group()):+.9f}", law.expression)
     factor, unit, load = (1e3, "mrad", "N·m") if rotates(finding, law.virtual_joint) else (1e3, "mm", "N")
     text = re.sub(r"(?<![\w.(*^])[-+]?\d[\d.]*(?=\*)", lambda m: f"{factor * float(m.group()):+.3g}", text)
@@ -73,4 +87,4 @@ def law_text(finding: Finding, law: FittedLaw) -> str:
         what = "the load along the link" if own == "x" else f"τ{own}"
         told.append(f"t{own} = {what}/({number(largest, 4)} {'N' if slides else 'N·m'})")
     told += [meaning for word, meaning in _WORDS.items() if re.search(word, text)]
-    return f"({text}) {unit}" + (f" with {listing(told)}" if told else "")
+    return f"({text}{more}) {unit}" + (f" with {listing(told)}" if told else "")

@@ -20,7 +20,7 @@ from symstiff.display import counted, listing
 from symstiff.effects.instance import EffectInstance
 from symstiff.report.deciding import deciding
 from symstiff.report.tables import shift
-from symstiff.report.unnamed import device_text, explained, law_text
+from symstiff.report.unnamed import device_text, explained, law_in_short
 
 _FEW = 3
 """Compliances of an effect up to which one of them says how large it is."""
@@ -407,7 +407,7 @@ def _unexplained(finding: Finding) -> str:
             else f", without a smooth law there; at {law.virtual_joint}"
         )
         text += (
-            f"{where} the smooth law {shift(finding, law.virtual_joint)} = {law_text(finding, law)} explains "
+            f"{where} the smooth law {shift(finding, law.virtual_joint)} = {law_in_short(finding, law)} explains "
             + explained(law)
         )
     return f"{text} (residual {size(finding.rms.after, finding)} rms per coordinate, {_noise(finding)})."
