@@ -298,6 +298,14 @@ def test_where_nothing_was_added_there_is_one_state() -> None:
     assert "→" not in page[page.index("<dl") : page.index("</dl>")]
 
 
+def test_before_after_and_noise_of_the_page_have_the_digits_of_the_sentence(named: Finding) -> None:
+    near = replace(named.rms, before=2.59e-5, after=2.51e-5, noise=2.57e-5)
+    page = render(replace(named, rms=near), {"code": CODE, "decide": None}, [])
+    facts = page[page.index("<dl") : page.index("</dl>")]
+    assert "0.0259 mm → 0.0251 mm" in facts
+    assert "0.0257 mm" in facts
+
+
 def test_what_is_less_likely_and_not_excluded_is_in_the_sentence(named: Finding) -> None:
     rival = Found("backlash", {"joint": 2}, {}, {}, 0.01, 0.1, (), 1)
     text = sentence(replace(named, alternatives=(rival,)))

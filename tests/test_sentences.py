@@ -14,7 +14,7 @@ from symstiff.calibration.simulation.experiment import simulate
 from symstiff.calibration.simulation.truth import truth_from_table
 from symstiff.discrepancy.conclusion import _beyond_code
 from symstiff.discrepancy.finding import Finding, Task
-from symstiff.discrepancy.result import Name
+from symstiff.discrepancy.result import Instead, Name
 from symstiff.discrepancy.strata import Stratum
 from symstiff.discrepancy.workflow import diagnose
 from symstiff.effects.instance import EffectInstance
@@ -49,16 +49,72 @@ def test_no_place_is_accused_where_one_stratum_alone_rejects(
         assert "strongest" not in verdict["sentence"] + (tmp_path / "out" / "report.html").read_text()
 
 
-def test_what_the_data_hardly_tell_from_a_named_effect_is_told_once(found: Finding) -> None:
+def _beside(found: Finding, *others: Instead) -> str:
     (gear,) = found.named
-    like = Name("backlash", {"joint": 2})
-    told = words.sentence(replace(found, effects=(replace(gear, confounded_with=(like,)),)))
-    assert "These data hardly tell nonlinear stiffness at joint 2 from backlash at joint 2." in told
+    return words.sentence(replace(found, effects=(replace(gear, instead=others),), alternatives=()))
+
+
+def test_what_fits_nearly_as_well_is_told_with_how_little_it_trails(found: Finding) -> None:
+    """By the evidence: e^3.24 is 26. Beside a confidence of 95 % nothing is said that speaks against it."""
+    like = Instead(Name("backlash", {"joint": 2}), 3.24, 4.8, 1, 1)
+    told = (
+        " Backlash at joint 2 would fit nearly as well: these data favour nonlinear stiffness at joint 2 by "
+    )
+    assert _beside(found, like).endswith(f"{told}26 to 1.")
+    assert _beside(found, replace(like, behind=0.4)).endswith(f"{told}less than 3 to 1.")
+    assert "Backlash" not in _beside(found, replace(like, behind=7.4))  # it trails clearly
+    same = _beside(found, replace(like, behind=np.log(7.0), worse=0.0))
+    assert same.endswith(" would fit these data as well: it is only less likely beforehand, 7 to 1.")
+    assert "as well, and is refused" in _beside(found, replace(like, behind=-1.0))
+    (gear,) = found.named
     other = replace(gear, effect="backlash", where={"joint": 2}, set_number=1)
-    beside = replace(found, effects=(replace(gear, confounded_with=(like,)),), alternatives=(other,))
-    assert "hardly tell" not in words.sentence(beside)
+    beside = replace(found, effects=(replace(gear, instead=(like,)),), alternatives=(other,))
+    assert "nearly as well" not in words.sentence(beside)
     assert "not excluded: backlash at joint 2" in words.sentence(beside)
-    assert "hardly tell" not in words.sentence(replace(found, effects=(replace(gear, confounded_with=()),)))
+
+
+def test_what_fits_as_well_by_more_parameters_is_told_with_their_number(found: Finding) -> None:
+    links = [Instead(Name("geometric_error", {"link": k}), 7.0, -1.6, 1, 4 + k) for k in (1, 2)]
+    assert _beside(found, *links).endswith(
+        " Nonlinear stiffness at joint 2 is named for being simpler: geometric error at link 1 (5 parameters instead "
+        "of 1) or geometric error at link 2 (6) would fit these data as well."
+    )
+    assert "simpler" not in _beside(found, replace(links[0], worse=2.5))
+
+
+def test_another_effect_in_the_place_of_the_only_one_trails_as_it_does_alone(found: Finding) -> None:
+    (gear,) = found.named
+    assert gear.instead
+    assert tuple(o.name for o in gear.instead) == gear.confounded_with
+    alone = {(c.effect, str(c.where)): c.score for c in found.candidates}
+    for other in gear.instead:
+        own = alone[(gear.effect, str(gear.where))] - alone[(other.name.effect, str(other.name.where))]
+        assert other.behind == pytest.approx(own, abs=1e-6)
+        assert other.worse == pytest.approx(
+            own, abs=3.0
+        )  # one parameter each: their shapes are all that differs
+
+
+@pytest.mark.parametrize(
+    ("before", "after", "told"),
+    [
+        (2.59e-5, 2.51e-5, "falls from 0.0259 mm to 0.0251 mm rms"),
+        (1.0374e-5, 1.0052e-5, "falls from 0.0104 mm to 0.0101 mm rms"),
+        (3.1e-4, 2e-5, "falls from 0.310 mm to 0.020 mm rms"),
+        (2e-5, 2.00001e-5, "stays at 0.02000 mm rms"),
+    ],
+)
+def test_what_is_gained_near_the_noise_is_told_with_digits_that_show_it(
+    found: Finding, before: float, after: float, told: str
+) -> None:
+    sizes = replace(found.rms, before=before, after=after, noise=2.6e-5)
+    text = words.gap(replace(found, rms=sizes))
+    assert f"the residual {told}" in text
+    noise = re.findall(r"\(noise ([\d.]+) mm\)", text)[0]
+    assert len(noise) == len(told.split(" mm")[0].split()[-1])  # as many digits: they are compared
+    far = replace(found.rms, before=12.3, after=11.0, noise=2.6e-5)
+    assert "from 12300 mm to 11000 mm" in words.gap(replace(found, rms=far))
+    assert "(noise 0.026 mm)" in words.gap(replace(found, rms=far))
 
 
 def test_what_the_code_leaves_of_a_large_deflection_is_told_in_millimetres() -> None:

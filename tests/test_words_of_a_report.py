@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from types import SimpleNamespace
 from typing import Any, cast
 
@@ -11,10 +12,12 @@ import pytest
 from symstiff.calibration.simulation import Effect
 from symstiff.discrepancy.assemble import assemble
 from symstiff.discrepancy.finding import Finding
-from symstiff.discrepancy.numbers import milli, number, p_equals, quantity
+from symstiff.discrepancy.localise import FittedDevice, FittedLaw
+from symstiff.discrepancy.numbers import decimals_between, milli, number, p_equals, quantity
 from symstiff.discrepancy.result import Found, Quantity
 from symstiff.effects import EffectInstance
-from symstiff.report.words import magnitude, places
+from symstiff.report.unnamed import device_text, law_text
+from symstiff.report.words import magnitude, main_parameters, places
 from symstiff.robot import load
 from tests.test_assemble import complete, design, measured, readings, truth_of
 
@@ -85,3 +88,93 @@ def test_a_block_of_compliances_is_as_large_as_what_it_moves() -> None:
     ))  # fmt: skip
     assert moved > 5e-6
     assert magnitude(finding, effect) == f"13 compliances that move a reading by up to {milli(moved)} mm"
+
+
+@pytest.mark.parametrize(
+    ("mass", "my", "text"),
+    [
+        (
+            Quantity(-8.93, 4.54, "kg"), 0.0172,
+            "mx = 0.088 ± 0.018 kg·m, mz = 1.38 ± 0.55 kg·m, m = −8.9 ± 4.5 kg and 1 more",
+        ),
+        (
+            Quantity(-0.93, 4.56, "kg"), -0.007,
+            "mx = 0.088 ± 0.018 kg·m, mz = 1.38 ± 0.55 kg·m, m = −0.9 ± 4.6 kg (not told from zero) "
+            "and 1 not told from zero",
+        ),
+        (
+            Quantity(2.0, 0.1, "kg"), -0.007,
+            "m = 2.00 ± 0.10 kg, mx = 0.088 ± 0.018 kg·m, 1 more and 1 not told from zero",
+        ),
+        (
+            Quantity(0.0, float("inf"), "kg"), 0.0172,
+            "mx = 0.088 ± 0.018 kg·m, mz = 1.38 ± 0.55 kg·m, m = 0 kg (not determined apart from others) and 1 more",
+        ),
+    ],
+)  # fmt: skip
+def test_a_mass_is_told_beside_the_sizes_that_are_told_best(mass: Quantity, my: float, text: str) -> None:
+    """A payload that is wrong by −8.9 ± 4.5 kg was one of "3 more", and nobody saw it."""
+    moments = {"mx": (0.0884, 0.0184), "my": (my, 0.0166), "mz": (1.38, 0.553)}
+    sizes = {"m": mass, **{n: Quantity(*size, "kg*m") for n, size in moments.items()}}
+    assert main_parameters(Found("payload_error", {"load": "payload"}, {}, sizes, 0.0, 0.9, ())) == text
+
+
+def test_what_is_not_determined_is_counted_as_that() -> None:
+    sizes = {
+        n: Quantity(*size, "m") for n, size in {"x": (6e-5, 5e-6), "y": (7e-7, 3e-6), "z": (0, 4e-6)}.items()
+    }
+    drift = Found("thermal_drift", {"link": 3}, {}, sizes, 0.0, 0.9, ())
+    assert main_parameters(drift) == "x = 0.0600 ± 0.0050 mm and 2 not told from zero"
+    faint = {"x": Quantity(1e-6, 4e-6, "m")}
+    assert main_parameters(replace(drift, parameters=faint)) == "x = (1.0 ± 4.0)·10⁻³ mm (not told from zero)"
+    assert main_parameters(replace(drift, parameters={"x": Quantity(0.0, float("inf"), "m")})) == ""
+
+
+@pytest.mark.parametrize(
+    ("first", "last", "decimals"),
+    [
+        (2.62e-5, 2.31e-5, 3),  # 0.026 and 0.023
+        (2.59e-5, 2.51e-5, 4),  # 0.026 and 0.025 look like 0.001
+        (1.0374e-5, 1.0052e-5, 4),
+        (2.046e-5, 2.033e-5, 5),  # four digits
+        (2.04601e-5, 2.04599e-5, 5),  # and no more
+        (7.5e-6, 5.9e-6, 4),
+        (0.012345, 0.011, 2),
+        (12.3, 4.0, 0),
+        (3e-4, 2e-5, None),
+        (2e-5, 0.0, None),
+    ],
+)
+def test_as_many_digits_as_tell_two_sizes_apart(first: float, last: float, decimals: int | None) -> None:
+    assert decimals_between(first, last) == decimals_between(last, first) == decimals
+
+
+def device(sizes: list[tuple[float, float]]) -> FittedDevice:
+    terms = tuple(
+        (f"compliance that grows: {k}", value, std, "rad/(N*m)") for k, (value, std) in enumerate(sizes)
+    )
+    return FittedDevice("link 0", terms, 0.4)
+
+
+@pytest.mark.parametrize(
+    ("sizes", "told"),
+    [
+        ([(3e-8, 1e-8), (1e-9, 1e-8)], "(0 (3.0 ± 1.0)·10⁻⁸ rad/(N·m), 1 (0.1 ± 1.0)·10⁻⁸ rad/(N·m))"),
+        ([(3e-8, 1e-8), *[(1e-9, 1e-8)] * 9], "(0 (3.0 ± 1.0)·10⁻⁸ rad/(N·m))"),
+        ([(3e-8, float("inf"))] * 21, "(21 sizes that are told together alone)"),
+    ],
+)
+def test_of_many_sizes_of_a_device_only_those_that_are_clear_are_told(
+    sizes: list[tuple[float, float]], told: str
+) -> None:
+    assert device_text(device(sizes)).startswith(f"a compliance that grows {told} explains 40 %")
+
+
+def test_terms_of_a_law_that_are_tiny_are_written_with_powers_of_ten() -> None:
+    """Not as 4e − 05, the minus of an exponent being none of the law."""
+    law = FittedLaw("joint 1", "-4.2e-08*tau +2*tau*|tau|", 10.0, 0.5, 0.4, np.zeros(0))
+    assembly = assemble(
+        complete("ur10"), measured(truth_of("ur10"), design("ur10", "deflection")), effects=()
+    )
+    finding = cast(Finding, SimpleNamespace(task=SimpleNamespace(robot=load("ur10")), assembly=assembly))
+    assert law_text(finding, law).startswith("(−4.20·10⁻⁵·t + 2000·t·|t|) mrad")

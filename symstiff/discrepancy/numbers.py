@@ -7,6 +7,8 @@ import math
 from symstiff.discrepancy.result import Quantity
 
 _SHOWN = {"m": ("mm", 1e3), "rad": ("mrad", 1e3), "1": ("", 1.0)}
+_ALIKE, _APART = 10.0, 3.0
+"""Ratio up to which two sizes are alike, and units of the last digit by which they have to differ as they are shown."""
 _SUPER = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
 _GREEK_UNITS = {"*": "·", "^2": "²", "^3": "³"}
 
@@ -33,6 +35,19 @@ def number(value: float, digits: int = 3) -> str:
 def milli(value: float) -> str:
     """A length [m] or an angle [rad] in thousandths: three decimals, or two digits where these would show nothing."""
     return f"{1e3 * value:.3f}" if value == 0 or abs(value) >= 1e-5 else f"{1e3 * value:.2g}"
+
+
+def decimals_between(first: float, last: float) -> int | None:
+    """Decimals that tell what lies between two lengths [m] or angles [rad] in thousandths, with four digits at most.
+
+    None where they are not alike, so that each tells enough by itself.
+    """
+    low, high = sorted((1e3 * first, 1e3 * last))
+    if not 0.0 < high <= _ALIKE * low:
+        return None
+    most = max(3 - math.floor(math.log10(high)), 0)
+    least = min(max(3, 1 - math.floor(math.log10(low))), most)
+    return next((d for d in range(least, most) if (high - low) * 10**d >= _APART), most)
 
 
 def quantity(estimate: Quantity) -> str:

@@ -34,6 +34,21 @@ class Name:
 
 
 @dataclass(frozen=True)
+class Instead:
+    """Another effect in the place of a named one, beside the others of its set."""
+
+    name: Name
+    behind: float
+    """Log evidence by which it trails."""
+    worse: float
+    """Log likelihood by which it fits worse."""
+    own: int
+    """Directions that the named one adds to the model's."""
+    directions: int
+    """Those that it adds."""
+
+
+@dataclass(frozen=True)
 class Found:
     """An effect of the verdict, with everything that is said about it."""
 
@@ -49,6 +64,8 @@ class Found:
     """Effects of one set stand together; an ambiguous verdict has several sets, best first."""
     twins: tuple[Name, ...] = ()
     """Other names for the same columns: nothing that can be measured tells them from this one."""
+    instead: tuple[Instead, ...] = ()
+    """Those of ``confounded_with`` in its place."""
 
     @property
     def instance(self) -> EffectInstance:

@@ -10,6 +10,7 @@ import numpy as np
 from symstiff.arrays import Array
 from symstiff.discrepancy.bank import Bank
 from symstiff.discrepancy.design import confusability, share_left
+from symstiff.discrepancy.instead import instead
 from symstiff.discrepancy.null import critical
 from symstiff.discrepancy.power import visible
 from symstiff.discrepancy.prepare import Prepared
@@ -75,12 +76,13 @@ def named_effects(problem: Problem, ready: Prepared, outcome: Outcome) -> tuple[
     for number, judged in enumerate(outcome.admissible):
         effects = _fitted(problem, ready, judged.entries)[3]
         for i, (member, entry) in enumerate(zip(judged.members, judged.entries, strict=True)):
-            candidate = bank.candidates[member]
+            candidate, confused = bank.candidates[member], _confused(ready, entry)
             out.append(
                 Found(
                     candidate.effect, candidate.where, bank.shape_of(entry), effects[i][1],
                     judged.p_members[i], float(np.clip(sure[number][member], 0.0, 1.0)),
-                    _confused(ready, entry), number, _twins(bank, member),
+                    tuple(_name(bank.candidates[c]) for c in confused), number, _twins(bank, member),
+                    instead(ready.scan, judged.entries, i, confused),
                 )
             )  # fmt: skip
     return tuple(out)
@@ -128,7 +130,7 @@ def _twins(bank: Bank, member: int) -> tuple[Name, ...]:
     return tuple(_name(c) for k, c in enumerate(bank.candidates) if k != member and bank.twin[k] == own)
 
 
-def _confused(ready: Prepared, entry: int) -> tuple[Name, ...]:
+def _confused(ready: Prepared, entry: int) -> list[int]:
     """Other named candidates that hold most of the fitted signal of an entry, or share its structural group."""
     bank, layer = ready.bank, ready.scan.best
     own = int(bank.owner[entry])
@@ -144,7 +146,7 @@ def _confused(ready: Prepared, entry: int) -> tuple[Name, ...]:
         same = bool(group) and bank.candidates[c].group == group
         if c != own and not bank.generic[c] and (same or (total > 0 and value > CONFUSED * total)):
             found[c] = max(found.get(c, 0.0), float(value))
-    return tuple(_name(bank.candidates[c]) for c in sorted(found, key=lambda c: -found[c]))
+    return sorted(found, key=lambda c: -found[c])
 
 
 def candidate_table(
@@ -183,7 +185,8 @@ def candidate_table(
                 candidate.effect, candidate.where, score, p, True, "",
                 None if verdict is None else verdict.sufficient, _within(bank, entry, effects[0][1]),
                 bank.shape_of(entry), effects[0][1], left, smallest,
-                _confused(ready, entry) if p < 0.2 else (), seen[i].noncentrality,
+                tuple(_name(bank.candidates[c]) for c in _confused(ready, entry)) if p < 0.2 else (),
+                seen[i].noncentrality,
             )
         )  # fmt: skip
     return tuple(sorted(out, key=lambda c: -c.score))

@@ -202,6 +202,8 @@ class Effect:
 
     A phrase without ``{}`` is said where the value is not zero, an empty one never.
     """
+    spans: tuple[str, ...] = ()
+    """Keys of a shape that its sizes are counted over, as a drift's are over a time: said beside them."""
     assumed: Mapping[str, str] = field(default_factory=dict)
     """What a shape's value takes for granted that the robot file could tell, by key: a remark, ``{}`` for the value.
 

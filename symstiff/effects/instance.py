@@ -63,12 +63,24 @@ class EffectInstance:
                 f"{self.effect} at {dict(self.where)}: the shape {dict(self.shape)} does not fit: {error}"
             ) from error
 
+    @property
+    def spans(self) -> Shape:
+        """The part of the shape that the sizes are counted over."""
+        return {key: value for key, value in self.shape.items() if key in find(self.effect).spans}
+
+    def span_phrases(self, robot: Robot) -> tuple[str, ...]:
+        """What the sizes are counted over, with units; none where they tell that by their own."""
+        return self._phrases(robot, self.spans)
+
     def shape_phrases(self, robot: Robot) -> tuple[str, ...]:
         """What the shape's values mean, with units."""
+        return self._phrases(robot, self.shape)
+
+    def _phrases(self, robot: Robot, shape: Shape) -> tuple[str, ...]:
         told, joint = find(self.effect).told, self.where.get("joint")
         slides = isinstance(joint, int) and robot.joint[joint - 1].prismatic
         said = []
-        for key, value in self.shape.items():
+        for key, value in shape.items():
             phrase = told.get(key, f"{key} = {{}}")
             if phrase and ("{}" in phrase or value):
                 number = f"{float(value):.{_DIGITS if abs(value) < _CLOCK else 2 * _DIGITS + 2}g}"

@@ -79,5 +79,6 @@ EFFECT = Effect(
         "temperature": "per {} K", "reference": "from {} °C", "time": "over {} s", "T": "time constant {} s",
         "start": "from {} s of the clock on",
     },
+    spans=("temperature", "time"),
     moves=lambda robot, shape: {"T": Move(2.0)},
 )  # fmt: skip

@@ -82,7 +82,7 @@ def _facts(finding: Finding) -> list[tuple[str, str]]:
         ),
         ("start model", f"{len(finding.start.model.parameters)} parameters"),
         ("residual, rms per coordinate", _fall(finding, r.before, r.after)),
-        ("noise", words.size(r.noise, finding)),
+        ("noise", words.size(r.noise, finding, numbers.decimals_between(r.before, r.after))),
     ]
     held = finding.last.held_out
     if held is not None:
@@ -94,9 +94,10 @@ def _facts(finding: Finding) -> list[tuple[str, str]]:
 
 def _fall(finding: Finding, before: float | None, after: float | None) -> str:
     """Before and after; one of them where nothing was added."""
-    if len(finding.steps) < 2:
+    if len(finding.steps) < 2 or before is None or after is None:
         return words.size(before, finding)
-    return f"{words.size(before, finding)} → {words.size(after, finding)}"
+    decimals = numbers.decimals_between(before, after)
+    return f"{words.size(before, finding, decimals)} → {words.size(after, finding, decimals)}"
 
 
 def _explanations(finding: Finding) -> list[dict[str, Any]]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from dataclasses import replace
 
 from symstiff.discrepancy.finding import Finding
 from symstiff.discrepancy.laws import READING
@@ -15,6 +16,8 @@ from symstiff.report.tables import rotates
 
 _LITTLE = 0.1
 """Share of what is left below which a law's size in standard deviations is told."""
+_TERMS, _TERM = 3, re.compile(r" (?=[-+][\d.]+(?:e[-+]\d+)?\*)")
+"""Terms of a law that a sentence shows, and what stands before each but the first."""
 _MANY, _CLEAR = 6, 2.0
 """Sizes of a device's law of which only those beyond so many standard deviations are told."""
 
@@ -29,16 +32,20 @@ def explained(law: FittedLaw | FittedDevice) -> str:
 
 def device_text(law: FittedDevice) -> str:
     """What a sensor, the device or a marker adds, with sizes; of many those that are clearly not zero."""
-    parts: dict[str, list[str]] = {}
+    parts: dict[str, list[str]] = {text.partition(": ")[0]: [] for text, *_ in law.terms}
     clear = [term for term in law.terms if abs(term[1]) > _CLEAR * term[2]]
-    for text, value, deviation, unit in clear if clear and len(law.terms) > _MANY else law.terms:
+    many = len(law.terms) > _MANY
+    for text, value, deviation, unit in clear if many else law.terms:
         name, _, part = text.partition(": ")
         size = quantity(Quantity(value, deviation, unit))
-        parts.setdefault(name, []).append(f"{part.replace('*', '·')} {size}".strip())
+        parts[name].append(f"{part.replace('*', '·')} {size}".strip())
+    if many and not clear:
+        parts = {name: [f"{len(law.terms)} sizes that are told together alone"] for name in parts}
     own = law.place.startswith(READING)
     told = ", ".join(
         f"{f'a term in {name}' if own else law_words(name)} ({', '.join(sizes)})"
         for name, sizes in parts.items()
+        if sizes
     )
     return f"{told} explains {explained(law)}"
 
@@ -56,11 +63,26 @@ _WORDS = {
 """What the words of a law mean, by how they are found in it."""
 
 
-def law_text(finding: Finding, law: FittedLaw) -> str:
-    """A fitted law as one reads it, with t for the load in units of the largest."""
+def _signed(value: float) -> str:
+    return f"{value:+.3g}" if 1e-4 <= abs(value) < 1e3 else f"{'+' if value >= 0 else ''}{number(value)}"
+
+
+def law_in_short(finding: Finding, law: FittedLaw) -> str:
+    """A fitted law as a sentence holds it: of many terms the largest."""
+    terms = sorted(_TERM.split(law.expression), key=lambda term: -abs(float(term.partition("*")[0])))
+    if len(terms) <= _TERMS + 1:
+        return law_text(finding, law)
+    shown = " ".join(terms[:_TERMS])
+    used = {name: size for name, size in law.other_scales.items() if re.search(rf"\b{name}\b", shown)}
+    kept = replace(law, expression=shown, other_scales=used)
+    return law_text(finding, kept, f" and {len(terms) - _TERMS} smaller terms")
+
+
+def law_text(finding: Finding, law: FittedLaw, more: str = "") -> str:
+    """A fitted law as one reads it, with t for the load in units of the largest; ``more`` follows its terms."""
     text = re.sub(r"[-+]?\d[\d.]*e[-+]\d+", lambda m: f"{float(m.group()):+.9f}", law.expression)
     unit, load = ("mrad", "N·m") if rotates(finding, law.virtual_joint) else ("mm", "N")
-    text = re.sub(r"(?<![\w.(*^])[-+]?\d[\d.]*(?=\*)", lambda m: f"{1e3 * float(m.group()):+.3g}", text)
+    text = re.sub(r"(?<![\w.(*^])[-+]?\d[\d.]*(?=\*)", lambda m: _signed(1e3 * float(m.group())), text)
     for plain, written in (("tau", "t"), ("*", "·"), (" ", ""), ("+", " + "), ("-", " − ")):
         text = text.replace(plain, written)
     text = text.strip().removeprefix("+").strip()
@@ -73,4 +95,4 @@ def law_text(finding: Finding, law: FittedLaw) -> str:
         what = "the load along the link" if own == "x" else f"τ{own}"
         told.append(f"t{own} = {what}/({number(largest, 4)} {'N' if slides else 'N·m'})")
     told += [meaning for word, meaning in _WORDS.items() if re.search(word, text)]
-    return f"({text}) {unit}" + (f" with {listing(told)}" if told else "")
+    return f"({text}{more}) {unit}" + (f" with {listing(told)}" if told else "")

@@ -106,6 +106,7 @@ def effect_table(effect: Found) -> dict[str, Any]:
         "confidence": finite(effect.confidence),
         "confounded_with": [_name(n) for n in effect.confounded_with],
         "shape": _json(effect.shape),
+        "sizes_over": _json(effect.instance.spans),
         "set": effect.set_number,
     }
 

@@ -9,18 +9,28 @@ from typing import Any
 import numpy as np
 
 from symstiff.discrepancy.finding import Finding
-from symstiff.discrepancy.numbers import milli, number, p_equals, quantity
+from symstiff.discrepancy.numbers import decimals_between, milli, number, p_equals, quantity
 from symstiff.discrepancy.reasons import Why
 from symstiff.discrepancy.remarks import FEW, hiding
-from symstiff.discrepancy.result import Found, Name
+from symstiff.discrepancy.result import Found, Instead, Name, Quantity
+from symstiff.discrepancy.rivals import AS_MUCH
 from symstiff.discrepancy.speech import law_place, named, place, spoken
 from symstiff.discrepancy.verdict import AMBIGUOUS, INSUFFICIENT, NAMED, NOTHING, UNEXPLAINED
+from symstiff.display import counted, listing
 from symstiff.report.deciding import deciding
 from symstiff.report.tables import shift
-from symstiff.report.unnamed import device_text, explained, law_text
+from symstiff.report.unnamed import device_text, explained, law_in_short
 
 _FEW = 3
 """Compliances of an effect up to which one of them says how large it is."""
+_TWO_DIGITS = 10.0
+"""Units of the last digit from which a size has two."""
+_SIZES = 2
+"""Parameters of an effect at most that are told for being determined best."""
+_PLACED = 2
+"""Others at most that are told in the place of a named effect."""
+TRAILING = 5.0
+"""Log evidence, 150 to 1, by which another effect may trail a named one to be told to fit nearly as well."""
 LOUDER = 1.08
 """Least residual over the stated sigma that is spoken of where nothing is missing."""
 
@@ -45,10 +55,13 @@ def _nothing_missing(finding: Finding) -> str:
     return "Nothing is missing"
 
 
-def size(value: float | None, finding: Finding) -> str:
-    """A residual as millimetres; as milliradians where rotations alone were measured."""
+def size(value: float | None, finding: Finding, decimals: int | None = None) -> str:
+    """A residual as millimetres, with so many decimals; as milliradians where rotations alone were measured."""
     unit = "mm" if finding.table.measured[:, :3].any() else "mrad"
-    return "–" if value is None else f"{milli(value)} {unit}"
+    if value is None:
+        return "–"
+    few = decimals is None or 1e3 * value * 10**decimals < _TWO_DIGITS
+    return f"{milli(value) if few else f'{1e3 * value:.{decimals}f}'} {unit}"
 
 
 def headline(finding: Finding) -> str:
@@ -133,22 +146,36 @@ def sentence(finding: Finding, decide: Mapping[str, Any] | None = None) -> str:
     return text if decide is None else f"{text} {deciding(decide)}"
 
 
-def main_parameter(effect: Found) -> str:
-    """The best determined parameter of an effect, as text."""
-    known = {n: e for n, e in effect.parameters.items() if math.isfinite(e.std) and e.std > 0}
+def main_parameters(effect: Found) -> str:
+    """The best determined parameters of an effect, and its mass, as text; of the others how many are determined."""
+    sizes = effect.parameters
+    known = [n for n, e in sizes.items() if math.isfinite(e.std) and e.std > 0]
     if not known:
         return ""
-    best = max(known, key=lambda n: abs(known[n].value) / known[n].std)
-    more = len(effect.parameters) - 1
-    return f"{best} = {quantity(known[best])}" + (f" and {more} more" if more else "")
+    best = sorted(known, key=lambda n: -abs(sizes[n].value) / sizes[n].std)
+    shown = [best[0], *(n for n in best[1:_SIZES] if _determined(sizes[n]))]
+    shown += [n for n, e in sizes.items() if e.unit == "kg" and n not in shown]
+    rest = [_determined(e) for n, e in sizes.items() if n not in shown]
+    text = [f"{n} = {quantity(sizes[n])}{_doubt(sizes[n])}" for n in shown]
+    text += [f"{sum(rest)} more"] * any(rest) + [f"{rest.count(False)} not told from zero"] * (not all(rest))
+    return listing(text)
+
+
+def _determined(size: Quantity) -> bool:
+    """Whether a size is larger than its deviation."""
+    return size.std <= abs(size.value)
+
+
+def _doubt(size: Quantity) -> str:
+    return "" if _determined(size) or not math.isfinite(size.std) else " (not told from zero)"
 
 
 def magnitude(finding: Finding, effect: Found) -> str:
-    """How large an effect is: its best determined parameter, of a block of compliances what it moves."""
+    """How large an effect is: its best determined parameters, of a block of compliances what it moves."""
     units = {e.unit for e in effect.parameters.values()}
     moved = np.abs(finding.added(effect)[finding.assembly.problem.axis < 3])
     if len(effect.parameters) <= _FEW or not moved.size or not all("/N" in u or "/(N" in u for u in units):
-        return main_parameter(effect)
+        return main_parameters(effect)
     known = sum(math.isfinite(e.std) for e in effect.parameters.values())
     return f"{known} compliances that move a reading by up to {milli(float(moved.max()))} mm"
 
@@ -173,9 +200,15 @@ def _told(finding: Finding, group: list[Found], even: bool = False) -> list[str]
         return [f"{names(group)} ({count} parameters, {confidence(group, even)})"]
     return [
         f"{named(e.effect, e.where)}{_or_else(e)} "
-        f"({', '.join(t for t in (magnitude(finding, e), confidence([e], even)) if t)})"
+        f"({', '.join(t for t in (_over(finding, e, magnitude(finding, e)), confidence([e], even)) if t)})"
         for e in group
     ]
+
+
+def _over(finding: Finding, effect: Found, sizes: str) -> str:
+    """Sizes, after what they are counted over: a drift is one over a time or a change of temperature."""
+    spans = effect.instance.span_phrases(finding.assembly.situation.view.robot)
+    return f"{', '.join(spans)}: {sizes}" if spans and sizes else sizes
 
 
 def shape_text(finding: Finding, effect: Found) -> str:
@@ -197,31 +230,29 @@ def gap(finding: Finding) -> str:
     if r.held_out_before is not None and r.held_out_after is not None:
         text += f", on poses that were not used it {_goes(r.held_out_before, r.held_out_after, finding)}"
         text += ", which does not confirm it" if r.unconfirmed else ""
-    return f"{text} ({_noise(finding)})"
+    return f"{text} ({_noise(finding, decimals_between(r.before, r.after))})"
 
 
 def _goes(before: float, after: float, finding: Finding) -> str:
-    """From one size to another, in words."""
-    first, last = size(before, finding), size(after, finding)
-    if first == last:  # near the noise a digit more tells whether the gap shrank
-        unit = first.split()[-1]
-        first, last = (f"{number(1e3 * value)} {unit}" for value in (before, after))
+    """From one size to another, in words, with the digits that tell them apart."""
+    decimals = decimals_between(before, after)
+    first, last = size(before, finding, decimals), size(after, finding, decimals)
     if first == last:
         return f"stays at {first}"
     return f"{'falls' if after < before else 'rises'} from {first} to {last}"
 
 
-def _noise(finding: Finding) -> str:
+def _noise(finding: Finding, decimals: int | None = None) -> str:
     """The noise of a coordinate; where a pose's rows share more than that, which may be something missing, both."""
     report = finding.last.noise
     if not report.mostly_shared:
-        return f"noise {size(finding.rms.noise, finding)}"
-    own, shared = size(report.sigma, finding), size(report.approach, finding)
+        return f"noise {size(finding.rms.noise, finding, decimals)}"
+    own, shared = size(report.sigma, finding, decimals), size(report.approach, finding, decimals)
     return f"noise {own}, and {shared} that a pose's rows share"
 
 
 def _named(finding: Finding) -> str:
-    text = f"What is missing: {listed(finding)}; {gap(finding)}.{_hardly_told(finding)}"
+    text = f"What is missing: {listed(finding)}; {gap(finding)}.{_as_well(finding)}"
     sets = sorted({e.set_number for e in finding.alternatives})
     others = [[e for e in finding.alternatives if e.set_number == s] for s in sets]
     if not others:
@@ -229,16 +260,47 @@ def _named(finding: Finding) -> str:
     return f"{text} Less likely, but not excluded: {'; or '.join(_instead(members, finding) for members in others)}."
 
 
-def _hardly_told(finding: Finding) -> str:
-    """What else holds nearly all of a named effect's signal, where that is no explanation that is told anyhow."""
+def _as_well(finding: Finding) -> str:
+    """What would fit in the place of a named effect, where that is no explanation that is told anyhow."""
     told = {named(e.effect, e.where) for e in (*finding.named, *finding.alternatives)}
     text = ""
     for e in finding.named:
         known = told | {name_text(n) for n in e.twins}
-        like = [name_text(n) for n in e.confounded_with if name_text(n) not in known]
-        if like:
-            text += f" These data hardly tell {named(e.effect, e.where)} from {' or '.join(like[:2])}."
+        others = [o for o in e.instead if name_text(o.name) not in known]
+        larger = [o for o in others if o.directions > o.own and o.worse < AS_MUCH and o.behind > 0]
+        near = [o for o in others if o not in larger and o.behind < TRAILING]
+        text += _larger(e, larger[:_PLACED]) + _near(e, near)
     return text
+
+
+def _larger(effect: Found, others: Sequence[Instead]) -> str:
+    """Others that fit as well by more parameters."""
+    if not others:
+        return ""
+    counts = [f"{counted(others[0].directions, 'parameter')} instead of {others[0].own}"]
+    counts += [str(o.directions) for o in others[1:]]
+    told = " or ".join(f"{name_text(o.name)} ({n})" for o, n in zip(others, counts, strict=True))
+    simpler = _first(named(effect.effect, effect.where))
+    return f" {simpler} is named for being simpler: {told} would fit these data as well."
+
+
+def _first(text: str) -> str:
+    """A text as the first of its sentence."""
+    return text[:1].upper() + text[1:]
+
+
+def _near(effect: Found, others: Sequence[Instead]) -> str:
+    """The other that trails least, and by how little, or why."""
+    if not others:
+        return ""
+    other = min(others, key=lambda o: o.behind)
+    told = f"{_first(name_text(other.name))} would fit"
+    if other.behind <= 0:
+        return f" {told} these data as well, and is refused for other reasons: see the candidates."
+    by = f"{number(math.exp(other.behind), 2) if other.behind > AS_MUCH else 'less than 3'} to 1"
+    if other.worse < min(AS_MUCH, 0.5 * other.behind):
+        return f" {told} these data as well: it is only less likely beforehand, {by}."
+    return f" {told} nearly as well: these data favour {named(effect.effect, effect.where)} by {by}."
 
 
 def _instead(members: list[Found], finding: Finding) -> str:
@@ -331,7 +393,7 @@ def _unexplained(finding: Finding) -> str:
     if finding.because.why is Why.NOT_ALONE:
         told = [named(name.effect, name.where) for name, _, _ in finding.last.leading]
         sets, verb = ", ".join(told), "account" if len(told) > 1 else "accounts"
-        text = f"{sets[:1].upper()}{sets[1:]} {verb} for the data, but a law without a name does so as well"
+        text = f"{_first(sets)} {verb} for the data, but a law without a name does so as well"
     text += f"; the evidence is strongest at {law_place(accused)}" if accused else ""
     if finding.last.device_law is not None:
         text += f", where {device_text(finding.last.device_law)}"
@@ -343,7 +405,7 @@ def _unexplained(finding: Finding) -> str:
             else f", without a smooth law there; at {law.virtual_joint}"
         )
         text += (
-            f"{where} the smooth law {shift(finding, law.virtual_joint)} = {law_text(finding, law)} explains "
+            f"{where} the smooth law {shift(finding, law.virtual_joint)} = {law_in_short(finding, law)} explains "
             + explained(law)
         )
     return f"{text} (residual {size(finding.rms.after, finding)} rms per coordinate, {_noise(finding)})."
