@@ -7,7 +7,8 @@ from dataclasses import replace
 import pytest
 
 from symstiff.discrepancy.finding import Finding, Task
-from symstiff.discrepancy.remarks import astray, out_of_range, remarked
+from symstiff.discrepancy.out_of_range import astray, out_of_range
+from symstiff.discrepancy.remarks import remarked
 from symstiff.discrepancy.result import Diagnosis, Found, Quantity
 from symstiff.discrepancy.workflow import diagnose
 from symstiff.effects.instance import EffectInstance

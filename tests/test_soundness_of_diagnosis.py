@@ -20,8 +20,8 @@ from symstiff.discrepancy.doubts import doubted
 from symstiff.discrepancy.finding import Task
 from symstiff.discrepancy.growth import fit, grow
 from symstiff.discrepancy.laws_of_angle import _soft_spots
+from symstiff.discrepancy.out_of_range import out_of_range
 from symstiff.discrepancy.problem import Options
-from symstiff.discrepancy.remarks import out_of_range
 from symstiff.discrepancy.result import Found, Quantity
 from symstiff.discrepancy.search import _lacking
 from symstiff.discrepancy.sharing import AXES, EACH, Sharing

@@ -19,8 +19,9 @@ from symstiff.calibration.simulation import Effect, Noise, Truth, nominal_truth,
 from symstiff.calibration.slips import Reading, joint_hint, marker_hint
 from symstiff.discrepancy.deciding import setups_like
 from symstiff.discrepancy.finding import Finding, Task
+from symstiff.discrepancy.out_of_range import astray
 from symstiff.discrepancy.reasons import Why
-from symstiff.discrepancy.remarks import astray, remarked
+from symstiff.discrepancy.remarks import remarked
 from symstiff.discrepancy.result import Found, Quantity
 from symstiff.discrepancy.workflow import diagnose
 from symstiff.effects.base import Scales

@@ -197,7 +197,7 @@ def test_the_gears_of_a_wrist_are_named_though_its_weight_hangs_beside_their_axe
 ) -> None:
     """An arm along the axes loads them hardly; a forearm's motors and a valve block beside them do.
 
-    Of seven draws of the noise the gap is named alone in five; in the first a bad pose stands beside it (p = 0.0144).
+    In the first draw of the noise a bad pose stands beside the gap, just beyond the level of a second effect.
     """
     told = {
         2: (200.0, (-0.6, 0, 0)),

@@ -24,6 +24,11 @@ _STILL = 1e-9
 """Range [rad, m] up to which a joint never moves."""
 
 
+def course(values: Array) -> Array:
+    """How far values (M,) have come from the least (0) to the largest (1); zeros where they are all alike."""
+    return np.asarray((values - values.min()) / max(float(np.ptp(values)), 1e-300))
+
+
 @dataclass(frozen=True)
 class Measurements:
     """M rows of a measurement table, a poses table or a trajectory (kind "none": nothing measured).
@@ -91,6 +96,11 @@ class Measurements:
     def clock(self) -> Array:
         """(M,) when each row was measured: by time where all tell it [s], else in the order of the rows."""
         return self.time if np.isfinite(self.time).all() else np.arange(len(self), dtype=float)
+
+    @property
+    def session(self) -> Array:
+        """(M,) how far the session has gone, from 0 to 1."""
+        return course(self.clock)
 
     @property
     def dof(self) -> int:

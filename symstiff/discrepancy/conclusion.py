@@ -15,10 +15,11 @@ from symstiff.discrepancy.climb import Ladder
 from symstiff.discrepancy.finding import Finding, Rung, Task
 from symstiff.discrepancy.growth import JointFit, fit_told, grow
 from symstiff.discrepancy.numbers import milli
+from symstiff.discrepancy.out_of_range import astray, out_of_range
 from symstiff.discrepancy.proof import FEWEST
 from symstiff.discrepancy.ranges import extent_of
 from symstiff.discrepancy.reasons import Reason, Why
-from symstiff.discrepancy.remarks import astray, inconstant, out_of_range, remarked
+from symstiff.discrepancy.remarks import inconstant, remarked
 from symstiff.discrepancy.result import Diagnosis, Found, Quantity
 from symstiff.discrepancy.speech import named as named_at
 from symstiff.discrepancy.verdict import AMBIGUOUS, NAMED, NOTHING, UNEXPLAINED, UNTESTABLE

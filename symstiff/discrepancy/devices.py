@@ -12,7 +12,7 @@ import numpy as np
 from symstiff.arrays import Array
 from symstiff.calibration.experiment.situation import Situation, View, under_weights
 from symstiff.calibration.loading import load_factor
-from symstiff.calibration.measurements import Measurements
+from symstiff.calibration.measurements import Measurements, course
 from symstiff.discrepancy.drawing import drawing_laws
 from symstiff.discrepancy.posture import posture_laws
 from symstiff.discrepancy.problem import DeviceLaw, Parameter
@@ -99,9 +99,9 @@ def _gains(situation: Situation) -> Iterator[DeviceLaw]:
     if np.ptp(branch) > 0:
         rubbed = (Parameter("gain*branch", "%"),)
         yield DeviceLaw(SENSOR, "gain*branch", rubbed, (branch * every)[:, None])
-    for what, course in _courses(view.table):
+    for what, gone in _courses(view.table):
         title = f"gain*{what}"
-        yield DeviceLaw(SENSOR, title, (Parameter(title, "%"),), (course[view.state] * every)[:, None])
+        yield DeviceLaw(SENSOR, title, (Parameter(title, "%"),), (gone[view.state] * every)[:, None])
     if np.ptp(share) > 0:
         for name, column in zip(places, block.T, strict=True):
             yield DeviceLaw(name, "gain*load", grown, (share * column)[:, None])
@@ -112,7 +112,7 @@ def _courses(table: Measurements) -> Iterator[tuple[str, Array]]:
     """How far the session and its temperature have gone (N,), from 0 to 1, where the table tells them."""
     for what, values in (("time", table.time), ("temperature", table.temperature)):
         if np.all(np.isfinite(values)) and np.ptp(values) > 0:
-            yield what, (values - values.min()) / np.ptp(values)
+            yield what, course(values)
 
 
 def _loads_that_differ(situation: Situation) -> Iterator[DeviceLaw]:
@@ -172,10 +172,11 @@ def _markers(view: View) -> Iterator[DeviceLaw]:
         list("xyz"),
         *([f"{a} by {v}{b}" for a in "xyz" for b in "xyz"] for v in "fg"),
     )
-    session = view.table.clock[view.state][:, None] - view.table.clock.min()
-    session = session / max(float(session.max()), 1e-300)
     laws = {
-        "shift growing with the session in the tool's axes": (axes, session * turned),
+        "shift growing with the session in the tool's axes": (
+            axes,
+            view.table.session[view.state, None] * turned,
+        ),
         "shift with the load": (axes, share * fixed),
         "shift with the load in the tool's axes": (axes, share * turned),
         "shift the way of the force": (axes, force * fixed),
@@ -292,11 +293,9 @@ def _moved_once(situation: Situation) -> Iterator[DeviceLaw]:
 
 def _turning(situation: Situation) -> Iterator[DeviceLaw]:
     """A device that turns slowly, about where it stands, as its tripod settles or the sun warms it."""
-    clock = situation.view.table.clock
-    if np.ptp(clock) == 0:
+    session, about = situation.view.table.session, _turns(situation)
+    if not np.any(session):
         return
-    session = (clock - clock.min()) / np.ptp(clock)
-    about = _turns(situation)
     for zero, when in ((0.0, "since the session began"), (0.5, "through the session, none in its middle")):
         columns = tuple(Parameter(f"turn {when}: {axis}", "rad") for axis in "xyz")
         rows = (session - zero)[situation.view.state][:, None] * about

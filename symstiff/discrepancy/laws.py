@@ -12,6 +12,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from symstiff.arrays import Array
+from symstiff.calibration.measurements import course
 from symstiff.discrepancy.law import TINY, Law, largest_load, load_on
 from symstiff.discrepancy.laws_of_angle import laws_of_angle, wave
 from symstiff.discrepancy.problem import ANGLE, CLOCK, HISTORY, Candidate, Parameter, Problem
@@ -159,7 +160,7 @@ def _laws_of_load(problem: Problem, v: int) -> list[Law]:
 def _clock(problem: Problem) -> tuple[str, Array]:
     """The session from 0 to 1, by time where it is told, else in the order of the rows; and its name in laws."""
     if problem.time is not None and np.ptp(problem.time) > 0:
-        return "time", (problem.time - problem.time.min()) / np.ptp(problem.time)
+        return "time", course(problem.time)
     return "order", np.arange(problem.rows) / max(problem.rows - 1, 1)
 
 

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-
 import numpy as np
 
 from symstiff.arrays import Array
@@ -14,16 +12,17 @@ from symstiff.discrepancy.drawing import DRAWING
 from symstiff.discrepancy.gross import in_usual
 from symstiff.discrepancy.noise import CONTRADICTED, NoiseReport
 from symstiff.discrepancy.numbers import p_equals, quantity
+from symstiff.discrepancy.out_of_range import beyond, outside
 from symstiff.discrepancy.problem import Options
-from symstiff.discrepancy.ranges import CATALOGUE, Extent, at_size, extent_of
-from symstiff.discrepancy.result import Diagnosis, Found, Inconstancy, Quantity
+from symstiff.discrepancy.ranges import at_size, extent_of
+from symstiff.discrepancy.result import Diagnosis, Inconstancy
 from symstiff.discrepancy.rivals import AS_MUCH
 from symstiff.discrepancy.sharing import JOINTS
 from symstiff.discrepancy.speech import law_words
 from symstiff.discrepancy.speech import named as named_at
 from symstiff.discrepancy.verdict import INSUFFICIENT, NAMED, NOTHING, UNEXPLAINED, UNTESTABLE
 from symstiff.effects.arm import untold_weight
-from symstiff.effects.base import Effect, EffectParameter
+from symstiff.effects.base import Effect
 from symstiff.effects.instance import EffectInstance
 from symstiff.effects.registry import find
 from symstiff.robot.schema import Robot
@@ -41,8 +40,6 @@ FEW = 20.0
 _FEW_ROWS = 0.02
 _ALONE = 2.5
 """How far the largest residual of a row stands above the next from which that row alone is spoken of."""
-_DOUBTS = 4.0
-"""Standard deviations by which a size is beyond its physical range for sure."""
 _SUCCESSIVE, _PAIRS = 4.0, 60
 """Standard deviations by which successive readings are alike that is spoken of, and pairs of them that it takes."""
 _FOLLOWED = {
@@ -250,10 +247,10 @@ def _of_sizes(view: View, last: Diagnosis) -> list[str]:
     ranges = at_size(instance.realise(view.robot).parameters, extent_of(view))
     known = [(p, e) for p in ranges if (e := leading.parameters.get(p.name)) is not None]
     wrong = [(p, e) for p, e in known if p.low == 0.0 and e.value + 2.0 * e.std < p.low]
-    beyond = wrong or [(p, e) for p, e in known if _outside(p, e) > 2.0 * e.std]
-    if leading.p_value > SURE or not beyond:
+    odd = wrong or [(p, e) for p, e in known if outside(p, e) > 2.0 * e.std]
+    if leading.p_value > SURE or not odd:
         return []
-    told = "; ".join(_beyond(p, e) for p, e in beyond)
+    told = "; ".join(beyond(p, e) for p, e in odd)
     why = _of_sign(find(leading.effect)) if wrong else "look at the units of loads, readings and lengths"
     return [f"{named_at(leading.effect, leading.where)} would lead, but {told} is physical: {why}"]
 
@@ -339,63 +336,3 @@ def _of_weights(view: View, last: Diagnosis) -> list[str]:
         f"joint {accused[1]} carries the arm's weight, which the robot file does not tell: the law of its gear may "
         "look like none of the catalogue for want of that; enter masses and centres of mass and diagnose again"
     ]
-
-
-def astray(effects: Sequence[Found], robot: Robot, extent: Extent = CATALOGUE) -> bool:
-    """Whether a size is beyond its physical range by more than the range is wide, and not for want of data."""
-    for effect in effects:
-        for p in at_size(effect.instance.realise(robot).parameters, extent):
-            found, width = effect.parameters.get(p.name), p.high - p.low
-            far = max(width, _DOUBTS * found.std) if found is not None else np.inf
-            if found is not None and np.isfinite(width) and _outside(p, found) > far:
-                return True
-    return False
-
-
-def out_of_range(effects: Sequence[Found], robot: Robot, extent: Extent = CATALOGUE) -> list[str]:
-    """Remarks on effects with sizes that nobody would believe, though the data allow sizes within the range."""
-    out = []
-    for effect in effects:
-        ranges = at_size(effect.instance.realise(robot).parameters, extent)
-        known = [(p, effect.parameters.get(p.name)) for p in ranges]
-        told = [(p, found) for p, found in known if found is not None and np.isfinite(found.std)]
-        odd = [(p, found) for p, found in told if _unbelievable(p, found)]
-        if not odd:
-            continue
-        beyond = "; ".join(_beyond(p, found) for p, found in odd)
-        merged = ", ".join(p.name for p, found in known if found is None or not np.isfinite(found.std))
-        below = all(p.low == 0.0 and found.value < 0.0 for p, found in odd)
-        why = _of_a_sum(merged) if merged and below else _of_chance(len(odd))
-        out.append(f"{named_at(effect.effect, effect.where)}: {beyond} is physical{why}")
-    return out
-
-
-def _of_chance(count: int) -> str:
-    it, them = ("it", "its size") if count == 1 else ("them", "their sizes")
-    return (
-        f": what these data do not tell from {it} may be in {it}, so do not rely on {them} before more poses were "
-        "measured"
-    )
-
-
-def _of_a_sum(merged: str) -> str:
-    return (
-        f" for it alone: here it is a sum with {merged}, which these data do not tell from it, "
-        "and a sum may be below zero"
-    )
-
-
-def _outside(parameter: EffectParameter, found: Quantity) -> float:
-    """How far a size is out of its physical range, in its unit."""
-    return max(found.value - parameter.high, parameter.low - found.value, 0.0)
-
-
-def _unbelievable(parameter: EffectParameter, found: Quantity) -> bool:
-    """Whether a size is out of its physical range; one that is zero within its deviation may fall below zero."""
-    return found.value > parameter.high or found.value + found.std < parameter.low
-
-
-def _beyond(parameter: EffectParameter, found: Quantity) -> str:
-    high = found.value > parameter.high
-    side, limit = ("at most", parameter.high) if high else ("at least", parameter.low)
-    return f"{parameter.name} is {quantity(found)}, where {side} {quantity(Quantity(limit, 0.0, parameter.unit))}"

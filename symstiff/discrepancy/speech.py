@@ -50,3 +50,8 @@ def law_words(name: str) -> str:
     """A law of a device in words; ``^1`` is left unsaid."""
     article = "an" if name[0] in "aeo" else "a"
     return _DEVICE.get(name, f"{article} {name.removesuffix('^1')}")
+
+
+def sentence_case(text: str) -> str:
+    """A text as the first of its sentence."""
+    return text[:1].upper() + text[1:]

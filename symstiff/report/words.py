@@ -9,15 +9,15 @@ from typing import Any
 import numpy as np
 
 from symstiff.discrepancy.finding import Finding
-from symstiff.discrepancy.numbers import decimals_between, milli, number, p_equals, quantity
+from symstiff.discrepancy.numbers import decimals_between, milli, p_equals, quantity
 from symstiff.discrepancy.reasons import Why
 from symstiff.discrepancy.remarks import FEW, hiding
-from symstiff.discrepancy.result import Found, Instead, Name, Quantity
-from symstiff.discrepancy.rivals import AS_MUCH
-from symstiff.discrepancy.speech import law_place, named, place, spoken
+from symstiff.discrepancy.result import Found, Name, Quantity
+from symstiff.discrepancy.speech import law_place, named, place, sentence_case, spoken
 from symstiff.discrepancy.verdict import AMBIGUOUS, INSUFFICIENT, NAMED, NOTHING, UNEXPLAINED
-from symstiff.display import counted, listing
+from symstiff.display import listing
 from symstiff.report.deciding import deciding
+from symstiff.report.instead import as_well
 from symstiff.report.tables import shift
 from symstiff.report.unnamed import device_text, explained, law_in_short
 
@@ -27,10 +27,6 @@ _TWO_DIGITS = 10.0
 """Units of the last digit from which a size has two."""
 _SIZES = 2
 """Parameters of an effect at most that are told for being determined best."""
-_PLACED = 2
-"""Others at most that are told in the place of a named effect."""
-TRAILING = 5.0
-"""Log evidence, 150 to 1, by which another effect may trail a named one to be told to fit nearly as well."""
 LOUDER = 1.08
 """Least residual over the stated sigma that is spoken of where nothing is missing."""
 
@@ -252,55 +248,12 @@ def _noise(finding: Finding, decimals: int | None = None) -> str:
 
 
 def _named(finding: Finding) -> str:
-    text = f"What is missing: {listed(finding)}; {gap(finding)}.{_as_well(finding)}"
+    text = f"What is missing: {listed(finding)}; {gap(finding)}.{as_well(finding)}"
     sets = sorted({e.set_number for e in finding.alternatives})
     others = [[e for e in finding.alternatives if e.set_number == s] for s in sets]
     if not others:
         return text
     return f"{text} Less likely, but not excluded: {'; or '.join(_instead(members, finding) for members in others)}."
-
-
-def _as_well(finding: Finding) -> str:
-    """What would fit in the place of a named effect, where that is no explanation that is told anyhow."""
-    told = {named(e.effect, e.where) for e in (*finding.named, *finding.alternatives)}
-    text = ""
-    for e in finding.named:
-        known = told | {name_text(n) for n in e.twins}
-        others = [o for o in e.instead if name_text(o.name) not in known]
-        larger = [o for o in others if o.directions > o.own and o.worse < AS_MUCH and o.behind > 0]
-        near = [o for o in others if o not in larger and o.behind < TRAILING]
-        text += _larger(e, larger[:_PLACED]) + _near(e, near)
-    return text
-
-
-def _larger(effect: Found, others: Sequence[Instead]) -> str:
-    """Others that fit as well by more parameters."""
-    if not others:
-        return ""
-    counts = [f"{counted(others[0].directions, 'parameter')} instead of {others[0].own}"]
-    counts += [str(o.directions) for o in others[1:]]
-    told = " or ".join(f"{name_text(o.name)} ({n})" for o, n in zip(others, counts, strict=True))
-    simpler = _first(named(effect.effect, effect.where))
-    return f" {simpler} is named for being simpler: {told} would fit these data as well."
-
-
-def _first(text: str) -> str:
-    """A text as the first of its sentence."""
-    return text[:1].upper() + text[1:]
-
-
-def _near(effect: Found, others: Sequence[Instead]) -> str:
-    """The other that trails least, and by how little, or why."""
-    if not others:
-        return ""
-    other = min(others, key=lambda o: o.behind)
-    told = f"{_first(name_text(other.name))} would fit"
-    if other.behind <= 0:
-        return f" {told} these data as well, and is refused for other reasons: see the candidates."
-    by = f"{number(math.exp(other.behind), 2) if other.behind > AS_MUCH else 'less than 3'} to 1"
-    if other.worse < min(AS_MUCH, 0.5 * other.behind):
-        return f" {told} these data as well: it is only less likely beforehand, {by}."
-    return f" {told} nearly as well: these data favour {named(effect.effect, effect.where)} by {by}."
 
 
 def _instead(members: list[Found], finding: Finding) -> str:
@@ -393,7 +346,7 @@ def _unexplained(finding: Finding) -> str:
     if finding.because.why is Why.NOT_ALONE:
         told = [named(name.effect, name.where) for name, _, _ in finding.last.leading]
         sets, verb = ", ".join(told), "account" if len(told) > 1 else "accounts"
-        text = f"{_first(sets)} {verb} for the data, but a law without a name does so as well"
+        text = f"{sentence_case(sets)} {verb} for the data, but a law without a name does so as well"
     text += f"; the evidence is strongest at {law_place(accused)}" if accused else ""
     if finding.last.device_law is not None:
         text += f", where {device_text(finding.last.device_law)}"
