@@ -143,6 +143,7 @@ def test_what_is_not_determined_is_counted_as_that() -> None:
         (12.3, 4.0, 0),
         (3e-4, 2e-5, None),
         (2e-5, 0.0, None),
+        (2.034e-5, 2.034e-5, None),  # nothing was added
     ],
 )
 def test_as_many_digits_as_tell_two_sizes_apart(first: float, last: float, decimals: int | None) -> None:
@@ -161,7 +162,7 @@ def device(sizes: list[tuple[float, float]]) -> FittedDevice:
     [
         ([(3e-8, 1e-8), (1e-9, 1e-8)], "(0 (3.0 ± 1.0)·10⁻⁸ rad/(N·m), 1 (0.1 ± 1.0)·10⁻⁸ rad/(N·m))"),
         ([(3e-8, 1e-8), *[(1e-9, 1e-8)] * 9], "(0 (3.0 ± 1.0)·10⁻⁸ rad/(N·m))"),
-        ([(3e-8, float("inf"))] * 21, "(21 sizes that are told together alone)"),
+        ([(3e-8, float("inf"))] * 21, "(21 sizes, none of which is told by itself)"),
     ],
 )
 def test_of_many_sizes_of_a_device_only_those_that_are_clear_are_told(

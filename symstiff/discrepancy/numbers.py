@@ -40,10 +40,10 @@ def milli(value: float) -> str:
 def decimals_between(first: float, last: float) -> int | None:
     """Decimals that tell what lies between two lengths [m] or angles [rad] in thousandths, with four digits at most.
 
-    None where they are not alike, so that each tells enough by itself.
+    None where nothing lies between them, or they are not alike, so that each tells enough by itself.
     """
     low, high = sorted((1e3 * first, 1e3 * last))
-    if not 0.0 < high <= _ALIKE * low:
+    if low == high or not 0.0 < high <= _ALIKE * low:
         return None
     most = max(3 - math.floor(math.log10(high)), 0)
     least = min(max(3, 1 - math.floor(math.log10(low))), most)

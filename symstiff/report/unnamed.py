@@ -40,7 +40,7 @@ def device_text(law: FittedDevice) -> str:
         size = quantity(Quantity(value, deviation, unit))
         parts[name].append(f"{part.replace('*', '·')} {size}".strip())
     if many and not clear:
-        parts = {name: [f"{len(law.terms)} sizes that are told together alone"] for name in parts}
+        parts = {name: [f"{len(law.terms)} sizes, none of which is told by itself"] for name in parts}
     own = law.place.startswith(READING)
     told = ", ".join(
         f"{f'a term in {name}' if own else law_words(name)} ({', '.join(sizes)})"
