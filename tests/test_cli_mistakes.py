@@ -51,6 +51,7 @@ def test_a_spoilt_robot_file_is_one_line_and_nothing_is_written(
 BAD_OPTIONS = [
     (("inspect", "nowhere.toml"), ("nowhere.toml", "no such robot")),
     (("inspect", "."), ("is a directory",)),
+    (("generate", "planar2r", "-o", ""), ("'--output': expected a folder, found no name",)),
     (("inspect", "planar2r", "--loads", "weight"), ("--loads: unknown 'weight'", "wrench, force, gravity")),
     (("plan", "planar2r", "--poses", "5", "--force", "1e12", "-o", "p.csv"), ("1e+12 N", "up to 1e+07")),
     (
@@ -75,6 +76,15 @@ BAD_OPTIONS = [
     (("generate", "planar2r", "--loads", "weight"), ("--loads: unknown",)),
     (("generate", "planar2r", "--model", "none.toml"), ("none.toml",)),
     (("plan", "planar2r", "--poses", "0", "-o", "p.csv"), ("--poses: expected",)),
+    (("plan", "planar2r", "--poses", "1e3", "-o", "p.csv"), ("'--poses': expected a whole number:",)),
+    (
+        ("plan", "planar2r", "--poses", "9", "--force", "1kN", "-o", "p.csv"),
+        ("'--force': expected a number:",),
+    ),
+    (
+        ("plan", "planar2r", "--poses", "9", "--seed", "-1", "-o", "p.csv"),
+        ("'--seed': expected a number greater",),
+    ),
     (("plan", "scara", "--poses", "1", "-o", "p.csv"), ("1 pose for",)),
     (("plan", "planar2r", "--poses", "30000", "-o", "p.csv"), ("--candidates: 20000 are too few",)),
     (("plan", "planar2r", "--poses", "9", "--levels", "q2=0", "-o", "p.csv"), ("--levels: q2: expected",)),

@@ -34,6 +34,14 @@ def test_a_command_near_a_singular_pose_stays_as_it_was() -> None:
     assert np.abs(found.after[1]).max() < 1e-10
 
 
+def test_without_a_load_a_command_stays_as_it_was_to_the_last_bit() -> None:
+    m = model("kuka_kr270")
+    q = np.random.default_rng(3).uniform(-1.0, 1.0, (40, 6))
+    found = compensate(m, q, np.zeros((40, 6)))
+    np.testing.assert_array_equal(found.q_cmd, q)
+    assert found.solved.all()
+
+
 SOFT = {
     "k0_11": 2e-6, "k0_22": 2e-6, "k0_33": 2e-6, "k0_44": 7e-6, "k1_22": -2e-6, "k1_55": 6e-6, "k2_11": -2e-6,
     "k2_66": 1e-5, "k3_55": 5e-6, "k3_66": 1e-5, "k4_55": 2e-5, "k5_55": 2e-5,

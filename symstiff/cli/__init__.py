@@ -5,6 +5,7 @@ from __future__ import annotations
 import errno
 import logging
 import os
+import re
 import signal
 import sys
 import threading
@@ -15,6 +16,10 @@ from symstiff.cli.plain import PlainStream
 _INTERRUPTED, _CLOSED = 130, 141
 _interrupts: list[int] = []
 """Interrupts of this run."""
+_PARSED = re.compile(r"Input should be ([^,]*)(?:, unable to parse .*)?$")
+"""How the parser of the options says what it wants."""
+_ASKED = {"a valid integer": "a whole number", "a valid number": "a number"}
+"""The same in our words; else a number in some range."""
 _FULL = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)
 
 
@@ -116,6 +121,7 @@ def _usage(error: Any) -> int:
         print(context.get_help())
         return int(error.exit_code)
     said = " ".join(error.format_message().split()).rstrip(".?").replace(". Did", "; did")
+    said = _PARSED.sub(lambda m: f"expected {_ASKED.get(m[1], f'a number {m[1]}')}", said)
     command = context.command_path if context is not None else "symstiff"
     print(f"symstiff: {said[:1].lower()}{said[1:]}: see {command} --help", file=sys.stderr)
     return int(error.exit_code)

@@ -35,6 +35,14 @@ app = typer.Typer(
     context_settings={"help_option_names": ["-h", "--help"]},
 )
 
+
+def _folder(path: str) -> Path:
+    """The folder that an option names; without a name it would be the one where the command runs."""
+    if not path:
+        raise typer.BadParameter("expected a folder, found no name")
+    return Path(path)
+
+
 Robot = Annotated[str, typer.Argument(help="A robot of the library (see: symstiff robots) or a robot file.")]
 Json = Annotated[str | None, typer.Option("--json", metavar="FILE|-", help="Write the result as JSON.")]
 Loads = Annotated[str, typer.Option(help="Class of loads: wrench, force or gravity (vertical force).")]
@@ -96,7 +104,9 @@ def effects(
 @app.command(epilog="Example: symstiff generate kuka_kr270 -o kr270 --loads gravity")
 def generate(
     robot: Robot,
-    output: Annotated[Path, typer.Option("-o", "--output", help="Folder to write.")],
+    output: Annotated[
+        Path, typer.Option("-o", "--output", parser=_folder, metavar="<path>", help="Folder to write.")
+    ],
     loads: Annotated[str | None, typer.Option(help="Class of loads: wrench, force or gravity.")] = None,
     measure: Annotated[str | None, typer.Option(help="What is measured: pose or position.")] = None,
     fixed: Fixed = None,
@@ -266,7 +276,9 @@ def identify(
 def diagnose(
     robot: Robot,
     data: Annotated[list[Path], typer.Argument(help="Measurement tables (CSV).")],
-    output: Annotated[Path, typer.Option("-o", "--output", help="Folder of the report.")],
+    output: Annotated[
+        Path, typer.Option("-o", "--output", parser=_folder, metavar="<path>", help="Folder of the report.")
+    ],
     start: Annotated[str, typer.Option(help="complete, joints, or a model file.")] = "complete",
     loads: Annotated[
         str | None, typer.Option(help="Class of loads; read from the data where not given.")

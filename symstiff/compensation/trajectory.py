@@ -98,8 +98,10 @@ def compensate(
         step, regular = _step(model, command[moving], error(moving), rank)
         share[moving] = np.where(_swings(step, last[moving]), share[moving] / 2, share[moving])
         step *= share[moving]
+        size = np.abs(step).max(axis=1, initial=0.0)
+        step[size < _STILL] = 0.0  # rounding moves no joint
         command[moving], last[moving] = command[moving] - step, step
-        small, size = _small(command[moving] - q[moving]), np.abs(step).max(axis=1, initial=0.0)
+        small = _small(command[moving] - q[moving])
         cases = [~regular, ~small, size < _CONVERGED]
         kept[moving] = np.select(cases, ["singular", "too_far", ""], "not_converged")
         moving = moving[regular & small & (size >= (_STILL if turn < _FINE else _CONVERGED))]
