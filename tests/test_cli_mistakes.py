@@ -51,7 +51,7 @@ def test_a_spoilt_robot_file_is_one_line_and_nothing_is_written(
 BAD_OPTIONS = [
     (("inspect", "nowhere.toml"), ("nowhere.toml", "no such robot")),
     (("inspect", "."), ("is a directory",)),
-    (("generate", "planar2r", "-o", ""), ("'--output': expected a folder, found no name",)),
+    (("diagnose", "planar2r", "d.csv", "-o", ""), ("'--output': expected a folder, found no name",)),
     (("inspect", "planar2r", "--loads", "weight"), ("--loads: unknown 'weight'", "wrench, force, gravity")),
     (("plan", "planar2r", "--poses", "5", "--force", "1e12", "-o", "p.csv"), ("1e+12 N", "up to 1e+07")),
     (
