@@ -14,7 +14,8 @@ import sympy as sp
 
 from symstiff.calibration.table import read_poses
 from symstiff.discrepancy.finding import Finding, Task
-from symstiff.discrepancy.result import Found, Quantity
+from symstiff.discrepancy.reasons import Reason, Why
+from symstiff.discrepancy.result import Found, Name, Quantity
 from symstiff.discrepancy.workflow import diagnose
 from symstiff.effects import EffectInstance
 from symstiff.report.code import _abridged, core, difference, formulas
@@ -24,7 +25,7 @@ from symstiff.report.html import render
 from symstiff.report.law_plots import left_with
 from symstiff.report.unnamed import law_text
 from symstiff.report.verdict import verdict_table
-from symstiff.report.words import sentence
+from symstiff.report.words import headline, sentence
 from symstiff.robot import load
 from symstiff.symbolic.terms import actuated_joint, tau
 from tests.diagnosis_data import HARDENING, ROBOT, measured
@@ -317,6 +318,22 @@ def test_what_is_less_likely_and_not_excluded_is_in_the_sentence(named: Finding)
     again = replace(named.effects[0], set_number=1)
     text = sentence(replace(named, effects=both, alternatives=(again, other)))
     assert text.endswith("not excluded: link asymmetry at link 0 instead of base compliance at link 0.")
+
+
+def test_what_is_sure_is_told_apart_from_what_may_have_no_name(named: Finding) -> None:
+    both = (*named.last.leading, (Name("payload_error", {"load": "payload"}), {}, {}))
+    partly = replace(
+        named, verdict="named_insufficient", because=Reason(Why.SURE), last=replace(named.last, leading=both),
+        effects=tuple(replace(e, confidence=0.75) for e in named.effects),
+    )  # fmt: skip
+    assert headline(partly) == "Missing, but not all of it: nonlinear stiffness at joint 2"
+    text = sentence(partly)
+    assert text.startswith("What is missing is sure in part: nonlinear stiffness at joint 2 (")
+    assert "confidence 75 %" in text
+    assert (
+        "for the rest, payload error (payload) accounts for the data, but a law without a name does" in text
+    )
+    assert "an even bet" not in text + render(partly, {"code": CODE, "decide": None}, [])
 
 
 def test_an_ambiguous_verdict_leaves_poses_that_decide(named: Finding, tmp_path: Path) -> None:

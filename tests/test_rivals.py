@@ -28,14 +28,19 @@ def shop_of(kept: tuple[int, ...], score: float, shape: bool = False) -> Worksho
     ))  # fmt: skip
 
 
-@pytest.mark.parametrize(("kept", "score"), [((1,), 6.5), ((0,), 7.5), ((), 18.5)])
+@pytest.mark.parametrize(
+    ("kept", "score", "challenged"),
+    [((1,), 6.5, (True, False)), ((0,), 7.5, (False, True)), ((), 18.5, (True, True))],
+)
 def test_a_law_without_a_name_may_take_the_place_of_one_member_or_of_all(
-    kept: tuple[int, ...], score: float, monkeypatch: pytest.MonkeyPatch
+    kept: tuple[int, ...], score: float, challenged: tuple[bool, bool], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """Wherever it comes closest it is the set's rival: here it trails a set of two by 1.5."""
+    """Wherever it comes closest it is the set's rival, and of whom it replaces: here it trails a set of two by 1.5."""
     monkeypatch.setattr(rivals, "_inside", lambda *_: (0.0, True))
-    found, alike = rivals.rivals(shop_of(kept, score), Proposal((0, 1), (0, 1), 20.0))
-    assert (found, alike) == (pytest.approx([-1.5]), None)
+    found = rivals.rivals(shop_of(kept, score), Proposal((0, 1), (0, 1), 20.0))
+    assert (found.leads, found.alike) == (pytest.approx((-1.5,)), None)
+    assert found.best == pytest.approx(-1.5)
+    assert [c == pytest.approx(-1.5) for c in found.challenge] == [*challenged]
 
 
 @pytest.mark.parametrize(
@@ -53,9 +58,9 @@ def test_a_law_that_describes_what_a_member_does_is_a_rival_where_it_does_so_far
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:  # fmt: skip
     monkeypatch.setattr(rivals, "_inside", lambda *_: (share, narrow))
-    found, told = rivals.rivals(shop_of((), 20.0 + lead, shape), Proposal((0,), (0,), 20.0))
-    assert found == ([pytest.approx(lead)] if rival else [])
-    assert (told is not None and told.lead == pytest.approx(lead)) == alike
+    found = rivals.rivals(shop_of((), 20.0 + lead, shape), Proposal((0,), (0,), 20.0))
+    assert found.leads == ((pytest.approx(lead),) if rival else ())
+    assert (found.alike is not None and found.alike.lead == pytest.approx(lead)) == alike
 
 
 def test_what_does_as_well_as_a_name_is_told_beside_it_and_lowers_its_confidence() -> None:

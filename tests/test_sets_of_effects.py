@@ -18,6 +18,7 @@ from symstiff.discrepancy.prepare import prepare
 from symstiff.discrepancy.problem import ANGLE, CLOCK, Candidate, Parameter, Problem
 from symstiff.discrepancy.reasons import Why
 from symstiff.discrepancy.result import Name
+from symstiff.discrepancy.rivals import Rivals
 from symstiff.discrepancy.scan import Scan, coefficients
 from symstiff.discrepancy.search import polish
 from symstiff.discrepancy.workshop import Proposal, Workshop
@@ -177,14 +178,15 @@ def test_a_set_that_is_behind_one_that_a_law_without_a_name_matches_is_told_with
 ) -> None:
     """What explains more is matched by such a law, or leaves something; far behind it nothing is named."""
     ahead = SimpleNamespace(
-        members=(0, 1, 2), entries=(0, 1, 2), score=65.5 + lead, sufficient=True, p_members=(0.0,) * 3, rival=0.4,
-        rivals=0.4, missed_share=0.0,
+        members=(0, 1, 2), entries=(0, 1, 2), score=65.5 + lead, sufficient=True, p_members=(0.0,) * 3,
+        rivals=Rivals((0.4,), (0.4,) * 3, None), missed_share=0.0,
     )  # fmt: skip
     behind = SimpleNamespace(
-        members=(0, 1), entries=(0, 1), score=65.5, sufficient=True, p_members=(0.0, 0.0), rival=-2.1,
-        rivals=-2.1, missed_share=0.0,
+        members=(0, 1), entries=(0, 1), score=65.5, sufficient=True, p_members=(0.0, 0.0),
+        rivals=Rivals((-2.1,), (-2.1,) * 2, None), missed_share=0.0,
     )  # fmt: skip
-    found = verdict._conclude(cast(Any, [ahead, behind]), [], cast(Any, (None, None, 0.0, 0.0)), QUICK)
+    shop = cast(Any, SimpleNamespace(options=QUICK))
+    found = verdict._conclude(shop, cast(Any, [ahead, behind]), [], cast(Any, (None, None, 0.0, 0.0)))
     assert found.verdict == verdict_
     assert verdict_ == "unexplained" or (found.because.why, found.chosen) == (Why.AS_WELL, cast(Any, behind))
 
@@ -205,14 +207,46 @@ def test_what_is_faint_has_to_lead_the_laws_without_a_name_together(
     score: float, rivals: float, told: bool
 ) -> None:
     """Several hundred laws trail a little each: of an effect outside of the catalogue one name leads them all."""
+    leads = (rivals - float(np.log(12.0)),) * 12
     faint = SimpleNamespace(
-        members=(0,), entries=(0,), score=score, sufficient=True, p_members=(0.0,), rival=rivals - 2.5,
-        rivals=rivals, missed_share=0.0,
+        members=(0,), entries=(0,), score=score, sufficient=True, p_members=(0.0,),
+        rivals=Rivals(leads, leads[:1], None), missed_share=0.0,
     )  # fmt: skip
     assert verdict._admissible(cast(Any, faint), QUICK) == told
     if not told:
-        found = verdict._conclude(cast(Any, [faint]), [], cast(Any, (None, None, 0.0, 0.0)), QUICK)
+        shop = cast(Any, SimpleNamespace(options=QUICK))
+        found = verdict._conclude(shop, cast(Any, [faint]), [], cast(Any, (None, None, 0.0, 0.0)))
         assert (found.verdict, found.because.why) == ("unexplained", Why.NOT_ALONE)
+
+
+@pytest.mark.parametrize(
+    ("challenge", "expected", "told"),
+    [
+        ((1.1, -np.inf), False, True),
+        ((1.1, -2.5), False, False),  # a law trails by little
+        ((1.1, 1.1), False, False),
+        ((1.1, -np.inf), True, False),  # theory alone has it there, whatever else is
+    ],
+)
+def test_a_member_that_no_law_may_replace_is_told_where_the_rest_may_have_no_name(
+    challenge: tuple[float, float], expected: bool, told: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    bank = SimpleNamespace(candidates=[SimpleNamespace(expected=False), SimpleNamespace(expected=expected)])
+    both = SimpleNamespace(
+        members=(0, 1), entries=(0, 1), score=57.0, sufficient=True, p_members=(0.0, 0.0), bank=bank,
+        rivals=Rivals(challenge[:1], challenge, None), missed_share=0.0,
+    )  # fmt: skip
+    alone = SimpleNamespace(members=(1,), p_members=(0.0,))
+    monkeypatch.setattr(verdict, "_together", lambda shop, members: Proposal(tuple(members), (1,), 40.0))
+    monkeypatch.setattr(verdict, "judge", lambda shop, proposal: alone if proposal.members == (1,) else None)
+    shop = cast(Any, SimpleNamespace(options=QUICK))
+    found = verdict._conclude(shop, cast(Any, [both]), [], cast(Any, (None, None, 0.0, 0.0)))
+    assert found.chosen is cast(Any, both)
+    assert (found.verdict, found.because.why, found.admissible, found.confidence) == (
+        ("named_insufficient", Why.SURE, (alone,), (verdict.PARTLY,))
+        if told
+        else ("unexplained", Why.NOT_ALONE, (), ())
+    )
 
 
 def test_an_effect_divides_its_weight_among_kinds_of_places_and_each_among_its_own() -> None:

@@ -84,7 +84,7 @@ def candidates(
             yield Candidate(
                 effect.identifier, where, first, columns, tuple(shapes), _weights(effect, model.robot, shapes),
                 parameters_of=None if alike else columns.parameters, driven=columns.driven,
-                assumed=frozenset(effect.assumed), moves=columns.moves,
+                assumed=frozenset(effect.assumed), moves=columns.moves, expected=bool(members[0].realised.nominal),
             )  # fmt: skip
 
 

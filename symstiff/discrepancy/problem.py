@@ -166,6 +166,8 @@ class Candidate:
     """How a shape's values, by key, are moved to what lies between those of the profile."""
     between: int = 0
     """How many of the last ``shapes`` are not of the profile: they were moved to what the data ask for."""
+    expected: bool = False
+    """Whether theory gives its size: it is there, whatever else is."""
     unavailable: str = ""
     """Why these data cannot show the effect (a column is missing, another kind of data); empty if they can."""
     counted: Array | None = None

@@ -22,6 +22,8 @@ class Why(Enum):
     """The leader is named as insufficient although nothing is left."""
     REFUTED = "without some of the poses another effect is in front, and it does not predict them"
     """The leader is named as insufficient although it accounts for the data."""
+    SURE = "it is there, whatever else is missing; for the rest a law without a name does as well as the catalogue"
+    """The leader is named as insufficient because only a part of what accounts for the data is sure."""
     NOT_ALONE = "effects of the catalogue account for the data, and a law without a name does so as well"
     """Nothing is named although something suffices."""
     NO_SET = "no set of the catalogue accounts for the data"

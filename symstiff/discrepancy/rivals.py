@@ -33,29 +33,62 @@ class Alike:
     """Score of the best set in which it takes a member's place, minus that of the set."""
 
 
-def rivals(shop: Workshop, proposal: Proposal) -> tuple[list[float], Alike | None]:
-    """The scores over the set's of sets in which an unnamed law of another form takes the place of one member, or of
-    all, and the law alike that leads. Those that are far behind are left out.
-    """
+@dataclass(frozen=True)
+class Rivals:
+    """Sets in which an unnamed law takes the place of one member of a set, or of all: their scores over the set's."""
+
+    leads: tuple[float, ...]
+    """Those that are not far behind; the set is ahead where all are negative."""
+    challenge: tuple[float, ...]
+    """Of each member the largest among those in which its place is taken."""
+    alike: Alike | None
+    """What explains most of the unnamed laws that describe what a member does."""
+
+    @property
+    def best(self) -> float:
+        """The largest lead."""
+        return max(self.leads, default=-np.inf)
+
+    @property
+    def together(self) -> float:
+        """Log evidence of all of them together, over the set's."""
+        return float(np.logaddexp.reduce(self.leads, initial=-np.inf))
+
+
+def rivals(shop: Workshop, proposal: Proposal) -> Rivals:
+    """What unnamed laws of another form do in the place of a set's members, and the law alike that leads."""
     out, alike = list[float](), list[Alike]()
+    challenge = [-np.inf] * len(proposal.members)
     for replaced, kept in _replaced(proposal):
-        entries = tuple(proposal.entries[k] for k in kept)
-        old = tuple(proposal.entries[k] for k in replaced)
-        found, scan = shop.evidence(entries), shop.scan(entries)
-        score = _instead(shop, proposal, replaced, kept)
-        for candidate in np.argsort(score)[::-1][:_RIVALS]:
-            lead, law = float(score[candidate]), int(found.best_entry[candidate])
-            if not lead > -_FAR:
-                break
-            share, narrow = _inside(scan, law, old)
-            if share > SAME_PLACE and any(scan.bank.another_shape(law, e) for e in old):
-                continue
-            same = share > SAME_SIGNAL and narrow
-            if same:
-                alike.append(Alike(int(candidate), lead))
-            if not same or lead > _AHEAD:
-                out.append(lead)
-    return out, max(alike, key=lambda one: one.lead, default=None)
+        leads, same = _in_place(shop, proposal, replaced, kept)
+        out, alike = [*out, *leads], [*alike, *same]
+        for k in replaced:
+            challenge[k] = max(challenge[k], *leads, -np.inf)
+    return Rivals(tuple(out), tuple(challenge), max(alike, key=lambda one: one.lead, default=None))
+
+
+def _in_place(
+    shop: Workshop, proposal: Proposal, replaced: tuple[int, ...], kept: tuple[int, ...]
+) -> tuple[list[float], list[Alike]]:
+    """Leads of the laws that take some members' places, and those that describe the same as what they replace."""
+    entries = tuple(proposal.entries[k] for k in kept)
+    old = tuple(proposal.entries[k] for k in replaced)
+    found, scan = shop.evidence(entries), shop.scan(entries)
+    score = _instead(shop, proposal, replaced, kept)
+    leads, alike = list[float](), list[Alike]()
+    for candidate in np.argsort(score)[::-1][:_RIVALS]:
+        lead, law = float(score[candidate]), int(found.best_entry[candidate])
+        if not lead > -_FAR:
+            break
+        share, narrow = _inside(scan, law, old)
+        if share > SAME_PLACE and any(scan.bank.another_shape(law, e) for e in old):
+            continue
+        same = share > SAME_SIGNAL and narrow
+        if same:
+            alike.append(Alike(int(candidate), lead))
+        if not same or lead > _AHEAD:
+            leads.append(lead)
+    return leads, alike
 
 
 def _replaced(proposal: Proposal) -> Iterator[tuple[tuple[int, ...], tuple[int, ...]]]:

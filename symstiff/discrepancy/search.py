@@ -12,7 +12,7 @@ from symstiff.discrepancy.bank import Bank
 from symstiff.discrepancy.design import effective_rank
 from symstiff.discrepancy.laws import of_load
 from symstiff.discrepancy.problem import Options
-from symstiff.discrepancy.rivals import Alike, rivals
+from symstiff.discrepancy.rivals import Rivals, rivals
 from symstiff.discrepancy.scan import (
     Evidence,
     Layer,
@@ -44,13 +44,8 @@ class Judged:
     p_left_named: float
     p_left_unnamed: float
     missed_share: float
-    rival: float
-    """Score of the best set in which an unnamed law of another form takes a member's place, minus this score: the set
-    is ahead where it is negative."""
-    rivals: float
-    """Log evidence of all such sets together, minus this score."""
-    alike: Alike | None
-    """What explains most of the unnamed laws that describe what a member does."""
+    rivals: Rivals
+    """What unnamed laws do in the members' places."""
     sufficient: bool
     p_members: tuple[float, ...]
     """Family-wise p-value of each member given the others."""
@@ -146,7 +141,6 @@ def judge(shop: Workshop, proposal: Proposal) -> Judged:
         p_named, p_unnamed = distribution.p_named(named), distribution.p_generic(unnamed)
     gained = _gained(shop, scan, scan.best)
     missed = _missed_share(shop, proposal, scan)
-    others, alike = rivals(shop, proposal)
     further = _level_of_further(options, missed)
     other = options.alpha_notable if missed > options.tolerated_shape else options.alpha_sufficient
     # what is left must be more believable than nothing: small p-values alone are shapes that are only close
@@ -156,7 +150,7 @@ def judge(shop: Workshop, proposal: Proposal) -> Judged:
     p_members = tuple(_needed(shop, proposal, i) for i in range(len(members)))
     return Judged(
         members, entries, proposal.score, scan.bank, scan.best.sharing, scan.best.rss, scan.freedom, p_named,
-        p_unnamed, missed, max(others, default=-np.inf), float(np.logaddexp.reduce(others, initial=-np.inf)), alike,
+        p_unnamed, missed, rivals(shop, proposal),
         not (lack_named or lack_unnamed or _lacking(shop, scan, gained, usual)), p_members,
     )  # fmt: skip
 

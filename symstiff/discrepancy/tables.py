@@ -103,7 +103,7 @@ def leading(
 
 def alike(ready: Prepared, outcome: Outcome) -> LawAlike | None:
     """The law without a name that describes what the leading set does, and explains nearly as much."""
-    law = outcome.admissible[0].alike if outcome.admissible else None
+    law = outcome.admissible[0].rivals.alike if outcome.admissible else None
     if law is None or law.lead < -_NEARLY:
         return None
     where = ready.bank.candidates[law.candidate].where

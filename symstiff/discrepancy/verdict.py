@@ -41,6 +41,9 @@ name together then: taken one by one, each of several hundred trails a little.""
 BEYOND = 2.0
 """Log likelihood that a set may lose by its sizes' physical range: two standard deviations of one size."""
 
+PARTLY = 0.75
+"""Confidence in what is there whatever else is, beside something that may have no name."""
+
 _SAME = 1e-6
 """Distance from other directions at which directions are the same."""
 
@@ -113,7 +116,7 @@ def decide(
                 weighed += [Proposal(j.members, j.entries, j.score) for j in others]
             break
         bases = ranked[:8]
-    return _conclude(tried, weighed, tests, options)
+    return _conclude(shop, tried, weighed, tests)
 
 
 def _together(shop: Workshop, members: Sequence[int]) -> Proposal:
@@ -231,17 +234,18 @@ def _admissible(judged: Judged, options: Options) -> bool:
 def _nearly(judged: Judged, options: Options) -> bool:
     """Whether a set is refused for a law without a name alone, and that explains no more than it."""
     enough = judged.sufficient and max(judged.p_members) < options.alpha
-    return enough and not _ahead(judged) and judged.rival < AS_MUCH
+    return enough and not _ahead(judged) and judged.rivals.best < AS_MUCH
 
 
 def _ahead(judged: Judged) -> bool:
     """Whether a set is ahead of every unnamed law, and of all together where it is faint."""
-    return judged.rival < 0 and (judged.score > FAINT or judged.rivals < -FOURFOLD)
+    return judged.rivals.best < 0 and (judged.score > FAINT or judged.rivals.together < -FOURFOLD)
 
 
 def _conclude(
-    tried: list[Judged], weighed: list[Proposal], tests: tuple[Null, Evidence, float, float], options: Options
+    shop: Workshop, tried: list[Judged], weighed: list[Proposal], tests: tuple[Null, Evidence, float, float]
 ) -> Outcome:
+    options = shop.options
     good = sorted((j for j in tried if _admissible(j, options)), key=lambda j: -j.score)
     refused = max((j.score for j in tried if not _admissible(j, options)), default=-np.inf)
     if good and good[0].score > refused - AS_MUCH:
@@ -253,14 +257,27 @@ def _conclude(
     needed = [j for j in tried if max(j.p_members) < options.alpha]
     enough = max((j for j in needed if j.sufficient), key=lambda j: j.score, default=None)
     best = max(needed, key=lambda j: j.score, default=None)
-    if best is not None and best.rival < -CLOSE and _ahead(best) and best.missed_share < 0.3:
+    if best is not None and best.rivals.best < -CLOSE and _ahead(best) and best.missed_share < 0.3:
         confidence = tuple(0.5 for _ in best.members)
         stopped = len(best.members) >= options.max_effects and best.p_left_named < options.alpha_further
         because = Reason(Why.ENOUGH if stopped else Why.PARTLY)
         return Outcome(INSUFFICIENT, because, *tests, best, (best,), confidence, tuple(tried))
-    if enough is not None and enough.rival < CLOSE:
+    if enough is not None and enough.rivals.best < CLOSE:
+        sure = _sure(shop, enough)
+        if sure is not None:
+            believed = tuple(PARTLY for _ in sure.members)
+            return Outcome(INSUFFICIENT, Reason(Why.SURE), *tests, enough, (sure,), believed, tuple(tried))
         return Outcome(UNEXPLAINED, Reason(Why.NOT_ALONE), *tests, enough, (), (), tuple(tried))
     return Outcome(UNEXPLAINED, Reason(Why.NO_SET), *tests, best, (), (), tuple(tried))
+
+
+def _sure(shop: Workshop, judged: Judged) -> Judged | None:
+    """Some of the members, whose place no unnamed law may take; None where these are all, or theory expects them."""
+    sure = [m for m, c in zip(judged.members, judged.rivals.challenge, strict=True) if c < -CLOSE]
+    if len(sure) == len(judged.members) or all(judged.bank.candidates[m].expected for m in sure):
+        return None
+    alone = judge(shop, _together(shop, sure))
+    return alone if max(alone.p_members) < shop.options.alpha else None
 
 
 def _named(
@@ -329,6 +346,7 @@ def _calibrated(share: float, leader: Judged, p: float) -> float:
     offset, slope, limit = CALIBRATION
     share = float(np.clip(share, 1e-6, 1 - 1e-6))
     raw = min(float(np.log(share / (1 - share))), limit)
-    ahead = (leader.rival, leader.alike.lead if leader.alike is not None else -np.inf)
+    alike = leader.rivals.alike
+    ahead = (leader.rivals.best, -np.inf if alike is None else alike.lead)
     rival = sum(float(np.log1p(np.exp(min(lead, 30.0)))) for lead in ahead)
     return float(expit(offset + slope * raw - rival)) * (1.0 - min(1.0, 5.0 * p))

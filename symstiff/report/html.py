@@ -143,7 +143,7 @@ def _card(finding: Finding, group: list[Found]) -> dict[str, Any]:
         "parameters": [(n, numbers.quantity(size)) for n, size in sizes.items() if n not in zero],
         "zero": zero,
         "p": numbers.p_equals(max(g.p_value for g in group)),
-        "confidence": words.confidence(group, finding.verdict == INSUFFICIENT),
+        "confidence": words.confidence(group, words.even(finding)),
         "confounded": few(confounded, 6),
         "shape": words.shape_text(finding, e),
     }

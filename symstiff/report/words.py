@@ -181,22 +181,26 @@ def listed(finding: Finding) -> str:
     kinds: dict[str, list[Found]] = {}
     for e in finding.named:
         kinds.setdefault(e.effect, []).append(e)
-    even = finding.verdict == INSUFFICIENT
-    return "; ".join(part for group in kinds.values() for part in _told(finding, group, even))
+    return "; ".join(part for group in kinds.values() for part in _told(finding, group, even(finding)))
 
 
-def confidence(group: Sequence[Found], even: bool = False) -> str:
+def even(finding: Finding) -> bool:
+    """Whether the set does not suffice, and none of it is sure all the same."""
+    return finding.verdict == INSUFFICIENT and finding.because.why is not Why.SURE
+
+
+def confidence(group: Sequence[Found], bet: bool = False) -> str:
     """The least confidence of a group; a set that does not suffice is an even bet at most."""
-    return "at most an even bet" if even else f"confidence {100 * min(e.confidence for e in group):.0f} %"
+    return "at most an even bet" if bet else f"confidence {100 * min(e.confidence for e in group):.0f} %"
 
 
-def _told(finding: Finding, group: list[Found], even: bool = False) -> list[str]:
+def _told(finding: Finding, group: list[Found], bet: bool = False) -> list[str]:
     if len(group) > 3:
         count = sum(math.isfinite(size.std) for e in group for size in e.parameters.values())
-        return [f"{names(group)} ({count} parameters, {confidence(group, even)})"]
+        return [f"{names(group)} ({count} parameters, {confidence(group, bet)})"]
     return [
         f"{named(e.effect, e.where)}{_or_else(e)} "
-        f"({', '.join(t for t in (_over(finding, e, magnitude(finding, e)), confidence([e], even)) if t)})"
+        f"({', '.join(t for t in (_over(finding, e, magnitude(finding, e)), confidence([e], bet)) if t)})"
         for e in group
     ]
 
@@ -308,6 +312,13 @@ def _ambiguous(finding: Finding) -> str:
 
 
 def _insufficient(finding: Finding) -> str:
+    if finding.because.why is Why.SURE:
+        known = {named(e.effect, e.where) for e in finding.named}
+        rest = [text for text in _leading(finding) if text not in known]
+        return (
+            f"What is missing is sure in part: {listed(finding)}; for the rest, {_not_alone(rest)}; "
+            f"{gap(finding)}."
+        )
     why = (
         "a law still stands out in what it leaves: another shape of it, or a further effect too faint to name"
     )
@@ -318,6 +329,16 @@ def _insufficient(finding: Finding) -> str:
     if finding.because.why is Why.REFUTED:
         why = f"{finding.reason}: measure more poses before relying on it"
     return f"The leading explanation is {listed(finding)}, but {why}; {gap(finding)}."
+
+
+def _leading(finding: Finding) -> list[str]:
+    """The effects of the leading set at their places."""
+    return [named(name.effect, name.where) for name, _, _ in finding.last.leading]
+
+
+def _not_alone(effects: Sequence[str]) -> str:
+    verb = "account" if len(effects) > 1 else "accounts"
+    return f"{', '.join(effects)} {verb} for the data, but a law without a name does so as well"
 
 
 def _further(finding: Finding) -> str:
@@ -344,9 +365,7 @@ def _unexplained(finding: Finding) -> str:
     accused = finding.last.localisation.accused if finding.last.localisation else ""
     text = "No effect of the catalogue accounts for the data"
     if finding.because.why is Why.NOT_ALONE:
-        told = [named(name.effect, name.where) for name, _, _ in finding.last.leading]
-        sets, verb = ", ".join(told), "account" if len(told) > 1 else "accounts"
-        text = f"{sentence_case(sets)} {verb} for the data, but a law without a name does so as well"
+        text = f"{sentence_case(_not_alone(_leading(finding)))}"
     text += f"; the evidence is strongest at {law_place(accused)}" if accused else ""
     if finding.last.device_law is not None:
         text += f", where {device_text(finding.last.device_law)}"
