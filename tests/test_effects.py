@@ -62,6 +62,7 @@ def experiment(dof: int, n: int = 5) -> tuple[np.ndarray, np.ndarray, dict[str, 
         "time": rng.uniform(0, 500, n),
         "temperature": rng.uniform(20, 24, n),
         "branch": rng.choice([-1.0, 1.0], n),
+        "turn": rng.uniform(1.0, 4.0, n),
     }
     return q_, w_, context
 
@@ -180,7 +181,7 @@ def test_a_models_compliance_is_the_slope_of_its_deflection_without_load(name: s
     robot = load("ur10")
     plain = StiffnessModel.of(reduce(robot))
     angles = np.array([[0.3, -1.1, 0.9, 0.4, 0.7, 0.2]])
-    context = dict.fromkeys(("time", "temperature", "branch"), 1.0)
+    context = dict.fromkeys(("time", "temperature", "branch", "turn"), 1.0)
     for instance in of_all_shapes(name, robot):
         model = plain.with_effect(instance)
         values = {n: 1e-8 * (1 + k % 3) for k, n in enumerate(model.parameters)}

@@ -40,6 +40,10 @@ def turned(
         ("hysteresis", {"width": 1.0}, {"width": 2e-4}, 500.0, {"branch": -1.0}, 1e-4),
         ("hysteresis", {"width": 1.0, "load": 2e3, "power": 0.5}, {"width": 2e-4}, 500.0, {"branch": -1.0}, 5e-5),
         ("hysteresis", {"width": 1.0, "loop": 1e3}, {"width": 2e-4}, 500.0, {"branch": -1.0}, 7.5e-5),
+        # closed at the load where it turned: on the way down as on the way up there, and then more
+        ("hysteresis", {"knee": 250.0}, {"width": 2e-4}, 500.0, {"turn": 1.0}, -1e-4 * 500 / 750),
+        ("hysteresis", {"knee": 250.0}, {"width": 2e-4}, -500.0, {"turn": 1.0}, 1e-4 * 500 / 750),
+        ("hysteresis", {"knee": 250.0}, {"width": 2e-4}, 500.0, {"turn": 2.0}, -1e-4 * 1000 / 1250 + 2e-4 * 500 / 1000),
         ("nonlinear_stiffness", {}, {"c2": 1e-10, "c3": 2e-13}, -500.0, {}, -2.5e-5 - 2.5e-5),
         ("nonlinear_stiffness", {"load": 200.0, "knee": 1.0}, {"c": 1e-7}, 500.0, {}, 3e-5),
         ("nonlinear_stiffness", {"load": 200.0, "saturation": 1.0}, {"c": 1e-7}, 500.0, {}, 2e-5 * math.tanh(2.5)),

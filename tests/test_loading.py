@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from symstiff.calibration.identify import identify
-from symstiff.calibration.loading import as_loading, load_factor
+from symstiff.calibration.loading import as_loading, load_factor, turn_of
 from symstiff.calibration.measurements import Measurements, measurements
 from symstiff.calibration.simulation import Effect, Noise, Truth, nominal_truth, simulate
 from symstiff.effects.instance import EffectInstance
@@ -85,6 +85,23 @@ def test_a_virtual_experiment_gives_back_the_loop_that_was_put_in(
     law = EffectInstance("hysteresis", {"joint": 3}, {"width": 5.0, "weights": 1.0})
     found = identify(robot, made, joints_only(robot, "force", "pose").with_effect(law)).model
     assert found.values["hysteresis_3_width"] == pytest.approx(1e-4, rel=0.1)
+
+
+def test_a_load_turned_where_it_was_largest_to_its_side() -> None:
+    there_and_back = driven(
+        0.25, 0.5, 1, 0.5, 0.25, -0.5, -1, -0.25, 0, branch=(1, 1, 1, -1, -1, 1, 1, -1, -1)
+    )
+    assert turn_of(there_and_back) == pytest.approx([1, 1, 1, 2, 4, 1, 1, 4, 1])
+    assert turn_of(driven(0.5, 1, 1, branch=(1, 1, -1))) == pytest.approx([1, 1, 1])
+    assert np.isnan(turn_of(driven(0.5, 1, branch=(np.nan, np.nan)))).all()
+
+
+def test_a_way_down_alone_turned_at_the_largest_load_of_the_table() -> None:
+    """As in a trajectory, whose rows are poses of their own."""
+    q, w = np.zeros((3, 2)), np.zeros((3, 6))
+    w[:, 2] = -100.0, -25.0, -50.0
+    table = measurements(q, w, pose=np.arange(3), branch=np.array([1.0, -1.0, -1.0]))
+    assert turn_of(table) == pytest.approx([1, 4, 2])
 
 
 def test_load_factors_are_shares_of_the_largest_load_with_their_side() -> None:

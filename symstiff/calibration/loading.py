@@ -1,4 +1,4 @@
-"""The load of a table: as a factor of the largest, and whether it grows or falls.
+"""The load of a table: as a factor of the largest, whether it grows or falls, and where it turned.
 
 Loading and unloading where a table tells which way the load travelled: the laws take ``branch`` as +1 while the load
 grows and -1 while it falls. A load that is driven through zero, from -F to +F and back, first falls and then grows
@@ -40,6 +40,23 @@ def load_factor(table: Measurements) -> Array:
         square = float(largest @ largest)
         share[rows] = loads @ largest / square if square else 0.0
     return np.round(share, 9)
+
+
+def turn_of(table: Measurements) -> Array:
+    """(N,) the load where it last turned over the present one: 1 while it grows, NaN where the branch is not told.
+
+    On the way down that is the largest load of the pose to the same side; of the table, where the pose tells of no way
+    up. Without a load it is 1: nothing tells which way it points.
+    """
+    share, size = load_factor(table), np.linalg.norm(table.w, axis=1)
+    turn = np.where(np.isnan(table.branch), np.nan, 1.0)
+    for rows in _by_pose(table):
+        for side in (-1.0, 1.0):
+            here = rows[np.sign(share[rows]) == side]
+            down = here[table.branch[here] < 0]
+            told = len(down) < len(here)
+            turn[down] = np.max(side * share[here]) / np.abs(share[down]) if told else size.max() / size[down]
+    return turn
 
 
 def _by_pose(table: Measurements) -> list[Index]:

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from symstiff.calibration.components import component_sigma
+from symstiff.calibration.loading import turn_of
 from symstiff.calibration.measurements import COMPONENTS, Measurements
 from symstiff.calibration.shared import Blocks, Joints
 from symstiff.codegen.runtime import for_poses
@@ -45,21 +46,24 @@ class Equations:
 
 
 def context_of(model: StiffnessModel, table: Measurements) -> dict[str, np.ndarray]:
-    """Time, temperature and branch columns, those that are known throughout.
+    """Time, temperature, branch and what follows from that, those that are known throughout.
 
     Raises UserError for a row that lacks what the model follows.
     """
-    columns = {"time": table.time, "temperature": table.temperature, "branch": table.branch}
+    columns = {
+        "time": table.time, "temperature": table.temperature, "branch": table.branch, "turn": turn_of(table),
+    }  # fmt: skip
     known = {k: np.isfinite(v) for k, v in columns.items()}
     for name in (s.name for vector in context_vector(model.terms) for s in vector.symbols):
+        column = "branch" if name == "turn" else name
         if not known[name].any():
             raise UserError(
-                f"{', '.join(table.files) or 'the table'}: the model needs the column {name}: add it, with a value in "
-                "every row"
+                f"{', '.join(table.files) or 'the table'}: the model needs the column {column}: add it, with a value "
+                "in every row"
             )
         if not known[name].all():
             place = table.place(int(np.argmin(known[name])))
-            raise UserError(f"{place}: column {name}: missing value: the model needs it in every row")
+            raise UserError(f"{place}: column {column}: missing value: the model needs it in every row")
     return {k: v for k, v in columns.items() if known[k].all()}
 
 

@@ -28,7 +28,7 @@ _BASE = {
     "N": {"kg": 1, "m": 1, "s": -2},
 }  # fmt: skip
 _WRENCH = ("N", "N", "N", "N*m", "N*m", "N*m")
-_MOMENT_UNITS = {"temperature": "degC", "branch": "1"}
+_MOMENT_UNITS = {"temperature": "degC", "branch": "1", "turn": "1"}
 _TWIST = ("m", "m", "m", "rad", "rad", "rad")
 _SYSTEMS = {
     "linux": ("linux64", "linux", ".so"),

@@ -21,6 +21,7 @@ _CONTEXT = {
     "time": ("s, since the start of the measurements", 0.0),
     "temperature": ("degC, as in the measurements' column of that name", 20.0),
     "branch": ("+1 while the load grows, -1 while it falls", 1.0),
+    "turn": ("the load where it last turned over the present one, 1 while it grows", 1.0),
 }
 _COARSE = 2.0**22
 """Time [s] from which single precision resolves no half second."""

@@ -26,7 +26,7 @@ from symstiff.effects.base import Effect, Move, Realisation, Scales, Shape, Wher
 from symstiff.effects.lawful import check_laws
 from symstiff.model import StiffnessModel
 from symstiff.robot.schema import Robot
-from symstiff.symbolic.terms import BRANCH, TEMPERATURE, TIME, VirtualJoint, q, up
+from symstiff.symbolic.terms import BRANCH, TEMPERATURE, TIME, TURN, VirtualJoint, q, up
 
 _LEFT = 1e-9
 """Share of a column's squared length below which nothing of it is outside the model."""
@@ -167,7 +167,7 @@ class _Columns:
         symbols = {symbol for term in terms for symbol in term.factor.free_symbols}
         bodies = range(self._robot.dof + 1)
         angles = {q(k) for k in bodies} | {up(k, axis) for k in bodies for axis in (1, 2, 3)}
-        found = {ANGLE: angles, CLOCK: {TIME, TEMPERATURE}, HISTORY: {BRANCH}}
+        found = {ANGLE: angles, CLOCK: {TIME, TEMPERATURE}, HISTORY: {BRANCH, TURN}}
         return frozenset(name for name, some in found.items() if symbols & some)
 
     @property

@@ -3,6 +3,10 @@
 h is a smooth sign of the load, times |τ/τ₀|^power, or times 1 − (τ/τ₀)² where the loop closes at its ends. The load
 is the one that the experiment adds, or with ``weights`` in the shape the total one, the links' weight included, or
 with ``mass``, ``tapered_mass`` or ``beside_axis`` that of an assumed arm or body where the file tells no masses.
+
+With ``knee`` r the loop closes at the load where it turned, τ_T = turn·τ (Masing's rule): an arm at rest gives way by
+−width/2·τ/(r + |τ|) as the load grows, and on the way back follows the same curve from there, twice as large in both
+directions: width·(τ_T − τ)/(2r + |τ_T − τ|) more.
 """
 
 from __future__ import annotations
@@ -25,10 +29,12 @@ from symstiff.effects.common import (
     smooth_sign,
 )
 from symstiff.robot.schema import Robot
-from symstiff.symbolic.terms import BRANCH, Term, actuated_joint
+from symstiff.symbolic.terms import BRANCH, TURN, Term, actuated_joint
 
 NAME = "hysteresis"
 WIDTHS, POWERS = (0.02, 0.15), (0.0, 0.5, 1.0)
+KNEES = (0.05, 0.15, 0.4, 1.0)
+"""Loads, of the largest, at which half of a loop is open."""
 SHARP = 0.002
 """Width of a step that no measured load is near."""
 
@@ -39,6 +45,10 @@ def _realise(robot: Robot, where: Where, shape: Shape) -> Realisation:
     if shape.get("weights") or ASSUMED.keys() & shape.keys():
         load = load + own_load(robot, j, shape)
     loop = parameter(NAME, where, "width", angle_unit(robot, j), 0.0, 5e-3, 5e-5)
+    if "knee" in shape:
+        return Realisation(
+            (loop,), (Term(loop.name, actuated_joint(j), _masing(load, above_zero(shape, "knee"))),)
+        )
     law = -BRANCH * smooth_sign(load, width) / 2
     scale = above_zero(shape, "load", 1.0)
     if shape.get("power"):
@@ -46,6 +56,13 @@ def _realise(robot: Robot, where: Where, shape: Shape) -> Realisation:
     if "loop" in shape:
         law *= 1 - _square(load, above_zero(shape, "loop"))
     return Realisation((loop,), (Term(loop.name, actuated_joint(j), law),))
+
+
+def _masing(load: sp.Expr, knee: sp.Rational) -> sp.Expr:
+    """−τ_T/(r + |τ_T|)/2 for a loop of unit width, and back from there by (τ_T − τ)/(2r + |τ_T − τ|)."""
+    top = TURN * load
+    back = (TURN - 1) * load
+    return back / (2 * knee + sp.Abs(back)) - top / (2 * (knee + sp.Abs(top)))
 
 
 def _square(load: sp.Expr, scale: sp.Rational) -> sp.Expr:
@@ -65,6 +82,7 @@ def _shapes(robot: Robot, where: Where, scales: Scales) -> tuple[Shape, ...]:
         loop = {**closed, "loop": float(f"{1.05 * (top + most):.3g}")}
         found += [{**s, "weights": 1.0} for s in (*found, loop)]
     found.append({**closed, "loop": float(f"{1.05 * top:.3g}")})
+    found += [{"knee": float(f"{f * top:.3g}")} for f in KNEES]
     for arm, most in assumed_arms(robot, joint, scales):
         found += [{**s, **arm} for s in (*narrow, {**closed, "loop": float(f"{1.05 * most:.3g}")})]
     return tuple(found)
@@ -84,10 +102,11 @@ EFFECT = Effect(
     told={
         "width": "turning over within ± {} LOAD", "load": "reference load {} LOAD",
         "power": "wide as the load over it to the power {}",
-        "loop": "closed at {} LOAD", "weights": "links' weight counted", **TOLD,
+        "loop": "closed at {} LOAD", "knee": "closed where the load turned, half open {} LOAD from there",
+        "weights": "links' weight counted", **TOLD,
     },
     assumed=ASSUMED,
     odds=odds,
     weights=0.0,
-    moves=lambda robot, shape: {"width": Move(2.7), "loop": Move(1.2), **ARM_MOVES},
+    moves=lambda robot, shape: {"width": Move(2.7), "loop": Move(1.2), "knee": Move(2.7), **ARM_MOVES},
 )  # fmt: skip

@@ -18,7 +18,7 @@ from symstiff.robot.names import C_WORDS
 from symstiff.robot.schema import Robot
 from symstiff.symbolic.terms import Term
 
-_MEMBERS = frozenset({"k", "time", "temperature", "branch"})
+_MEMBERS = frozenset({"k", "time", "temperature", "branch", "turn"})
 """What the C struct of a model's parameters holds beside those of effects."""
 _FAR = 1e12
 """Size of a shape's value, in SI units, that nobody means."""

@@ -28,7 +28,7 @@ def check_laws(terms: Iterable[Term], robot: Robot) -> None:
 def _wrong(part: sp.Basic, symbols: frozenset[sp.Symbol]) -> str:
     """What is wrong with a part of a law; empty for nothing."""
     if part.is_Symbol:
-        known = "tau(…), q(…), w(…), up(…), TIME, TEMPERATURE and BRANCH of symstiff.symbolic.terms"
+        known = "tau(…), q(…), w(…), up(…), TIME, TEMPERATURE, BRANCH and TURN of symstiff.symbolic.terms"
         return "" if part in symbols else f"depends on {part}, which this robot has not: use {known}"
     if part.is_Function:
         name = type(part).__name__

@@ -47,7 +47,7 @@ def parameter_symbol(name: str) -> sp.Symbol:
 
 
 def context_vector(terms: Iterable[Term]) -> tuple[Vector, ...]:
-    """Input ``context``: time, temperature and branch, those that the terms use."""
+    """Input ``context``: time, temperature, branch and turn, those that the terms use."""
     used = set().union(*(t.factor.free_symbols for t in terms), set())
     symbols = tuple(s for s in CONTEXT if s in used)
     return (Vector("context", symbols),) if symbols else ()

@@ -82,7 +82,9 @@ def up(body: int, axis: int) -> sp.Symbol:
 TIME = sp.Symbol("time", real=True)
 TEMPERATURE = sp.Symbol("temperature", real=True)
 BRANCH = sp.Symbol("branch", real=True)
-CONTEXT = (TIME, TEMPERATURE, BRANCH)
+TURN = sp.Symbol("turn", real=True)
+"""The load where it last turned over the present one: 1 while it grows."""
+CONTEXT = (TIME, TEMPERATURE, BRANCH, TURN)
 
 
 @dataclass(frozen=True)

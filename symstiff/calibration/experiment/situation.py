@@ -15,6 +15,7 @@ import numpy as np
 import sympy as sp
 
 from symstiff.arrays import Array, Index
+from symstiff.calibration.loading import turn_of
 from symstiff.calibration.measurements import Measurements
 from symstiff.effects.base import Body, at_lever
 from symstiff.effects.common import GRAVITY
@@ -28,6 +29,7 @@ from symstiff.symbolic.terms import (
     BRANCH,
     TEMPERATURE,
     TIME,
+    TURN,
     Term,
     VirtualJoint,
     deflection,
@@ -118,6 +120,7 @@ class View:
             TIME: np.nan_to_num(self.table.time),
             TEMPERATURE: np.nan_to_num(self.table.temperature, nan=20.0),
             BRANCH: np.nan_to_num(self.table.branch),
+            TURN: np.nan_to_num(turn_of(self.table), nan=1.0),
         }
         return known
 
