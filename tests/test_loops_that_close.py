@@ -12,6 +12,7 @@ import numpy as np
 from symstiff.calibration.measurements import Measurements
 from symstiff.discrepancy.finding import Finding, Task
 from symstiff.discrepancy.workflow import diagnose
+from symstiff.report.words import sentence
 from symstiff.robot import load
 from tests.diagnosis_data import ROBOT, measured
 
@@ -63,3 +64,17 @@ def test_friction_that_sticks_and_slips_is_hysteresis_with_a_loop_that_closes() 
 
 def test_without_friction_nothing_is_missing() -> None:
     assert found(rubbed(0.0)).verdict == "nothing_missing"
+
+
+def test_a_load_cell_that_lags_until_the_load_turns_is_no_joint() -> None:
+    """Its loop closes at the largest load as well: what the tables call the load is another one on the way down."""
+    levels = np.array(THERE_AND_BACK)
+    told = measured(poses=30, levels=THERE_AND_BACK, seed=6)
+    branch = np.repeat(np.tile(np.where(np.arange(len(levels)) < 4, 1.0, -1.0), 30), 3)
+    share = np.repeat(np.tile(levels, 30), 3)
+    read = told.w / (1.0 - 0.06 * branch * (1.0 - share))[:, None]
+    finding = found(replace(told, w=read, branch=branch))
+    assert (finding.verdict, finding.named) == ("unexplained", ())
+    text = sentence(finding)
+    assert "at the force sensor" in text
+    assert "another one rising than falling, alike where it turns (−6" in text

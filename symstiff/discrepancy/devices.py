@@ -96,9 +96,9 @@ def _gains(situation: Situation) -> Iterator[DeviceLaw]:
     every = block[:, : len(AXES)].sum(axis=1)
     for name, column in zip(places, block.T, strict=True):
         yield DeviceLaw(name, "gain", gain, column[:, None])
-    if np.ptp(branch) > 0:
-        rubbed = (Parameter("gain*branch", "%"),)
-        yield DeviceLaw(SENSOR, "gain*branch", rubbed, (branch * every)[:, None])
+    rubbed = {"gain*branch": branch, "gain*branch*(1 - load)": branch * (1.0 - share)}
+    for name, way in rubbed.items() if np.ptp(branch) > 0 else ():
+        yield DeviceLaw(SENSOR, "gain*branch", (Parameter(name, "%"),), (way * every)[:, None])
     for what, gone in _courses(view.table):
         title = f"gain*{what}"
         yield DeviceLaw(SENSOR, title, (Parameter(title, "%"),), (gone[view.state] * every)[:, None])

@@ -24,6 +24,7 @@ _SLIPS = (0.2, 0.4, 0.65)
 """Shares of the largest load at which a link's law without a name begins: a foot that slips, a bolt that opens."""
 _SHARP = 0.03
 """Load, as a share of the largest, over which a sign changes."""
+_RUBBED = "branch*tau"
 _LAGS = (0.01, 0.05, 0.25)
 """Time constants, as shares of the session, with which a joint without a name may follow its load."""
 
@@ -115,7 +116,7 @@ def laws_at(problem: Problem, v: int) -> list[Law]:
     """The laws that compete at one virtual joint, simplest first: a few at a link's, all at an actuated joint's."""
     if problem.joint_of[v] >= 0:
         return every_law(problem, v)
-    in_proportion = _rubbing(problem, load_on(problem, v).total)[:1]
+    in_proportion = [law for law in _rubbing(problem, load_on(problem, v).total) if law.title == _RUBBED]
     return [*_link_laws(problem, v), *_by(HISTORY, in_proportion)]
 
 
@@ -227,11 +228,15 @@ def _laws_of_history(problem: Problem, v: int) -> list[Law]:
 
 
 def _rubbing(problem: Problem, t: Array) -> list[Law]:
-    """What the branch tells: in proportion to the load (M,), without it, and by its size."""
+    """What the branch tells: in proportion to the load (M,), also so that a loop closes there, without it, by its size."""
     if problem.branch is None or not np.ptp(problem.branch) > 0:
         return []
     with_load = {"branch*tau": t, "branch": np.ones_like(t), "branch*|tau|": np.abs(t)}
-    return [Law((text,), (problem.branch * values)[:, None]) for text, values in with_load.items()]
+    out = [Law((text,), (problem.branch * values)[:, None]) for text, values in with_load.items()]
+    if problem.load is not None:
+        closed = problem.branch * t * (1.0 - np.abs(problem.load))
+        out.append(Law(("branch*tau*(1-load)",), closed[:, None], family=_RUBBED))
+    return out
 
 
 def _frame_laws(problem: Problem) -> list[Law]:

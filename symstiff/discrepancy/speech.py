@@ -11,6 +11,7 @@ _DEVICE = {
     "gain*time": "a gain error that grows with the session",
     "gain*temperature": "a gain error that grows with the temperature",
     "gain*branch": "a load that is another one rising than falling, as friction in the rig makes it",
+    "gain*branch*(1 - load)": "a load that is another one rising than falling, alike where it turns",
     "crosstalk": "crosstalk",
     "late": "a reading that still holds a share of the load before",
 }

@@ -57,6 +57,7 @@ _WORDS = {
     r"\border\b": "order running from 0 to 1 over the rows of the table",
     r"\bload_case\b": "load_case growing by 1 from the first load of a pose to the last",
     r"\bweight\b": "weight the load of the links' own weight in the unit of t",
+    r"\bload\b": "load the size of the load over the largest of its pose",
     r"\bbranch\b": "branch 1 where the load rises and −1 where it falls",
     r"\btemperature\b": "temperature running from 0 at the lowest to 1 at the highest",
 }
