@@ -228,7 +228,7 @@ def _laws_of_history(problem: Problem, v: int) -> list[Law]:
 
 
 def _rubbing(problem: Problem, t: Array) -> list[Law]:
-    """What the branch tells: in proportion to the load (M,), also so that a loop closes there, without it, by its size."""
+    """What the branch tells: in proportion to the load (M,), closed where it turned or not, without it, by its size."""
     if problem.branch is None or not np.ptp(problem.branch) > 0:
         return []
     with_load = {"branch*tau": t, "branch": np.ones_like(t), "branch*|tau|": np.abs(t)}
