@@ -17,6 +17,7 @@ LISTING = ".symstiff"
 """File in a written folder that lists its files: what may be replaced when the folder is written again."""
 _HEAD = "# files of this folder that symstiff wrote, and replaces when it writes the folder again"
 _SCRATCH = ".symstiff-"
+_OBJECTS = (".o", ".obj")
 CODE, DIAGNOSIS = "manifest.json", "verdict.json"
 """The file that every folder of code, and every one of a diagnosis, holds: neither is taken for the other."""
 
@@ -142,7 +143,7 @@ def _check_contents(shown: Path, target: Path, mark: str | None) -> None:
                 f"{shown} holds {kind} that symstiff wrote: give a new folder, or remove that one"
             )
     for name in sorted(_contents(target)):
-        if name not in listed:
+        if name not in listed and not _built(name, listed):
             old = (
                 ""
                 if listed or not _of_older_version(target)
@@ -161,6 +162,12 @@ def _contents(target: Path) -> Iterator[str]:
             below[:] = [d for d in below if not (target / d / "CMakeCache.txt").is_file()]
         links = [d for d in below if (Path(folder) / d).is_symlink()]
         yield from ((Path(folder) / name).relative_to(target).as_posix() for name in (*files, *links))
+
+
+def _built(name: str, listed: frozenset[str]) -> bool:
+    """Whether a file is what a compiler leaves of a source that symstiff wrote; it stays where it is."""
+    path = Path(name)
+    return path.suffix in _OBJECTS and path.with_suffix(".c").as_posix() in listed
 
 
 def _of_older_version(target: Path) -> bool:

@@ -53,7 +53,7 @@ REFUSED = [
     (("diagnose", "planar2r", "data.csv", "-o", "out", "--json", "missing/x"), "choose another place with --json"),
     (("diagnose", "planar2r", "data.csv", "-o", "."), "which this command writes"),
     (("generate", "planar2r", "-o", "."), "holds data.csv, which symstiff did not write"),
-    (("generate", "planar2r", "-o", ""), "holds data.csv, which symstiff did not write"),
+    (("generate", "planar2r", "-o", ""), "expected a folder, found no name"),
     (("generate", "planar2r", "-o", "out", "--json", "missing/x"), "choose another place with --json"),
     (("generate", "planar2r", "-o", "out", "--model", "m", "--fixed", "q1=0"), "--fixed has no effect with --model"),
     (("compensate", "truth.toml", "poses.csv", "-o", "poses.csv"), "poses.csv is read by this command"),

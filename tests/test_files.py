@@ -118,6 +118,16 @@ def test_a_folder_below_that_cannot_be_moved_is_told_before_the_work(tmp_path, m
         check_folder(tmp_path / "found", DIAGNOSIS)
 
 
+def test_what_a_compiler_left_of_a_written_source_stays_where_it_is(tmp_path):
+    for content in ("old", "new"):
+        fill(tmp_path / "gen", **{"a.c": content})
+        (tmp_path / "gen" / "a.o").write_text("built")
+    assert (tmp_path / "gen" / "a.c").read_text() == "new"
+    (tmp_path / "gen" / "b.o").write_text("mine")
+    with pytest.raises(UserError, match=r"gen holds b\.o, which symstiff did not write"):
+        fill(tmp_path / "gen", **{"a.c": "newer"})
+
+
 def test_a_users_file_in_a_generated_folder_stops_the_next_writing(tmp_path):
     fill(tmp_path / "gen", a="old")
     (tmp_path / "gen" / "src").mkdir()

@@ -76,7 +76,7 @@ def test_generated_code_leaves_out_what_the_measuring_device_does(run: Run, tmp_
         "generate", "scara", "--model", tmp_path / "model.toml", "-o", tmp_path / "out", "--no-compile"
     )
     assert done.code == 0
-    assert "without thermal_drift" in done.out + done.err
+    assert "without thermal drift (measuring frame)" in done.out + done.err
     assert "thermal" not in (tmp_path / "out" / "scara.h").read_text()
 
 

@@ -89,6 +89,7 @@ def run_compensate(model_file: Path, trajectory: Path, output: Path, json: str |
     from symstiff.calibration.soundness import of_levers, of_tool, outside_class, outside_fixed, usable_model
     from symstiff.calibration.table import read_trajectory
     from symstiff.compensation import compensate
+    from symstiff.discrepancy.speech import named
 
     check_targets({"-o": output, "--json": json}, [model_file, trajectory])
     model = usable_model(model_file)
@@ -103,7 +104,7 @@ def run_compensate(model_file: Path, trajectory: Path, output: Path, json: str |
         *check_robot(table, model.robot), *outside_class(table.w, model.loads), *outside_fixed(table.q, model),
         *of_sag(model.robot), *of_tool(model),
     )  # fmt: skip
-    without = [e.effect for e in model.effects if e not in model.of_robot().effects]
+    without = [named(e.effect, e.where) for e in model.effects if e not in model.of_robot().effects]
     moment = context_of(
         model.of_robot(), as_loading(table)
     )  # as the tables of which the model was made were read

@@ -77,6 +77,7 @@ def _report(out: Console, result: Generated) -> None:
     from rich.table import Table
 
     from symstiff.codegen.compiler import ignored
+    from symstiff.discrepancy.speech import named
 
     table = Table(title="operations per call", title_justify="left")
     for column in ("function", "add", "mul", "sign changes", "sin/cos", "other"):
@@ -95,10 +96,8 @@ def _report(out: Console, result: Generated) -> None:
     if ignored():
         note(out, f"$CC is {ignored()!r}, which is no command here: it was not used")
     if result.left_out:
-        note(
-            out,
-            f"without {', '.join(result.left_out)}: no law of joints or links, which a controller evaluates",
-        )
+        without = ", ".join(named(e.effect, e.where) for e in result.left_out)
+        note(out, f"without {without}: no law of joints or links, which a controller evaluates")
     out.print(f"wrote {result.folder}")
 
 

@@ -17,6 +17,7 @@ from symstiff.codegen.options import Options
 from symstiff.codegen.targets import TARGETS
 from symstiff.codegen.text import context_names
 from symstiff.codegen.verify import Verification, verify
+from symstiff.effects.instance import EffectInstance
 from symstiff.errors import UserError
 from symstiff.files import CODE, new_folder, write_tree
 from symstiff.model import StiffnessModel
@@ -31,7 +32,7 @@ class Generated:
     folder: Path
     manifest: dict[str, Any]
     verification: Verification
-    left_out: tuple[str, ...] = ()
+    left_out: tuple[EffectInstance, ...] = ()
     """Effects of the model that only the measurement has: no law of the robot."""
 
 
@@ -56,7 +57,7 @@ def generate(
     require(options or Options(), Options, "options", "symstiff.Options(precision='float') are some")
     options = replace(options or Options(), binaries=compile_c)
     whole, model = model, model.of_robot()
-    left_out = tuple(e.effect for e in whole.effects if e not in model.effects)
+    left_out = tuple(e for e in whole.effects if e not in model.effects)
     if not model.parameters:
         raise UserError(
             "the model holds errors of the measurement alone, which are no laws of the robot: nothing to generate; "

@@ -18,6 +18,7 @@ from symstiff.calibration.writing import LOADS
 from symstiff.discrepancy.deciding import Choice, Rival, decide_by, setups_like
 from symstiff.discrepancy.finding import Finding
 from symstiff.discrepancy.separate import TAKEN
+from symstiff.discrepancy.speech import named
 from symstiff.discrepancy.verdict import AMBIGUOUS
 from symstiff.errors import UserError
 from symstiff.files import DIAGNOSIS, new_folder
@@ -72,7 +73,7 @@ def _code(finding: Finding, folder: Path) -> dict[str, Any]:
         what = "the model" if not finding.testable else "any compliance"
         return _no_code(f"no code was written: the data do not determine {what}", fault=False)
     model = finding.model.of_robot()
-    left_out = [e.effect for e in finding.model.effects if e not in model.effects]
+    left_out = [named(e.effect, e.where) for e in finding.model.effects if e not in model.effects]
     note = (
         f"; without {', '.join(left_out)}: no law of joints or links, which a controller evaluates"
         if left_out
