@@ -27,6 +27,8 @@ _SHARP = 0.03
 _RUBBED = "branch*tau"
 _LAGS = (0.01, 0.05, 0.25)
 """Time constants, as shares of the session, with which a joint without a name may follow its load."""
+_CREEPS = (0.3, 1.0)
+"""The same as shares of a pose's time, from no load at its begin on."""
 
 
 def unnamed_laws(problem: Problem) -> tuple[Candidate, ...]:
@@ -126,6 +128,7 @@ def every_law(problem: Problem, v: int) -> list[Law]:
     return [
         *own, *_laws_of_load(problem, v), *_by(ANGLE, laws_of_angle(problem, v)),
         *_by(CLOCK, _laws_of_clock(problem, v)), *_by(HISTORY, _laws_of_history(problem, v)),
+        *(replace(law, driven=frozenset({CLOCK, HISTORY})) for law in _lagging_laws(problem, v)),
     ]  # fmt: skip
 
 
@@ -175,6 +178,23 @@ def _lagging(clock: Array, t: Array, constant: float) -> Array:
     return out
 
 
+def _creeping(problem: Problem, clock: Array, t: Array, share: float) -> Array:
+    """A load (M,) that is followed from none at the begin of its pose, in shares of the time that a pose takes.
+
+    The first load of a pose comes as long before its reading as the next ones.
+    """
+    groups = [np.flatnonzero(problem.pose == p) for p in np.unique(problem.pose)]
+    constant = share * float(np.median([np.ptp(clock[rows]) for rows in groups]))
+    out = np.zeros_like(t)
+    if constant <= 0:
+        return out
+    for rows in groups:
+        moments = np.unique(clock[rows])
+        begin = moments[0] - (float(np.median(np.diff(moments))) if len(moments) > 1 else constant)
+        out[rows] = _lagging(clock[rows] - begin, t[rows], constant)
+    return out
+
+
 def _laws_of_clock(problem: Problem, v: int) -> list[Law]:
     """Of time, or the order of the poses, and temperature, with the load and without."""
     assert problem.tau is not None
@@ -216,15 +236,20 @@ def _by_load_case(problem: Problem, v: int) -> list[Law]:
 
 
 def _laws_of_history(problem: Problem, v: int) -> list[Law]:
-    """Of the loads that were there before: followed late, their order, and the branch with the load and without."""
+    """Of the loads that were there before: their order, and the branch with the load and without."""
+    assert problem.tau is not None
+    t = problem.tau[:, v] / largest_load(problem, v)
+    return [*_by_load_case(problem, v), *_rubbing(problem, t)]
+
+
+def _lagging_laws(problem: Problem, v: int) -> list[Law]:
+    """A load that is followed late, through the session or from the begin of each pose on."""
     assert problem.tau is not None
     t = problem.tau[:, v] / largest_load(problem, v)
     _, s = _clock(problem)
-    out = [
-        Law((f"late(tau,{constant:g})",), _lagging(s, t, constant)[:, None], family="tau, late")
-        for constant in _LAGS
-    ]
-    return [*out, *_by_load_case(problem, v), *_rubbing(problem, t)]
+    late = {f"late(tau,{constant:g})": _lagging(s, t, constant) for constant in _LAGS}
+    late |= {f"creep(tau,{share:g})": _creeping(problem, s, t, share) for share in _CREEPS}
+    return [Law((text,), values[:, None], family="tau, late") for text, values in late.items()]
 
 
 def _rubbing(problem: Problem, t: Array) -> list[Law]:

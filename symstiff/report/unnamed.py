@@ -52,6 +52,7 @@ def device_text(law: FittedDevice) -> str:
 
 _WORDS = {
     r"beyond\(": "beyond(t, s) the part of t above s",
+    r"creep\(": "creep(t, s) following t from the begin of its pose on with the time constant s of a pose's time",
     r"late\(": "late(t, s) following t with the time constant s of the session",
     r"\btime\b": "time running from 0 to 1 over the session",
     r"\border\b": "order running from 0 to 1 over the rows of the table",
