@@ -10,6 +10,9 @@ import scipy.optimize
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
+from symstiff.calibration.complete import reconstruct_model
+from symstiff.calibration.identify import identify
+from symstiff.calibration.measurements import measurements
 from symstiff.errors import UserError
 from symstiff.reduction.admissible import BEAM_RATIO, admissible_set, link_matrices, scales
 from symstiff.reduction.conic import cone_vector, dual_matrix
@@ -223,6 +226,32 @@ def test_noisy_identification_of_an_admissible_robot_stays_within_its_own_noise(
     found = reconstruct(P, noisy, NAMES, NOMINAL, covariance=root @ root.T)
     assert found.distance < np.sqrt(len(kept)) + 3
     assert min(found.smallest.values()) > 0
+
+
+@pytest.mark.parametrize("variance", [0.0, np.nan, np.inf])
+def test_a_covariance_that_tells_no_distance_is_refused_where_one_is_asked_for(variance):
+    pair, P, given = (
+        ["c1", "c2"],
+        np.array([[1.0, 1.0]]),
+        {"covariance": np.array([[variance]]), "bounds": False},
+    )
+    assert reconstruct(P, np.array([1e-6]), pair, {}, **given).distance == 0.0
+    with pytest.raises(UserError, match="not positive definite"):
+        reconstruct(P, np.array([-1e-6]), pair, {}, **given)
+
+
+def test_as_many_readings_as_parameters_without_sigma_are_rebuilt_in_nominal_sizes():
+    rng, q = np.random.default_rng(0), np.array([[0.3, -0.5], [-0.9, 0.2], [0.7, 0.8]])
+    values = np.full((3, 6), np.nan)
+    values[:, 2] = rng.normal(scale=1e-3, size=3)
+    table = measurements(q, [0, 0, -100.0, 0, 0, 0], kind="deflection", values=values)
+    result = identify(load("planar2r"), table)
+    assert result.fit.dof == 0
+    found = reconstruct_model(result, bounds=False)
+    assert not found.admissible
+    assert np.isnan(found.distance)
+    assert min(found.smallest.values()) > -1e-7
+    json.dumps(found.to_dict(), allow_nan=False)
 
 
 @pytest.mark.parametrize(("deflects", "turns"), [(2, 6), (3, 5)])

@@ -26,7 +26,14 @@ from symstiff.reduction.admissible import (
 )
 from symstiff.reduction.bounds import Bounds, parameter_bounds
 from symstiff.reduction.logdet import nearest_logdet
-from symstiff.reduction.nearest import Affine, Relation, deepest, nearest_relative, project_reduced
+from symstiff.reduction.nearest import (
+    Affine,
+    Relation,
+    deepest,
+    in_deviations,
+    nearest_relative,
+    project_reduced,
+)
 
 Metric = Literal["relative", "logdet"]
 METRICS: Mapping[Metric, str] = {
@@ -113,9 +120,9 @@ def reconstruct(
     P: (r, n) exact mapping of the reduction, of rank r; reduced: (r,) SI; nominal: values by name
     (absent: 0, of a typical size); covariance: (r, r) of `reduced`; relations: soft linear relations such as
     those of a beam (metric "relative" only); margin: share of the nominal size that every block keeps, where
-    the data allow it. Raises UserError for shapes that do not fit. Where noise leaves no admissible set,
-    `reduced` moves to the nearest one that has one: in standard deviations if covariance is given, in nominal
-    sizes otherwise.
+    the data allow it. Where noise leaves no admissible set, `reduced` moves to the nearest one that has one: in
+    standard deviations if covariance is given, in nominal sizes otherwise. Raises UserError for shapes that do not
+    fit, and for a covariance that is not positive definite where that distance is asked for.
     """
     P, reduced = np.asarray(P, dtype=float), np.asarray(reduced, dtype=float)
     reduced_names = tuple(reduced_names or (f"r{i + 1}" for i in range(len(reduced))))
@@ -184,9 +191,5 @@ def _deviations(covariance: Array | None, rows: int) -> Array:
 
 
 def _mahalanobis(shift: Array, covariance: Array | None) -> float:
-    """sqrt(shiftᵀ·covariance⁻¹·shift), by scaled Cholesky."""
-    if covariance is None:
-        return math.nan
-    deviation = np.sqrt(np.diag(covariance))
-    factor = np.linalg.cholesky(covariance / np.outer(deviation, deviation))
-    return float(np.linalg.norm(np.linalg.solve(factor, shift / deviation)))
+    """sqrt(shiftᵀ·covariance⁻¹·shift)."""
+    return math.nan if covariance is None else float(np.linalg.norm(in_deviations(covariance, shift)))
