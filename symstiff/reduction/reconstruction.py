@@ -42,6 +42,10 @@ METRICS: Mapping[Metric, str] = {
 }
 
 
+_ROUNDING = 1e-9
+"""Depth below zero, in sizes of the data, that is the solver's rounding."""
+
+
 @dataclass(frozen=True, eq=False)
 class Reconstruction:
     """A complete parameter set and how far the data determine it.
@@ -132,7 +136,7 @@ def reconstruct(
     target = np.array([float(nominal.get(name, 0.0)) for name in names]) / scale
     affine = Affine(P, reduced, scale)
     depth = deepest(affine, rules)
-    is_admissible = depth > -1e-9 * affine.gain
+    is_admissible = depth > -_ROUNDING * affine.gain
     moved, inner = affine, min(margin, 0.5 * max(depth, 0.0))
     if not is_admissible:
         moved = Affine(P, project_reduced(affine, rules, covariance, margin), scale)
@@ -150,7 +154,7 @@ def reconstruct(
         admissible=is_admissible,
         depth=depth,
         distance=0.0 if is_admissible else _mahalanobis(shift, covariance),
-        shifts=np.zeros(len(reduced)) if is_admissible else shift / _deviations(covariance, len(reduced)),
+        shifts=np.zeros(len(shift)) if is_admissible else shift / _deviations(covariance, len(shift)),
         metric=f"{metric}: {METRICS[metric]}",
         metric_value=value,
         smallest=rules.smallest(values, scale),
