@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any, Literal
 import numpy as np
 
 from symstiff.arguments import reals
-from symstiff.arrays import Array, Index, Mask
+from symstiff.arrays import Array, Index, Mask, numbered
 from symstiff.errors import UserError
 
 if TYPE_CHECKING:
@@ -89,8 +89,7 @@ class Measurements:
     @property
     def approach(self) -> Index:
         """(M,) number of the approach that a row belongs to: the rows of one pose and repeat share one."""
-        keys = np.column_stack([self.pose, np.nan_to_num(self.repeat, nan=-1.0)])
-        return np.asarray(np.unique(keys, axis=0, return_inverse=True)[1]).ravel()
+        return numbered(self.pose, np.nan_to_num(self.repeat, nan=-1.0))
 
     @property
     def clock(self) -> Array:

@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from symstiff.arrays import Array, Index
+from symstiff.arrays import Array, Index, numbered
 from symstiff.errors import UserError
 
 AXES = ("x", "y", "z", "rx", "ry", "rz")
@@ -93,7 +93,7 @@ def sizes(values: Array) -> dict[str, Size]:
 
 def places(groups: Sequence[int] | Index, told: Array) -> Index:
     """(M,) place of each row's group by the least of what is told (M, K) of its rows: the same in any order of rows."""
-    number = np.unique(np.asarray(groups), return_inverse=True)[1].reshape(-1)
+    number = numbered(np.asarray(groups))
     least = np.full((int(number.max(initial=-1)) + 1, told.shape[1]), np.inf)
     np.fmin.at(least, number, told)
     place = np.empty(len(least), dtype=np.int_)

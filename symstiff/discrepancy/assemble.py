@@ -11,7 +11,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from symstiff.arrays import Array, Mask
+from symstiff.arrays import Array, Mask, numbered
 from symstiff.calibration.checks import check_measured, check_robot
 from symstiff.calibration.experiment.current import Current, settled, sigma_of
 from symstiff.calibration.experiment.situation import Situation, View, loads_of, under_weights
@@ -102,8 +102,7 @@ def _loaded(loads: Array) -> Mask:
 def _problem(situation: Situation, current: Current) -> Problem:
     view = situation.view
     table, state = view.table, view.state
-    pose = np.unique(table.pose, return_inverse=True)[1].reshape(-1)
-    point = np.unique(table.point, return_inverse=True)[1].reshape(-1)
+    pose, point = numbered(table.pose), numbered(table.point)
     return Problem(
         y=current.y,
         A=current.A,
@@ -125,7 +124,7 @@ def _problem(situation: Situation, current: Current) -> Problem:
         time=_context(table.time, state),
         temperature=_context(table.temperature, state),
         branch=_context(table.branch, state),
-        turn=np.unique(np.nan_to_num(table.repeat), return_inverse=True)[1].reshape(-1)[state],
+        turn=numbered(np.nan_to_num(table.repeat))[state],
         differences=table.kind == "deflection",
         spread=_spreads(view),
     )

@@ -9,7 +9,7 @@ from functools import cached_property
 
 import numpy as np
 
-from symstiff.arrays import Array, Index, Mask
+from symstiff.arrays import Array, Index, Mask, numbered
 from symstiff.discrepancy.problem import Candidate, Parameter, Problem
 from symstiff.effects.base import Shape
 
@@ -194,8 +194,7 @@ def _place(problem: Problem, block: Array) -> str:
     """The virtual joint of an actuated joint whose Jacobian column carries a candidate's first shape."""
     if problem.J is None:
         return ""
-    _, label = np.unique(np.column_stack([problem.pose, problem.case]), axis=0, return_inverse=True)
-    label = label.reshape(-1)
+    label = numbered(problem.pose, problem.case)
     total = float(np.sum(block**2))
     for v, j in enumerate(problem.joint_of):
         if j < 0:

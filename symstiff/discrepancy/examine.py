@@ -43,6 +43,7 @@ from symstiff.discrepancy.tables import (
 from symstiff.discrepancy.testability import testable
 from symstiff.discrepancy.verdict import (
     AMBIGUOUS,
+    EVEN,
     INSUFFICIENT,
     NAMED,
     NOTHING,
@@ -88,7 +89,7 @@ def examine(
     tell("candidates")
     outcome = decide(
         ready.scan, allowed, options, lambda p: beyond(problem, ready, p), parts, tell,
-        numbers(ready.bank, given), lambda scan: strata(problem, scan),
+        named_among(ready.bank, given), lambda scan: strata(problem, scan),
     )  # fmt: skip
     if outcome.admissible:
         ready = noise_told_anew(problem, ready, outcome.admissible[0].entries)
@@ -102,7 +103,7 @@ def examine(
     return _written(problem, candidates, ready, parts, allowed, outcome, place, proof, options, tell)
 
 
-def numbers(bank: Bank, names: Sequence[Name]) -> list[int]:
+def named_among(bank: Bank, names: Sequence[Name]) -> list[int]:
     """Numbers of named candidates in the bank; names that it does not hold are left out."""
     found = [bank.named.get(key_of(n.effect, n.where)) for n in names]
     return [k for k in found if k is not None]
@@ -186,11 +187,10 @@ def refuted(outcome: Outcome) -> Outcome:
     """The verdict where the poses that were left out speak against the name: it says no more than who leads."""
     if outcome.verdict not in (NAMED, AMBIGUOUS):
         return outcome
-    half = tuple(min(c, 0.5) for c in outcome.confidence)
-    because = Reason(Why.REFUTED)
+    even = tuple(min(c, EVEN) for c in outcome.confidence)
     return replace(
-        outcome, verdict=INSUFFICIENT, because=because, admissible=outcome.admissible[:1], confidence=half
-    )
+        outcome, verdict=INSUFFICIENT, because=Reason(Why.REFUTED), admissible=outcome.admissible[:1], confidence=even
+    )  # fmt: skip
 
 
 def _law(problem: Problem, scan: Scan, found: Evidence, place: Localisation) -> FittedLaw | None:

@@ -77,11 +77,9 @@ def held_out(
     # few poses leave little to learn from: more folds; many poses make every fold dear
     folds = min(options.folds, poses) if poses <= 20 else min(options.folds, 5)
     fold = np.random.default_rng(options.seed).permutation(poses)[problem.place] % folds
-    translation = problem.axis < 3 if np.any(problem.axis < 3) else np.ones(problem.rows, bool)
     alone = replace(noise, sharings=(replace(noise.sharings[0], ratio=0.0),))
-    error = np.zeros(
-        (2, 2, problem.rows)
-    )  # weighed by the noise found, and by the rows' own; before and after
+    # weighed by the noise found, and by the rows' own; before and after
+    error = np.zeros((2, 2, problem.rows))
     admitted = sets or [()]
     selected, again = [], []
     for k in range(folds):
@@ -93,7 +91,7 @@ def held_out(
         for way, weights in enumerate((noise, alone)):
             for when, used in enumerate(((), chosen)):
                 error[way, when, test] = _predict(problem, weights, train, test, used)
-    told = translation & ~np.isin(problem.pose, poses_of_their_own(problem, bank, entries))
+    told = problem.main & ~np.isin(problem.pose, poses_of_their_own(problem, bank, entries))
     rms = np.sqrt(np.mean(error[:, :, told] ** 2, axis=2))
     before, after = (float(x) for x in rms.min(axis=0))
     alike = (float(rms[0, 0]), float(rms[0, 1]))

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from symstiff.arrays import Array
+from symstiff.arrays import Array, numbered
 from symstiff.calibration.experiment.situation import View
 from symstiff.calibration.measurements import Measurements
 from symstiff.calibration.remarks import of_sag
@@ -298,8 +298,7 @@ def _alike(view: View, z: Array) -> tuple[Array, Array]:
     all others.
     """
     table, clock = view.table, view.table.clock[view.state]
-    label = np.column_stack([table.pose[view.state], table.point[view.state], view.component])
-    series = np.unique(label, axis=0, return_inverse=True)[1].reshape(-1)
+    series = numbered(table.pose[view.state], table.point[view.state], view.component)
     near, far = [np.zeros(0)], [np.zeros(0)]
     for k in np.unique(series):
         rows = np.flatnonzero(series == k)

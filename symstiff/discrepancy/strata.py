@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy import stats
 
-from symstiff.arrays import Array, Index
+from symstiff.arrays import Array, Index, numbered
 from symstiff.discrepancy.problem import Problem
 from symstiff.discrepancy.scan import Scan, directions
 from symstiff.reduction.svd import svd
@@ -100,8 +100,8 @@ def _between_repeats(
     """The same of y (M, 1), further columns taken out: by pose, and over all poses."""
     if len(np.unique(problem.cells)) == problem.rows:
         return 0.0, 0
-    each = np.unique(np.column_stack([problem.case, problem.channel]), axis=0, return_inverse=True)[1]
-    means = scan.noise.apply(scan.best.whiten, _indicators(each.reshape(-1)) / scan.noise.spread[:, None])
+    each = numbered(problem.case, problem.channel)
+    means = scan.noise.apply(scan.best.whiten, _indicators(each) / scan.noise.spread[:, None])
     square, rank = _left(problem.pose, np.hstack([local, means]), overall, y)
     return square, problem.rows - rank
 

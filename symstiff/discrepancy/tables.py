@@ -235,7 +235,6 @@ def steps(problem: Problem, ready: Prepared, named: Judged | None, outcome: Outc
     entries: tuple[int, ...] = named.entries if named is not None else ()
     alone = replace(ready, scan=_unshared(ready.scan))
     ready = replace(ready, scan=at_sharing(ready.scan, likeliest(ready.scan, entries).sharing))
-    rows = problem.axis < 3 if np.any(problem.axis < 3) else np.ones(problem.rows, bool)
     out = []
     for count in range(len(entries) + 1):
         used = entries[:count]
@@ -252,7 +251,7 @@ def steps(problem: Problem, ready: Prepared, named: Judged | None, outcome: Outc
         out.append(
             Step(
                 effects[-1][0] if effects else None, model, std, tuple(effects),
-                float(np.sqrt(np.mean(residual[rows] ** 2))), strata(problem, scan), p_left, residual, further,
+                float(np.sqrt(np.mean(residual[problem.main] ** 2))), strata(problem, scan), p_left, residual, further,
                 ready.scan.freedom - scan.freedom, problem.rows - scan.freedom,
             )
         )  # fmt: skip

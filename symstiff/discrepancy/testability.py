@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from symstiff.arrays import Array
+from symstiff.arrays import Array, numbered
 from symstiff.discrepancy.design import effective_rank, least_sizes, share_left
 from symstiff.discrepancy.prepare import Prepared
 from symstiff.discrepancy.problem import Problem
@@ -74,9 +74,8 @@ def fills_its_stratum(problem: Problem, ready: Prepared, entry: int) -> bool:
     """
     full = float(ready.scan.best.bases.rank[entry])
     usual = effective_rank(ready.scan, entry)
-    cells, label = np.unique(np.column_stack([problem.pose, problem.channel]), axis=0, return_inverse=True)
-    label = label.reshape(-1)
-    left = len(cells) - (problem.rows - ready.scan.freedom)
+    label = numbered(problem.pose, problem.channel)
+    left = int(label.max()) + 1 - (problem.rows - ready.scan.freedom)
     if not fills(full, left, usual) and (usual < SEVERAL or usual <= _USUAL * left):
         return False
     load = np.ones(problem.rows) if problem.load is None else problem.load

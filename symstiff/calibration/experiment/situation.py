@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 import sympy as sp
 
-from symstiff.arrays import Array, Index
+from symstiff.arrays import Array, Index, numbered
 from symstiff.calibration.measurements import Measurements
 from symstiff.effects.base import Body, at_lever
 from symstiff.effects.common import GRAVITY
@@ -260,8 +260,7 @@ class Situation:
     @property
     def row_pose(self) -> Index:
         """(M,) position in ``labels``."""
-        _, number = np.unique(self.view.table.pose, return_inverse=True)
-        return np.asarray(number.reshape(-1)[self.view.state], dtype=np.intp)
+        return np.asarray(numbered(self.view.table.pose)[self.view.state])
 
     @property
     def row_axis(self) -> Index:
