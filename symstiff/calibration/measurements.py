@@ -112,6 +112,11 @@ class Measurements:
         return np.asarray(np.ptp(self.q, axis=0) < _STILL)
 
     @property
+    def standing(self) -> dict[int, float]:
+        """Joints that never move, by number from one on, with their values [rad, m]."""
+        return {i: float(self.q[0, i - 1]) for i, stands in enumerate(self.still, start=1) if stands}
+
+    @property
     def measured(self) -> Mask:
         """(M, 6): which components of which rows were measured."""
         return np.isfinite(self.values)

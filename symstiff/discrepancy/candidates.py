@@ -8,6 +8,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from symstiff.arrays import Array
+from symstiff.calibration.experiment.anywhere import any_poses
 from symstiff.calibration.experiment.current import spread_of
 from symstiff.calibration.experiment.placement import placement_columns
 from symstiff.calibration.experiment.situation import (
@@ -282,8 +283,7 @@ def _elsewhere(robot: Robot, situation: Situation) -> Situation:
     """The same experiment at random poses within the joints' limits."""
     view = situation.view
     poses, back = np.unique(view.table.pose, return_inverse=True)
-    limits = np.array([j.range for j in robot.joint])
-    q = np.random.default_rng(0).uniform(limits[:, 0], limits[:, 1], (len(poses), len(limits)))
+    q = any_poses(robot, np.random.default_rng(0), len(poses))
     moved = look(robot, replace(view.table, q=q[back.reshape(-1)]))
     moved = replace(moved, turn=view.turn, shift=view.shift)
     if view.table.kind == "absolute":
