@@ -13,8 +13,11 @@ from hypothesis import strategies as st
 from symstiff.calibration.complete import reconstruct_model
 from symstiff.calibration.identify import identify
 from symstiff.calibration.measurements import measurements
+from symstiff.calibration.simulation import nominal_truth
 from symstiff.errors import UserError
+from symstiff.model import StiffnessModel
 from symstiff.reduction.admissible import BEAM_RATIO, admissible_set, link_matrices, scales
+from symstiff.reduction.complete import complete_map
 from symstiff.reduction.conic import cone_vector, dual_matrix
 from symstiff.reduction.nearest import Relation, cantilever_relations
 from symstiff.reduction.reconstruction import reconstruct
@@ -316,12 +319,36 @@ def test_blocks_follow_the_template_and_odd_sets_are_refused():
         ({"reduced": np.array([1.0, np.nan])}, "not finite"),
         ({"covariance": np.eye(3)}, "covariance of shape"),
         ({"metric": "euclid"}, "give one of relative, logdet"),
+        ({"metric": "logdet", "relations": cantilever_relations(1, 0.5)}, "relations have no weight"),
     ],
 )
 def test_mappings_that_do_not_fit_are_refused_with_the_reason(change, words):
     few, P, reduced = small_problem()
     with pytest.raises(UserError, match=words):
         reconstruct(**({"P": P, "reduced": reduced, "names": few, "nominal": {}} | change))
+
+
+def test_an_identified_model_is_rebuilt_in_the_metric_and_by_the_relations_asked_for():
+    robot, q = load("planar2r"), np.random.default_rng(3).uniform(-1.0, 1.0, (9, 2))
+    small, nominal = reduce(robot, "gravity", "position"), nominal_truth(robot)
+    true = complete_map(small) @ [nominal.get(name, 0.0) for name in small.stages[2].names]
+    model = StiffnessModel.of(small, dict(zip(small.parameters, true.tolist(), strict=True)))
+    wrench = np.array([0, 0, -100.0, 0, 0, 0])
+    values = model.deflection(q, np.tile(wrench, (9, 1)))
+    values[:, 3:] = np.nan
+    result = identify(robot, measurements(q, wrench, kind="deflection", values=values, sigma=1e-6))
+    drawn = cantilever_relations(1, 0.1, weight=1e3)
+    plain, burg, beam = (
+        reconstruct_model(result, bounds=False, **options)
+        for options in ({}, {"metric": "logdet"}, {"relations": drawn})
+    )
+    assert burg.metric.startswith("logdet")
+    at = {n: k for k, n in enumerate(plain.names)}
+
+    def off(found):
+        return abs(found.values[at["k1_26"]] / found.values[at["k1_66"]] - 0.05)
+
+    assert off(beam) < 0.1 * off(plain)
 
 
 def test_the_seeds_robot_is_rebuilt_from_its_26_parameters_and_only_its_group_one_is_pinned():

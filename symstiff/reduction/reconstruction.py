@@ -125,12 +125,12 @@ def reconstruct(
     (absent: 0, of a typical size); covariance: (r, r) of `reduced`; relations: soft linear relations such as
     those of a beam (metric "relative" only); margin: share of the nominal size that every block keeps, where
     the data allow it. Where noise leaves no admissible set, `reduced` moves to the nearest one that has one: in
-    standard deviations if covariance is given, in nominal sizes otherwise. Raises UserError for shapes that do not
-    fit, and for a covariance that is not positive definite where that distance is asked for.
+    standard deviations if covariance is given, in nominal sizes otherwise. Raises UserError for shapes and options
+    that do not fit, and for a covariance that is not positive definite where that distance is asked for.
     """
     P, reduced = np.asarray(P, dtype=float), np.asarray(reduced, dtype=float)
     reduced_names = tuple(reduced_names or (f"r{i + 1}" for i in range(len(reduced))))
-    _check(P, reduced, names, reduced_names, covariance, metric)
+    _check(P, reduced, names, reduced_names, covariance, metric, relations)
     rules = admissible_set(names) if admissible is None else admissible
     scale = scales(names, nominal)
     target = np.array([float(nominal.get(name, 0.0)) for name in names]) / scale
@@ -169,6 +169,7 @@ def _check(
     reduced_names: Sequence[str],
     covariance: Array | None,
     metric: str,
+    relations: Sequence[Relation],
 ) -> None:
     """Shapes, rank and finiteness, with what would be right."""
     rows = len(reduced)
@@ -183,6 +184,10 @@ def _check(
         raise UserError(f"covariance of shape {np.shape(covariance)} does not fit {rows} reduced parameters")
     if metric not in METRICS:
         raise UserError(f'metric "{metric}" is not known: give one of {", ".join(METRICS)}')
+    if relations and metric != "relative":
+        raise UserError(
+            f'relations have no weight in the metric "{metric}": leave them out, or give "relative"'
+        )
     norms = np.linalg.norm(P, axis=1)
     if rows and (not norms.all() or np.linalg.matrix_rank(P / norms[:, None]) < rows):
         raise UserError(f"mapping has rank below {rows}: its rows contradict or repeat each other")
