@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any, Literal
 import numpy as np
 
 from symstiff.arguments import reals
-from symstiff.arrays import Array, Index, Mask, numbered
+from symstiff.arrays import TINY, Array, Index, Mask, numbered
 from symstiff.errors import UserError
 
 if TYPE_CHECKING:
@@ -26,7 +26,7 @@ _STILL = 1e-9
 
 def course(values: Array) -> Array:
     """How far values (M,) have come from the least (0) to the largest (1); zeros where they are all alike."""
-    return np.asarray((values - values.min()) / max(float(np.ptp(values)), 1e-300))
+    return np.asarray((values - values.min()) / max(float(np.ptp(values)), TINY))
 
 
 @dataclass(frozen=True)

@@ -15,7 +15,7 @@ import scipy.optimize
 import scipy.sparse
 import scipy.stats
 
-from symstiff.arrays import Array, Index, Mask, numbered
+from symstiff.arrays import TINY, Array, Index, Mask, numbered
 
 LEVEL = 0.05
 """Probability under independent rows below which a shared error is taken into account."""
@@ -335,7 +335,7 @@ class _Components:
         away = sum((rows.T @ rows for rows, _ in parts), np.zeros((len(self.fit) + 1,) * 2))
         own = np.linalg.cholesky(np.eye(len(self.fit)) - away[:-1, :-1])
         b = np.linalg.solve(own, self.fit - away[:-1, -1])
-        rss = max(self.square - float(away[-1, -1]) - float(b @ b), 1e-12 * self.square, 1e-300)
+        rss = max(self.square - float(away[-1, -1]) - float(b @ b), 1e-12 * self.square, TINY)
         determinant = sum(d for _, d in parts) + 2.0 * float(np.log(np.diag(own)).sum())
         return self.freedom * float(np.log(rss)) + determinant, rss / self.freedom
 

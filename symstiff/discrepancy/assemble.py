@@ -11,7 +11,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from symstiff.arrays import Array, Mask, numbered
+from symstiff.arrays import TINY, Array, Mask, numbered
 from symstiff.calibration.checks import check_measured, check_robot
 from symstiff.calibration.experiment.current import Current, settled, sigma_of
 from symstiff.calibration.experiment.situation import Situation, View, loads_of, under_weights
@@ -136,7 +136,7 @@ def _load_cases(table: Measurements, pose: np.ndarray) -> np.ndarray:
     A sensor reads the same load a little different each time: what agrees to a thousandth of the largest is one load.
     """
     largest = [np.abs(part).max(initial=0.0) for part in (table.w[:, :3], table.w[:, 3:])]
-    loads = table.w / (_SAME_LOAD * np.repeat(np.maximum(largest, 1e-300), 3))
+    loads = table.w / (_SAME_LOAD * np.repeat(np.maximum(largest, TINY), 3))
     keys = np.column_stack([loads, np.nan_to_num(table.branch), np.nan_to_num(table.load_step)])
     case = np.zeros(len(table), dtype=np.intp)
     for p in np.unique(pose):

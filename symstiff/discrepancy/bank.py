@@ -18,6 +18,9 @@ UNNAMED = 0.3
 _LEAST_SIZE = 0.02
 """Usual size, against the largest of an effect's, below which no parameter is taken to be."""
 
+_ELSEWHERE = 1e-6
+"""Share of a signal's square that may stand outside a joint's own columns, for rounding."""
+
 
 @dataclass(frozen=True)
 class Bank:
@@ -51,6 +54,11 @@ class Bank:
     def first_entry(self) -> Index:
         """First entry of every candidate (reduceat offsets)."""
         return np.searchsorted(self.owner, np.arange(len(self.candidates)))
+
+    @property
+    def last_entry(self) -> Index:
+        """The entry behind the last one of every candidate."""
+        return np.append(self.first_entry[1:], len(self.start)) if self.candidates else self.first_entry
 
     @cached_property
     def named(self) -> Mapping[str, int]:
@@ -107,6 +115,11 @@ class Bank:
     def slice(self, entry: int) -> slice:
         """Columns of an entry."""
         return slice(int(self.start[entry]), int(self.start[entry] + self.width[entry]))
+
+    def columns_of(self, entries: Sequence[int] | Index) -> Index:
+        """Numbers (k,) of the columns of some entries, one after the other."""
+        own = [np.arange(self.start[e], self.start[e] + self.width[e]) for e in entries]
+        return np.concatenate([self.start[:0], *own])
 
     @cached_property
     def batches(self) -> tuple[Index, ...]:
@@ -203,7 +216,7 @@ def _place(problem: Problem, block: Array) -> str:
         weight = np.bincount(label, J**2)
         weight[weight == 0] = 1.0
         inner = np.stack([np.bincount(label, J * c) for c in block.T])
-        if float(np.sum(inner**2 / weight)) > (1.0 - 1e-6) * total:
+        if float(np.sum(inner**2 / weight)) > (1.0 - _ELSEWHERE) * total:
             return problem.virtual_joints[v]
     return ""
 

@@ -38,9 +38,11 @@ _AT_ONCE = 0.1
 UNLOADED = 1e-9
 """Load on a virtual joint, against the largest, that is rounding."""
 _SAME = 1e-6
+"""Distance of two shadows, against their length, up to which they are one."""
 _MOST_SHAPES = 6
 """Shapes of a candidate up to which its columns are compared with those of others."""
 _SAME_ANGLE = 2e-3
+"""Distance of two values of a joint variable [rad, m] up to which they are one level."""
 
 
 def candidates(
@@ -340,12 +342,16 @@ def _missing(effect: Effect, table: Measurements) -> str:
     if table.kind not in effect.seen_in:
         return f"cannot be seen in {table.kind} data"
     available = {
-        "time": np.isfinite(table.time).any() and np.nanmax(table.time) > np.nanmin(table.time),
-        "temperature": np.isfinite(table.temperature).any()
-        and np.nanmax(table.temperature) > np.nanmin(table.temperature),
+        "time": _varies(table.time),
+        "temperature": _varies(table.temperature),
         "branch": bool((table.branch > 0).any() and (table.branch < 0).any()),
     }
     for need in sorted(effect.needs):
         if not any(available.get(name, False) for name in need.split(" or ")):
             return f"needs {need.replace('_', ' ')}, which the table does not hold"
     return ""
+
+
+def _varies(values: Array) -> bool:
+    """Whether a column (N,) is told, and not the same in all rows."""
+    return bool(np.isfinite(values).any() and np.nanmax(values) > np.nanmin(values))

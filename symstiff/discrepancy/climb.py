@@ -69,7 +69,7 @@ class Wider:
         open_end = narrow.verdict in (INSUFFICIENT, UNEXPLAINED)
         if not self.parts:
             dear = not (open_end and self.prices) or _worth(wide, narrow, component, readings) > self.prices
-            return dear and leaves_less(wide, narrow, component)
+            return dear and links_leave_less(wide, narrow, component)
         if open_end and _dearly(wide, narrow, component, readings, self.prices):
             return True
         own = {key_of(e.effect, e.where) for e in self.parts}
@@ -204,7 +204,7 @@ def _is_frame(terms: Sequence[Term], link: int) -> bool:
     return [t.at for t in terms] == list(link_axes(link)) and all(t.factor.is_number for t in terms)
 
 
-def leaves_less(wide: Diagnosis, narrow: Diagnosis, component: Index) -> bool:
+def links_leave_less(wide: Diagnosis, narrow: Diagnosis, component: Index) -> bool:
     """Whether the complete model leaves less than the narrow one, also on poses left out where there are any.
 
     Of a narrow one with links that were named it has to leave significantly less: few links are the simpler account.

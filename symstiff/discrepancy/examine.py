@@ -10,7 +10,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from symstiff.arrays import Array
+from symstiff.arrays import TINY, Array
 from symstiff.discrepancy.bank import Bank
 from symstiff.discrepancy.constancy import inconstancies
 from symstiff.discrepancy.localise import (
@@ -56,6 +56,8 @@ from symstiff.discrepancy.workshop import Proposal
 
 ROUNDING = 1e-9
 """Share of the readings that the model leaves, from which there is something to test."""
+_NEXT = 4
+"""Virtual joints that would explain most at which a law is looked for where there is none at the accused one."""
 LEAST_FREEDOM = 5
 """Degrees of freedom outside the model below which no test is made."""
 
@@ -131,7 +133,7 @@ def beyond(problem: Problem, ready: Prepared, proposal: Proposal) -> float:
     value, margin = estimate[problem.A.shape[1] :], deviation[problem.A.shape[1] :]
     low, high = np.array([(p.low, p.high) for p in sizes]).T
     outside = np.maximum(np.maximum(low - value, value - high), 0.0)
-    return 0.5 * float(np.max(outside / np.maximum(margin, 1e-300), initial=0.0)) ** 2
+    return 0.5 * float(np.max(outside / np.maximum(margin, TINY), initial=0.0)) ** 2
 
 
 def against_sigma(outcome: Outcome, report: NoiseReport) -> Outcome:
@@ -197,7 +199,7 @@ def _law(problem: Problem, scan: Scan, found: Evidence, place: Localisation) -> 
     """The best smooth law at the accused virtual joint; at the next best ones where there is none."""
     if any(place.accused == law.place for law in problem.devices):
         return None
-    names = dict.fromkeys([place.accused, *(b.virtual_joint for b in place.back_projections[:4])])
+    names = dict.fromkeys([place.accused, *(b.virtual_joint for b in place.back_projections[:_NEXT])])
     laws = (best_law(problem, with_law(scan, found, name), name) for name in names)
     return next((law for law in laws if law is not None), None)
 

@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from symstiff.arrays import Array, Index
+from symstiff.arrays import TINY, Array, Index
 from symstiff.discrepancy.bank import Bank
 from symstiff.discrepancy.between import moved
 from symstiff.discrepancy.noise import Noise
@@ -113,9 +113,7 @@ def _profile(bank: Bank) -> Bank:
     named = int(np.sum(~bank.generic))
     profiled = np.array([c.profiled for c in bank.candidates])
     kept = np.flatnonzero((bank.owner < named) & (bank.shape < profiled[bank.owner]))
-    own = np.concatenate(
-        [np.arange(bank.start[e], bank.start[e] + bank.width[e]) for e in kept] or [bank.start[:0]]
-    )
+    own = bank.columns_of(kept)
     width, owner = bank.width[kept], bank.owner[kept]
     whole = np.bincount(owner, bank.share[kept], named)
     return replace(
@@ -186,6 +184,6 @@ def _predict(problem: Problem, noise: Noise, train: Index, test: Index, blocks: 
     noise2 = (float(W[:, 0] @ W[:, 0]) - float(inner_y @ inner_y)) / max(len(train) - len(s), 1)
     # directions that the training poses hardly determine are drawn to zero as far as their noise demands:
     # columns of unit length have coefficients of the order of the signal shared among them
-    expected2 = max(float(inner_y @ inner_y) / max(len(s), 1), 1e-300)
+    expected2 = max(float(inner_y @ inner_y) / max(len(s), 1), TINY)
     beta = Vt.T @ (inner_y * s / (s**2 + max(noise2, 0.0) / expected2)) / length
     return np.asarray(problem.y[test] - X[test] @ beta)

@@ -12,7 +12,7 @@ from functools import cached_property
 
 import numpy as np
 
-from symstiff.arrays import Array, Index, Mask
+from symstiff.arrays import TINY, Array, Index, Mask
 from symstiff.calibration.decomposition import unit_columns
 from symstiff.discrepancy.bank import Bank
 from symstiff.discrepancy.bases import Bases, Single, bases_of, inner
@@ -258,9 +258,7 @@ def log_likelihood(scan: Scan, rss: Array) -> Array:
     """Restricted log-likelihood with the scale profiled; rss (R, ...) -> (R, ...)."""
     determinant = np.array([layer.determinant for layer in scan.layers])
     shape = (-1,) + (1,) * (rss.ndim - 1)
-    return np.asarray(
-        -0.5 * scan.freedom * np.log(np.maximum(rss, 1e-300)) - 0.5 * determinant.reshape(shape)
-    )
+    return np.asarray(-0.5 * scan.freedom * np.log(np.maximum(rss, TINY)) - 0.5 * determinant.reshape(shape))
 
 
 def explained(scan: Scan) -> Array:
@@ -283,7 +281,7 @@ def entry_evidence(scan: Scan, squares: Sequence[Array | Single], rss: Array) ->
     weight = weight - weight.max(axis=0)
     total = np.full((len(scan.bank.start), rss.shape[-1]), -np.inf)
     for r, layer in enumerate(scan.layers):
-        left = np.maximum(rss[r], 1e-300).astype(squares[r].dtype)
+        left = np.maximum(rss[r], TINY).astype(squares[r].dtype)
         shares = squares[r] / (np.repeat(left, scan.bank.width, axis=0) if each else left)
         total = np.maximum(total, weight[r] + _of_layer(scan.bank, layer, shares, scan.freedom))
     return total
@@ -308,7 +306,7 @@ def candidate_evidence(bank: Bank, entries: Array) -> Array:
     if not len(bank.start):
         return np.zeros((0, entries.shape[1]))
     first = bank.first_entry
-    count = np.diff(np.append(first, len(bank.start)))
+    count = bank.last_entry - first
     if np.all(count == 1):
         return entries
     top = np.maximum.reduceat(entries, first, axis=0)
@@ -342,8 +340,8 @@ def evidence(scan: Scan) -> Evidence:
     entry = entry_evidence(scan, list(scan.squares[:, :, None]), rss)
     candidate = candidate_evidence(scan.bank, entry)[:, 0]
     entry = entry[:, 0]
-    first, likely = scan.bank.first_entry, entry + np.log(np.maximum(scan.bank.share, 1e-300))
-    ends = zip(first, np.append(first[1:], len(entry)), strict=True)
+    likely = entry + np.log(np.maximum(scan.bank.share, TINY))
+    ends = zip(scan.bank.first_entry, scan.bank.last_entry, strict=True)
     best = np.array([a + int(np.argmax(likely[a:b])) for a, b in ends], dtype=np.intp)
     return Evidence(entry, candidate, candidate + scan.bank.log_prior, best)
 

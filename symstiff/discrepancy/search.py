@@ -8,6 +8,7 @@ from itertools import combinations
 
 import numpy as np
 
+from symstiff.arrays import TINY
 from symstiff.discrepancy.bank import Bank
 from symstiff.discrepancy.design import effective_rank
 from symstiff.discrepancy.laws import of_load
@@ -95,7 +96,7 @@ def _entry(shop: Workshop, member: int, others: tuple[int, ...]) -> tuple[int, f
     own = [int(e) for e in np.flatnonzero(bank.owner == member) if not bank.contradict(int(e), others)]
     if not own:
         return best, -np.inf
-    entry = own[int(np.argmax(found.entry[own] + np.log(np.maximum(bank.share[own], 1e-300))))]
+    entry = own[int(np.argmax(found.entry[own] + np.log(np.maximum(bank.share[own], TINY))))]
     return entry, _at(found, member, entry)
 
 
@@ -265,17 +266,17 @@ def _missed_share(shop: Workshop, proposal: Proposal, scan: Scan) -> float:
     best = int(found.best_entry[int(np.argmax(np.where(free, found.score, -np.inf)))])
     squares, rss = explained(scan), np.array([layer.rss for layer in scan.layers])
     r = int(np.argmax(log_likelihood(scan, rss - squares[:, best])))
-    layer, scale2 = scan.layers[r], max(rss[r] / max(scan.freedom, 1), 1e-300)
+    layer, scale2 = scan.layers[r], max(rss[r] / max(scan.freedom, 1), TINY)
     noise = layer.bases.rank + _SIGMAS * np.sqrt(2.0 * layer.bases.rank) + _FEW
     left = np.where(free[scan.bank.owner], squares[r] / scale2 - noise, 0.0)
     further = max(0.0, float(np.max(left)))
-    return further / max(further + _gained(shop, scan, layer), 1e-300)
+    return further / max(further + _gained(shop, scan, layer), TINY)
 
 
 def _gained(shop: Workshop, scan: Scan, layer: Layer) -> float:
     """Sum of squares that a set has explained under one of its scan's sharings, in units of the variance left."""
     before = next(start.rss for start in shop.start.layers if start.sharing == layer.sharing)
-    return (before - layer.rss) / max(layer.rss / max(scan.freedom, 1), 1e-300)
+    return (before - layer.rss) / max(layer.rss / max(scan.freedom, 1), TINY)
 
 
 def _needed(shop: Workshop, proposal: Proposal, place: int) -> float:

@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from symstiff.arrays import Array, Index, numbered
+from symstiff.arrays import TINY, Array, Index, numbered
 from symstiff.discrepancy.problem import Problem
 
 RATIOS = (0.03, 0.1, 0.35, 1.0, 3.0, 10.0, 35.0, 120.0, 400.0)
@@ -192,7 +192,7 @@ def of_joints(problem: Problem, common: Array) -> Array:
     if np.any(slides) and np.any(size[~slides] > 0):
         J = J * np.where(slides, np.sqrt(np.mean(size[~slides] ** 2)) / np.where(slides, size, 1.0), 1.0)
     whole = float(np.sqrt(np.sum(np.mean(J[main] ** 2, axis=0))))
-    return np.asarray(J * (np.sqrt(np.mean(common[main] ** 2)) / max(whole, 1e-300)))
+    return np.asarray(J * (np.sqrt(np.mean(common[main] ** 2)) / max(whole, TINY)))
 
 
 def _common(problem: Problem, spread: Array) -> Array:

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy import stats
 
-from symstiff.arrays import Array, Index, numbered
+from symstiff.arrays import TINY, Array, Index, numbered
 from symstiff.discrepancy.problem import Problem
 from symstiff.discrepancy.scan import Scan, directions
 from symstiff.reduction.svd import svd
@@ -118,7 +118,7 @@ def _left(pose: Index, local: Array, overall: Array, y: Array) -> tuple[float, i
         for p in np.unique(pose):
             rows = np.flatnonzero(pose == p)
             U, s, _ = svd(local[rows])
-            U = U[:, s > 1e-9 * max(float(s[0]), 1e-300)]
+            U = U[:, s > 1e-9 * max(float(s[0]), TINY)]
             joined[rows] -= U @ (U.T @ joined[rows])
             rank += U.shape[1]
     length = np.linalg.norm(np.hstack([y, overall])[:, 1:], axis=0)

@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 import sympy as sp
 
-from symstiff.arrays import Array, Index, numbered
+from symstiff.arrays import TINY, Array, Index, numbered
 from symstiff.calibration.measurements import Measurements
 from symstiff.effects.base import Body, at_lever
 from symstiff.effects.common import GRAVITY
@@ -305,7 +305,7 @@ class Situation:
 
     def slope(self, loads: Array) -> Array:
         """(N, V) change of the deflections by each unit of further loads (N, V), where the loads are now."""
-        step = _STEP * float(np.abs(self.view.tau).max()) / max(float(np.abs(loads).max()), 1e-300)
+        step = _STEP * float(np.abs(self.view.tau).max()) / max(float(np.abs(loads).max()), TINY)
         return self.respond(step * loads) / step if step > 0 else self.respond(loads)
 
     def rows(self, twists: Array) -> Array:
