@@ -10,9 +10,8 @@ from typing import Any
 import numpy as np
 
 from symstiff.arrays import Array, Index, numbered
+from symstiff.calibration.measurements import COMPONENTS
 from symstiff.errors import UserError
-
-AXES = ("x", "y", "z", "rx", "ry", "rz")
 
 
 @dataclass(frozen=True)
@@ -81,7 +80,7 @@ def residual_table(measured: Array, predicted: Array) -> ResidualTable:
 def sizes(values: Array) -> dict[str, Size]:
     """MAX and RMS by axis and of translations and rotations as a whole; values: (N, 3 or 6), NaN allowed."""
     found = {}
-    for axis, column in zip(AXES, values.T, strict=False):
+    for axis, column in zip(COMPONENTS, values.T, strict=False):
         if np.isfinite(column).any():
             found[axis] = _size(column)
     for name, part in (("positional", values[:, :3]), ("rotational", values[:, 3:])):

@@ -26,6 +26,8 @@ _FEW = 3
 """Compliances of an effect up to which one of them says how large it is."""
 _TWO_DIGITS = 10.0
 """Units of the last digit from which a size has two."""
+MANY = 3
+"""Places of an effect up to which each is told by itself."""
 _SIZES = 2
 """Parameters of an effect at most that are told for being determined best."""
 LOUDER = 1.08
@@ -200,7 +202,7 @@ def confidence(group: Sequence[Found], even: bool = False) -> str:
 
 
 def _told(finding: Finding, group: list[Found], even: bool = False) -> list[str]:
-    if len(group) > 3:
+    if len(group) > MANY:
         count = sum(math.isfinite(size.std) for e in group for size in e.parameters.values())
         return [f"{names(group)} ({count} parameters, {confidence(group, even)})"]
     return [
