@@ -28,6 +28,8 @@ from symstiff.effects.registry import catalogue
 from symstiff.model import StiffnessModel
 from symstiff.symbolic.terms import VirtualJoint
 
+_NONE = 0.05
+"""Least load, as a factor, and least distance [m] that the noise may grow with: logarithms are taken of them."""
 _SAME_LOAD = 1e-3
 """Difference of loads, against the largest, up to which they are one."""
 
@@ -170,7 +172,7 @@ def _spreads(view: View) -> dict[str, Array]:
     found: dict[str, Array] = {}
     load = np.abs(load_factor(view.table))
     if np.ptp(load) > 0:
-        found["load"] = np.maximum(load, 0.05)[view.state]
+        found["load"] = np.maximum(load, _NONE)[view.state]
     if view.table.kind == "absolute":
-        found["distance"] = np.maximum(np.linalg.norm(view.table.values[:, :3], axis=1), 0.05)[view.state]
+        found["distance"] = np.maximum(np.linalg.norm(view.table.values[:, :3], axis=1), _NONE)[view.state]
     return found

@@ -22,7 +22,7 @@ from symstiff.calibration.measurements import Measurements
 from symstiff.discrepancy.noise import Noise
 from symstiff.discrepancy.problem import ANGLE, CLOCK, HISTORY, Candidate, Parameter, Problem
 from symstiff.discrepancy.ranges import Extent, at_size, extent_of
-from symstiff.discrepancy.scan import column_space
+from symstiff.discrepancy.scan import OWN, column_space
 from symstiff.effects.base import Effect, Move, Realisation, Scales, Shape, Where
 from symstiff.effects.lawful import check_laws
 from symstiff.model import StiffnessModel
@@ -297,7 +297,7 @@ def _shadow(block: Array, basis: Array, probe: Array) -> Array:
     """One random vector projected (M,) on what a block adds to the model: equal spaces, equal shadows."""
     length = np.linalg.norm(block, axis=0)
     block = block[:, length > 0] / length[length > 0]
-    own = column_space(block - basis @ (basis.T @ block), 1e-7)
+    own = column_space(block - basis @ (basis.T @ block), OWN)
     return np.asarray(own @ (own.T @ probe))
 
 

@@ -32,6 +32,8 @@ from symstiff.symbolic.terms import Term
 
 _SIGNIFICANT = 1e-3
 """Chance below which the complete model takes the place of few links that were named."""
+_SUREST = 0.99
+"""Confidence, at most, in a test of nested models: what neither holds is not asked."""
 _DEAR, _LINKS = 2.0, 1.0
 """What all frames have to be worth, and in absolute positions all links, in Schwarz' prices of their parameters."""
 
@@ -322,7 +324,7 @@ def that_has(robot: Robot, where: Mapping[str, Any], parameters: Iterable[str]) 
 
 def _certain(p: float) -> float:
     """Confidence in a step that is a test of nested models: no rival competes for its name."""
-    return float(min(max(1.0 - p, 0.0), 0.99))
+    return float(min(max(1.0 - p, 0.0), _SUREST))
 
 
 def _is_compliance(robot: Robot, parameters: Mapping[str, Any]) -> bool:

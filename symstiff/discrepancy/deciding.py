@@ -15,7 +15,7 @@ from symstiff.calibration.loading import load_factor
 from symstiff.calibration.measurements import Measurements, concatenate, measurements
 from symstiff.discrepancy.candidates import scales_of
 from symstiff.discrepancy.growth import columns_of
-from symstiff.discrepancy.scan import column_space
+from symstiff.discrepancy.scan import RANK, column_space
 from symstiff.discrepancy.separation import Decider, Hypotheses, deciding_poses
 from symstiff.effects.base import Scales
 from symstiff.effects.instance import EffectInstance
@@ -41,6 +41,8 @@ _DIRECTIONS, _ALIKE = 3, 0.9
 _SHAPES = 10
 """Shapes of an effect's law, besides its own, that a rival may fit with."""
 
+_STEPS = {False: float(np.radians(0.1)), True: 1e-4}
+"""Steps of the joint variables of deciding poses [rad, m], by whether the joint slides."""
 _LABEL = "decide"
 """What the labels of deciding poses begin with."""
 
@@ -273,7 +275,7 @@ def _closest(columns: Hypotheses, judge: Hypotheses) -> Hypotheses:
 
 def _missed(signal: Array, outside: Array) -> float:
     """Squared length of a signal outside a block."""
-    fitted = outside @ np.linalg.lstsq(outside, signal, rcond=1e-9)[0]
+    fitted = outside @ np.linalg.lstsq(outside, signal, rcond=RANK)[0]
     return float(np.sum((signal - fitted) ** 2))
 
 
@@ -304,7 +306,7 @@ def _on_offer(model: StiffnessModel, setup: Setup, choice: Choice) -> Measuremen
 
 def _round(model: StiffnessModel, q: Array) -> Array:
     """Joint variables that a person can type: tenths of degrees and of millimetres, within the limits."""
-    step = np.array([1e-4 if j.prismatic else np.radians(0.1) for j in model.robot.joint])
+    step = np.array([_STEPS[j.prismatic] for j in model.robot.joint])
     low, high = np.array([j.range for j in model.robot.joint], dtype=float).T
     rounded = np.round(q / step) * step
     return np.asarray(np.where((rounded >= low) & (rounded <= high), rounded, q))

@@ -14,7 +14,16 @@ from symstiff.arrays import TINY, Array, Index
 from symstiff.discrepancy.law import Law, largest_load
 from symstiff.discrepancy.laws import every_law
 from symstiff.discrepancy.problem import Problem
-from symstiff.discrepancy.scan import Evidence, Layer, Scan, at_sharing, basis_of, coefficients, likeliest
+from symstiff.discrepancy.scan import (
+    RANK,
+    Evidence,
+    Layer,
+    Scan,
+    at_sharing,
+    basis_of,
+    coefficients,
+    likeliest,
+)
 
 _ROUNDING = 1e-9
 """What is added to a matrix of which a pose may be all, so that it can be solved."""
@@ -253,7 +262,7 @@ def _gained(blocks: list[Array], y: Array, fold: Array | Index) -> float:
     left = 0.0
     for k in np.unique(fold):
         train = fold != k
-        beta = np.linalg.lstsq(X[train], y[train], rcond=1e-9)[0]
+        beta = np.linalg.lstsq(X[train], y[train], rcond=RANK)[0]
         left += float(np.sum((y[~train] - X[~train] @ beta) ** 2))
     return 1.0 - left / max(float(y @ y), TINY)
 
@@ -268,7 +277,7 @@ def _validated(layer: Layer, blocks: list[Array], fold: Array | Index) -> float:
     for k in np.unique(fold):
         train = fold != k
         for columns in (layer.basis, X):
-            beta = np.linalg.lstsq(columns[train], layer.y[train], rcond=1e-9)[0]
+            beta = np.linalg.lstsq(columns[train], layer.y[train], rcond=RANK)[0]
             missed = float(np.sum((layer.y[~train] - columns[~train] @ beta) ** 2))
             left, whole = (left + missed, whole) if columns is X else (left, whole + missed)
     return 1.0 - left / max(whole, TINY)
@@ -278,7 +287,7 @@ def _written(
     problem: Problem, v: int, laws: list[Law], blocks: list[Array], y: Array, validated: float
 ) -> FittedLaw:
     X = np.hstack(blocks)
-    beta = np.linalg.lstsq(X, y, rcond=1e-9)[0]
+    beta = np.linalg.lstsq(X, y, rcond=RANK)[0]
     text = [t for law in laws for t in law.text]
     expression = " ".join(f"{b:+.4g}*{t}" for b, t in zip(beta, text, strict=True)).lstrip("+")
     residual = y - X @ beta

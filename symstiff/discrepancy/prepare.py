@@ -43,6 +43,8 @@ SAME_SHARE = 0.1
 """Change of the markers' or the repeats' own part of a shared error up to which the coarse grid is not seen again."""
 _SURE, _PAIRS, _SHAKES = 4.0, 60, 0.25
 """Standard deviations, pairs of rows and variance from which the markers of one reading are taken to share an error."""
+_LEAST_OWN = 0.02
+"""Share of the noise's variance that each marker has alone, at least."""
 _MOST, _STANDS_OUT = 3, 4.0
 """Candidates that stand out beyond doubt, at most, and the score from which one does."""
 _LOOKS = _COARSE, _NEAR, _FINE = "coarse", "near", "fine"
@@ -264,7 +266,7 @@ def _of_readings(problem: Problem, z: Array) -> float:
     if shared < _SURE * square / np.sqrt(0.5 * pairs):
         return 0.0
     own = square - together / pairs
-    found = shared / max(own, 0.02 * square)
+    found = shared / max(own, _LEAST_OWN * square)
     return float(found) if found > _SHAKES else 0.0
 
 

@@ -12,12 +12,14 @@ from symstiff.discrepancy.bank import Bank
 from symstiff.discrepancy.between import moved
 from symstiff.discrepancy.noise import Noise
 from symstiff.discrepancy.problem import Options, Problem
-from symstiff.discrepancy.scan import evidence, extend, open_scan
+from symstiff.discrepancy.scan import RANK, evidence, extend, open_scan
 from symstiff.discrepancy.sharing import Roots
 from symstiff.reduction.svd import svd
 
 FEWEST = 4
 """Poses from which some are left out."""
+_MANY, _FOLDS = 20, 5
+"""Poses from which on fewer folds do, and how many."""
 NO_GAP = 0.05
 """Gap, as a share of the noise, below which no share of it is told."""
 AGAIN = 0.5
@@ -75,7 +77,7 @@ def held_out(
         return None
     few, entries = _profile(bank), sets[0] if sets else ()
     # few poses leave little to learn from: more folds; many poses make every fold dear
-    folds = min(options.folds, poses) if poses <= 20 else min(options.folds, 5)
+    folds = min(options.folds, poses) if poses <= _MANY else min(options.folds, _FOLDS)
     fold = np.random.default_rng(options.seed).permutation(poses)[problem.place] % folds
     alone = replace(noise, sharings=(replace(noise.sharings[0], ratio=0.0),))
     # weighed by the noise found, and by the rows' own; before and after
@@ -178,7 +180,7 @@ def _predict(problem: Problem, noise: Noise, train: Index, test: Index, blocks: 
     length = np.linalg.norm(X / noise.spread[:, None], axis=0)
     length[length == 0] = 1.0
     U, s, Vt = svd(W[:, 1:] / length)
-    keep = s > 1e-9 * s.max(initial=0.0)
+    keep = s > RANK * s.max(initial=0.0)
     U, s, Vt = U[:, keep], s[keep], Vt[keep]
     inner_y = U.T @ W[:, 0]
     noise2 = (float(W[:, 0] @ W[:, 0]) - float(inner_y @ inner_y)) / max(len(train) - len(s), 1)

@@ -24,6 +24,11 @@ from symstiff.threads import in_threads
 
 _ROWS = 128
 """Rows whose columns are worked on together, so that they stay near the processor."""
+RANK, OWN = 1e-9, 1e-7
+"""Singular values, against the largest, that are rounding: of columns of unit length, and of what a model leaves of
+them, of which rounding is a larger share."""
+_TOUCHED = 1e-6
+"""Square of a parameter's part in directions that are not held from which it is not determined."""
 _NEAR = 5.0
 """Log likelihood by which a sharing may trail the best."""
 
@@ -112,7 +117,7 @@ def open_scan(bank: Bank, noise: Noise, y: Array, A: Array) -> Scan:
     return Scan(bank, noise, columns, tuple(layers), len(y) - basis.shape[1])
 
 
-def column_space(A: Array, tolerance: float = 1e-9) -> Array:
+def column_space(A: Array, tolerance: float = RANK) -> Array:
     """Orthonormal basis (M, rank) of the columns of A (M, P), each scaled to unit length first."""
     length = np.linalg.norm(A, axis=0)
     used = A[:, length > 0] / length[length > 0]
@@ -183,7 +188,8 @@ def directions(scan: Scan, layer: Layer, entries: Sequence[int]) -> tuple[Array,
     if not entries:
         return np.zeros((len(layer.y), 0)), np.zeros(0)
     U, s, _ = svd(outside(scan, layer, entries))
-    return U[:, s > 1e-7 * s[0]], s[s > 1e-7 * s[0]]
+    own = s > OWN * s[0]
+    return U[:, own], s[own]
 
 
 def likeliest(scan: Scan, entries: tuple[int, ...]) -> Layer:
@@ -360,12 +366,12 @@ def coefficients(scan: Scan, A: Array, y: Array, entries: tuple[int, ...]) -> tu
     W = scan.noise.apply(layer.whiten, np.column_stack([y, X]) / D)
     unit_length, length = unit_columns(W[:, 1:])
     U, s, Vt = svd(unit_length)
-    keep = s > 1e-9 * s.max(initial=0.0)
+    keep = s > RANK * s.max(initial=0.0)
     beta = Vt[keep].T @ ((U[:, keep].T @ W[:, 0]) / s[keep])
     residual = W[:, 0] - W[:, 1:] @ (beta / length)
     scale2 = float(residual @ residual) / max(len(y) - int(keep.sum()), 1)
     variance = np.einsum("kp,k->p", Vt[keep] ** 2, scale2 / s[keep] ** 2)
-    lost = np.einsum("kp->p", Vt[~keep] ** 2) > 1e-6
+    lost = np.einsum("kp->p", Vt[~keep] ** 2) > _TOUCHED
     deviation = np.where(lost, np.inf, np.sqrt(variance))
     estimate = beta / length
     fitted = X @ estimate

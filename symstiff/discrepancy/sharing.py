@@ -29,7 +29,7 @@ _AT_ONCE = 1 << 17
 _SEVERAL = 10
 """Rows beyond one a pose from which they say what they share."""
 NEAR = (0.55, 1.0, 1.8)
-"""Ratios about a learned size that are looked at."""
+"""Ratios about a size, learned or likely, that are looked at."""
 
 Roots = tuple[tuple[Index, Array, Array], ...]
 """Batches of blocks: (n, m) rows, (n, m, k) orthonormal directions, (n, k) what is added along them."""
@@ -93,7 +93,7 @@ def near(sharings: Sequence[Sharing], kept: Sequence[Sharing], finer: bool = Fal
         first = bisect_left(RATIOS, there[0]) if there else 0
         last = bisect_left(RATIOS, there[-1]) if there else 0
         if finer and 1 <= len(there) <= 2:
-            between = (0.55 * there[0], *there, 1.8 * there[-1])
+            between = (NEAR[0] * there[0], *there, NEAR[-1] * there[-1])
             out += [Sharing(way, r) for r in between if r >= RATIOS[0]]
         else:
             # none is a neighbour of the smallest, also where another way than this one is likely

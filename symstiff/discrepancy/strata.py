@@ -9,7 +9,7 @@ from scipy import stats
 
 from symstiff.arrays import TINY, Array, Index, numbered
 from symstiff.discrepancy.problem import Problem
-from symstiff.discrepancy.scan import Scan, directions
+from symstiff.discrepancy.scan import RANK, Scan, directions
 from symstiff.reduction.svd import svd
 
 PROPORTIONAL = "proportional to load, by pose"
@@ -118,7 +118,7 @@ def _left(pose: Index, local: Array, overall: Array, y: Array) -> tuple[float, i
         for p in np.unique(pose):
             rows = np.flatnonzero(pose == p)
             U, s, _ = svd(local[rows])
-            U = U[:, s > 1e-9 * max(float(s[0]), TINY)]
+            U = U[:, s > RANK * max(float(s[0]), TINY)]
             joined[rows] -= U @ (U.T @ joined[rows])
             rank += U.shape[1]
     length = np.linalg.norm(np.hstack([y, overall])[:, 1:], axis=0)
