@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from symstiff.calibration.simulation.truth import Effect
-from symstiff.discrepancy.climb import Wider, frames_of, leaves_less
+from symstiff.discrepancy.climb import Wider, frames_of, links_leave_less
 from symstiff.discrepancy.finding import Task
 from symstiff.discrepancy.localise import FittedDevice
 from symstiff.discrepancy.reasons import Why
@@ -46,7 +46,7 @@ def test_a_model_that_left_out_poses_refute_does_not_take_over(
     """Four poses fit all links and predict none."""
     narrow = replace(some, verdict="unexplained", rms=Rms(2.0, 2.0, 2.1, 2.1, 0.9))
     axes = np.zeros(ROWS, dtype=np.intp)
-    assert leaves_less(replace(some, rms=wider), narrow, axes) is better
+    assert links_leave_less(replace(some, rms=wider), narrow, axes) is better
 
 
 @pytest.mark.parametrize(("explained", "better"), [(0.3, False), (0.05, True)])
@@ -66,7 +66,7 @@ def test_a_law_of_the_device_is_a_simpler_account_than_all_links(
     )
     whole = replace(step, residual=left * np.sqrt(0.75), known=16)
     wide = replace(some, growth=(whole,), rms=Rms(1.0, 1.0, 1.2, 1.0, 0.9))
-    assert leaves_less(wide, narrow, np.zeros(ROWS, dtype=np.intp)) is better
+    assert links_leave_less(wide, narrow, np.zeros(ROWS, dtype=np.intp)) is better
 
 
 @pytest.mark.parametrize(
@@ -92,7 +92,7 @@ def test_links_that_were_named_give_way_to_what_is_significantly_more(
         rms=Rms(2.0, 1.0, 2.1, 1.0, 0.9),
     )
     wide = replace(some, growth=(whole,), rms=Rms(1.0, 1.0, held_out, held_out, 0.9))
-    assert leaves_less(wide, narrow, np.zeros(ROWS, dtype=np.intp)) is better
+    assert links_leave_less(wide, narrow, np.zeros(ROWS, dtype=np.intp)) is better
 
 
 @pytest.mark.parametrize(

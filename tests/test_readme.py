@@ -7,6 +7,7 @@ import pydoc
 import re
 import subprocess
 import sys
+from importlib import import_module
 from pathlib import Path
 
 import pytest
@@ -55,6 +56,15 @@ def test_the_docstring_holds_the_python_of_the_readme() -> None:
     assert symstiff.__doc__ is not None
     lines = [line.strip() for line in symstiff.__doc__.splitlines()]
     assert [line for line in BLOCK.splitlines() if line] == [n for n in lines if n in BLOCK and n]
+
+
+def test_every_door_that_the_readme_names_is_there() -> None:
+    text = (ROOT / "README.md").read_text(encoding="utf-8")
+    doors = re.findall(r"`symstiff\.([\w.]+)\.(\w+)(?:\([^`]*\))?`", text)
+    assert len(doors) >= 4
+    for module, name in doors:
+        assert callable(getattr(import_module(f"symstiff.{module}"), name)), f"{module}.{name}"
+    assert callable(symstiff.reduce(load("planar2r")).full_values)
 
 
 def test_help_shows_every_exported_name() -> None:

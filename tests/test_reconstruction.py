@@ -10,8 +10,14 @@ import scipy.optimize
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
+from symstiff.calibration.complete import reconstruct_model
+from symstiff.calibration.identify import identify
+from symstiff.calibration.measurements import measurements
+from symstiff.calibration.simulation import nominal_truth
 from symstiff.errors import UserError
+from symstiff.model import StiffnessModel
 from symstiff.reduction.admissible import BEAM_RATIO, admissible_set, link_matrices, scales
+from symstiff.reduction.complete import complete_map
 from symstiff.reduction.conic import cone_vector, dual_matrix
 from symstiff.reduction.nearest import Relation, cantilever_relations
 from symstiff.reduction.reconstruction import reconstruct
@@ -225,6 +231,32 @@ def test_noisy_identification_of_an_admissible_robot_stays_within_its_own_noise(
     assert min(found.smallest.values()) > 0
 
 
+@pytest.mark.parametrize("variance", [0.0, np.nan, np.inf])
+def test_a_covariance_that_tells_no_distance_is_refused_where_one_is_asked_for(variance):
+    pair, P, given = (
+        ["c1", "c2"],
+        np.array([[1.0, 1.0]]),
+        {"covariance": np.array([[variance]]), "bounds": False},
+    )
+    assert reconstruct(P, np.array([1e-6]), pair, {}, **given).distance == 0.0
+    with pytest.raises(UserError, match="not positive definite"):
+        reconstruct(P, np.array([-1e-6]), pair, {}, **given)
+
+
+def test_as_many_readings_as_parameters_without_sigma_are_rebuilt_in_nominal_sizes():
+    rng, q = np.random.default_rng(0), np.array([[0.3, -0.5], [-0.9, 0.2], [0.7, 0.8]])
+    values = np.full((3, 6), np.nan)
+    values[:, 2] = rng.normal(scale=1e-3, size=3)
+    table = measurements(q, [0, 0, -100.0, 0, 0, 0], kind="deflection", values=values)
+    result = identify(load("planar2r"), table)
+    assert result.fit.dof == 0
+    found = reconstruct_model(result, bounds=False)
+    assert not found.admissible
+    assert np.isnan(found.distance)
+    assert min(found.smallest.values()) > -1e-7
+    json.dumps(found.to_dict(), allow_nan=False)
+
+
 @pytest.mark.parametrize(("deflects", "turns"), [(2, 6), (3, 5)])
 def test_the_beam_ratio_holds_every_pair_to_the_cantilever_and_no_more(deflects, turns):
     few = [f"k1_{deflects}{deflects}", f"k1_{turns}{turns}", f"k1_{deflects}{turns}"]
@@ -287,12 +319,36 @@ def test_blocks_follow_the_template_and_odd_sets_are_refused():
         ({"reduced": np.array([1.0, np.nan])}, "not finite"),
         ({"covariance": np.eye(3)}, "covariance of shape"),
         ({"metric": "euclid"}, "give one of relative, logdet"),
+        ({"metric": "logdet", "relations": cantilever_relations(1, 0.5)}, "relations have no weight"),
     ],
 )
 def test_mappings_that_do_not_fit_are_refused_with_the_reason(change, words):
     few, P, reduced = small_problem()
     with pytest.raises(UserError, match=words):
         reconstruct(**({"P": P, "reduced": reduced, "names": few, "nominal": {}} | change))
+
+
+def test_an_identified_model_is_rebuilt_in_the_metric_and_by_the_relations_asked_for():
+    robot, q = load("planar2r"), np.random.default_rng(3).uniform(-1.0, 1.0, (9, 2))
+    small, nominal = reduce(robot, "gravity", "position"), nominal_truth(robot)
+    true = complete_map(small) @ [nominal.get(name, 0.0) for name in small.stages[2].names]
+    model = StiffnessModel.of(small, dict(zip(small.parameters, true.tolist(), strict=True)))
+    wrench = np.array([0, 0, -100.0, 0, 0, 0])
+    values = model.deflection(q, np.tile(wrench, (9, 1)))
+    values[:, 3:] = np.nan
+    result = identify(robot, measurements(q, wrench, kind="deflection", values=values, sigma=1e-6))
+    drawn = cantilever_relations(1, 0.1, weight=1e3)
+    plain, burg, beam = (
+        reconstruct_model(result, bounds=False, **options)
+        for options in ({}, {"metric": "logdet"}, {"relations": drawn})
+    )
+    assert burg.metric.startswith("logdet")
+    at = {n: k for k, n in enumerate(plain.names)}
+
+    def off(found):
+        return abs(found.values[at["k1_26"]] / found.values[at["k1_66"]] - 0.05)
+
+    assert off(beam) < 0.1 * off(plain)
 
 
 def test_the_seeds_robot_is_rebuilt_from_its_26_parameters_and_only_its_group_one_is_pinned():

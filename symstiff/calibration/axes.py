@@ -8,7 +8,7 @@ from itertools import permutations, product
 
 import numpy as np
 
-from symstiff.arrays import Array
+from symstiff.arrays import TINY, Array
 from symstiff.calibration.decomposition import unit_columns
 from symstiff.errors import UserError
 from symstiff.reduction.svd import svd
@@ -87,7 +87,7 @@ def axis_hint_refit(
     changes = signed_permutations()
     targets = np.stack([((measured @ S.T) * weight).ravel() for S in changes], axis=1)  # (3N, 48)
     inside = Q[:, :rank].T @ targets
-    left = 1.0 - np.sum(inside**2, axis=0) / np.maximum(np.sum(targets**2, axis=0), 1e-300)
+    left = 1.0 - np.sum(inside**2, axis=0) / np.maximum(np.sum(targets**2, axis=0), TINY)
     if positive is not None:
         values = Vt[:rank].T @ (inside / s[:rank, None])
         signed = values[np.asarray(positive, dtype=bool)]

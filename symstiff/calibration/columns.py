@@ -25,6 +25,7 @@ _OTHER_BRACKETS = re.compile(r"(\w+)\s*[({<](.+)[)}>]")
 
 # Beyond these a number stands in the wrong unit rather than for a robot: SI.
 _WIDEST_ANGLE = 12.6  # rad; joints that turn further than two turns each way do not occur
+_FARTHEST_TURNED = 1e4  # rad; of a column in degrees, which no other unit is mistaken for
 _LONGEST_STROKE = 100.0
 _LARGEST_DEFLECTION = 1.0  # m, and rad
 _FARTHEST_POINT = 1000.0
@@ -129,7 +130,7 @@ def _plausible(name: str, quantity: str, unit: str) -> tuple[float, str]:
         limit = _LARGEST_DEFLECTION if name.startswith(("d", "sigma")) else _WIDEST_ANGLE
         return limit, f"looks like degrees in a column of {unit}: correct the values or write {name}[deg]"
     if quantity == "angle":
-        return 1e4, "is no angle in degrees: correct the value"
+        return _FARTHEST_TURNED, "is no angle in degrees: correct the value"
     if quantity == "length":
         if name.startswith(("d", "sigma")):
             limit = _LARGEST_DEFLECTION

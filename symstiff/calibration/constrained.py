@@ -15,9 +15,11 @@ from symstiff.calibration.estimate import Estimate
 from symstiff.display import finite
 from symstiff.errors import UserError
 from symstiff.reduction.admissible import AdmissibleSet, admissible_set, scales
-from symstiff.reduction.conic import Constraint, dual_matrix, semidefinite, solve
+from symstiff.reduction.conic import Constraint, Solution, dual_matrix, semidefinite, solve
 from symstiff.reduction.svd import svd
 
+_PULL = 1e-12
+"""Weight of a pull to zero beside the data: it moves nothing that is determined and keeps the rest from drifting."""
 _ACTIVE = 1e-6  # sizes: a block whose least eigenvalue is below touches its bound
 _COSTS = 1e-3  # ½·chi² per size: a multiplier below is the solver's rounding
 
@@ -96,17 +98,10 @@ def constrain(
     rules = admissible_set(complete_names)
     scale = _sizes(complete_names, nominal, P, fit.values)
     rows, data, rest = _weighed(fit)
-    n, k = len(complete_names), len(data)
     columns = rows @ P * scale  # (k, n)
     size = float(np.linalg.norm(data)) or 1.0
-    constraints = [Constraint("zero", np.hstack([columns / size, -np.eye(k)]), data / size)]
-    constraints += semidefinite(rules, scale, n + k)
-    # So weak a pull to zero moves nothing that is determined; it keeps the rest from drifting away.
-    quadratic = np.concatenate([np.full(n, 1e-12), np.ones(k)])
-    solution = solve(quadratic, np.zeros(n + k), constraints)
-    if solution.status != "solved":
-        raise ArithmeticError(f"constrained fit: the conic solver stopped with {solution.status}")
-    x = solution.x[:n]
+    solution = _solved(columns / size, data / size, rules, scale)
+    x = solution.x[: len(scale)]
     chi2 = rest + float(np.sum((columns @ x - data) ** 2))
     free_chi2 = rest + float(np.sum((rows @ fit.values - data) ** 2))
     duals = zip(rules.blocks, solution.duals[1:], strict=True)
@@ -115,16 +110,20 @@ def constrain(
     active = _active(rules, scale, scale * x, pressure)
     implausible = _tail(max(chi2 - free_chi2, 0.0), sum(bound.directions for bound in active), fit)
     return ConstrainedEstimate(
-        fit.names,
-        P @ (scale * x),
-        complete_names,
-        scale * x,
-        chi2,
-        free_chi2,
-        active,
-        multipliers,
-        implausible,
-    )
+        fit.names, P @ (scale * x), complete_names, scale * x, chi2, free_chi2, active, multipliers, implausible
+    )  # fmt: skip
+
+
+def _solved(columns: Array, data: Array, rules: AdmissibleSet, scale: Array) -> Solution:
+    """The least squares of columns (k, n) and data (k,), of order one, inside the admissible set of sizes (n,)."""
+    k, n = columns.shape
+    constraints = [Constraint("zero", np.hstack([columns, -np.eye(k)]), data)]
+    constraints += semidefinite(rules, scale, n + k)
+    quadratic = np.concatenate([np.full(n, _PULL), np.ones(k)])
+    solution = solve(quadratic, np.zeros(n + k), constraints)
+    if solution.status != "solved":
+        raise ArithmeticError(f"constrained fit: the conic solver stopped with {solution.status}")
+    return solution
 
 
 def _weighed(fit: Estimate) -> tuple[Array, Array, float]:

@@ -127,45 +127,58 @@ def estimate(
         raise UserError(f"confidence {confidence:g} is not between 0 and 1: give 0.95 for 95 %")
     form = compact(A, y, sigma)
     decision, root, known = _resolved(form, A, named, sigma is not None, truncate)
-    values, rank = root @ known, decision.rank
+    values, dof = root @ known, len(y) - decision.rank
     residuals = y - A @ values
     whitened = residuals if sigma is None else residuals / sigma
-    dof = len(y) - rank
-    total = float(whitened @ whitened)
+    total, told = float(whitened @ whitened), sigma is not None and not estimated
     s0_squared = total / dof if dof > 0 else math.nan
-    unit_variance, told = 1.0 if sigma is not None else s0_squared, sigma is not None and not estimated
+    unit_variance = s0_squared if sigma is None else 1.0
+    spread = _spread_of(A, y, sigma, root, residuals, unit_variance, blocks, estimated)
+    std = np.sqrt(np.diag(spread.covariance))
+    std[[name in decision.affected for name in named]] = np.inf
+    half = std * interval_factor(confidence, spread.freedom)
+    return Estimate(
+        names=named, units=tuple(map(unit_of, named) if units is None else units),
+        values=values, std=std, lower=values - half, upper=values + half, covariance=spread.covariance,
+        residuals=residuals, whitened=whitened, s0_squared=s0_squared, unit_variance=unit_variance, dof=dof,
+        condition=decision.condition, confidence=confidence,
+        fit_p=float(scipy.stats.chi2.sf(total, dof)) if told and dof > 0 else None,
+        rank=decision, combinations=combinations(decision, named, form.scale, values, spread.covariance),
+        compact=form, freedom=spread.freedom, shared=spread.shared,
+    )  # fmt: skip
+
+
+@dataclass(frozen=True, eq=False)
+class _Spread:
+    """How an estimate scatters: covariance (P, P), freedom (P,) of each interval, the error that rows share."""
+
+    covariance: Array
+    freedom: Array
+    shared: SharedError | None
+
+
+def _spread_of(
+    A: Array,
+    y: Array,
+    sigma: Array | None,
+    root: Array,
+    residuals: Array,
+    unit_variance: float,
+    blocks: npt.ArrayLike | Blocks | None,
+    estimated: bool,
+) -> _Spread:
+    """The covariance root·rootᵀ of independent rows, (P, r), with what rows share and what estimated sigmas leave open.
+
+    unit_variance: of a whitened row; the others as in `estimate`.
+    """
+    told, dof = sigma is not None and not estimated, len(y) - root.shape[1]
     covariance, shared = unit_variance * (root @ root.T), None
     if blocks is not None and dof > 0:
         covariance, shared = _with_shared(covariance, A, y, sigma, root, blocks, 1.0 if told else None)
-    freedom = np.full(len(named), math.inf if told else float(max(dof, 0)))
     if sigma is not None and estimated and dof > 0:
         doubt = doubt_of(A, residuals, sigma, root)
-        covariance, freedom = covariance + doubt.covariance, doubt.freedom
-    std = np.sqrt(np.diag(covariance))
-    std[[name in decision.affected for name in named]] = np.inf
-    half = std * interval_factor(confidence, freedom)
-    return Estimate(
-        names=named,
-        units=tuple(units) if units is not None else tuple(unit_of(name) for name in named),
-        values=values,
-        std=std,
-        lower=values - half,
-        upper=values + half,
-        covariance=covariance,
-        residuals=residuals,
-        whitened=whitened,
-        s0_squared=s0_squared,
-        unit_variance=unit_variance,
-        dof=dof,
-        condition=decision.condition,
-        confidence=confidence,
-        fit_p=float(scipy.stats.chi2.sf(total, dof)) if told and dof > 0 else None,
-        rank=decision,
-        combinations=combinations(decision, named, form.scale, values, covariance),
-        compact=form,
-        freedom=freedom,
-        shared=shared,
-    )
+        return _Spread(covariance + doubt.covariance, doubt.freedom, shared)
+    return _Spread(covariance, np.full(len(covariance), math.inf if told else float(max(dof, 0))), shared)
 
 
 def _resolved(

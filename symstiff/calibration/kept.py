@@ -9,8 +9,8 @@ from __future__ import annotations
 from dataclasses import replace
 
 from symstiff.effects.arm import ASSUMED
-from symstiff.effects.base import place_name
 from symstiff.effects.instance import EffectInstance
+from symstiff.effects.places import place_name
 from symstiff.effects.registry import find
 from symstiff.model import StiffnessModel
 from symstiff.symbolic.terms import Term, tau

@@ -8,16 +8,17 @@ import numpy as np
 import scipy.linalg
 
 from symstiff.calibration.decomposition import unit_columns
+from symstiff.calibration.experiment.anywhere import any_loads, any_poses
 from symstiff.calibration.measurements import Measurements, measurements
 from symstiff.calibration.rows import equations
 from symstiff.effects.instance import EffectInstance
 from symstiff.effects.registry import catalogue
 from symstiff.errors import UserError
 from symstiff.model import StiffnessModel
-from symstiff.reduction.structural import LOADS
 from symstiff.reduction.svd import numeric_rank, svd
 
 _SHARE = 1e-6  # of a compliance in a combination, below which it is rounding
+_MOST = 20  # levels of a joint: each has to be measured in poses of its own
 
 
 def by_level(model: StiffnessModel, table: Measurements, joint: int) -> StiffnessModel:
@@ -37,9 +38,9 @@ def by_level(model: StiffnessModel, table: Measurements, joint: int) -> Stiffnes
             f"and q{joint} of {robot.name} has none: {able}"
         )
     angles = np.unique(np.round(table.q[:, joint - 1], 6))
-    if not 2 <= len(angles) <= 20:
+    if not 2 <= len(angles) <= _MOST:
         raise UserError(
-            f"per_level: q{joint} has {len(angles)} distinct values: a compliance for each needs 2 to 20"
+            f"per_level: q{joint} has {len(angles)} distinct values: a compliance for each needs 2 to {_MOST}"
         )
     levels = EffectInstance(law.identifier, {"joint": joint}, shape(angles.tolist()))
     return _without_spare(model, levels, table, joint, angles)
@@ -78,10 +79,9 @@ def _anywhere(model: StiffnessModel, table: Measurements, joint: int, angles: np
     rng, points = np.random.default_rng(0), len(table.points)
     seen = np.array([table.measured[table.point == k].any(axis=0) for k in range(points)])
     count = 3 * len(model.parameters) + 10 * len(angles)
-    q = rng.uniform(-1.0, 1.0, (count, model.robot.dof))
-    q[:, table.still] = table.q[0, table.still]
+    q = any_poses(model.robot, rng, count, table.standing)
     q[:, joint - 1] = angles[np.arange(count) % len(angles)]
-    w = rng.normal(size=(count, 6)) * [k in LOADS[model.loads] for k in range(1, 7)]
+    w = any_loads(model.loads, rng, count)
     return measurements(
         np.repeat(q, points, axis=0), np.repeat(w, points, axis=0), points=table.points,
         point=np.tile(np.arange(points), count), kind="deflection",

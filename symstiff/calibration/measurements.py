@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any, Literal
 import numpy as np
 
 from symstiff.arguments import reals
-from symstiff.arrays import Array, Index, Mask
+from symstiff.arrays import TINY, Array, Index, Mask, numbered
 from symstiff.errors import UserError
 
 if TYPE_CHECKING:
@@ -26,7 +26,7 @@ _STILL = 1e-9
 
 def course(values: Array) -> Array:
     """How far values (M,) have come from the least (0) to the largest (1); zeros where they are all alike."""
-    return np.asarray((values - values.min()) / max(float(np.ptp(values)), 1e-300))
+    return np.asarray((values - values.min()) / max(float(np.ptp(values)), TINY))
 
 
 @dataclass(frozen=True)
@@ -89,8 +89,7 @@ class Measurements:
     @property
     def approach(self) -> Index:
         """(M,) number of the approach that a row belongs to: the rows of one pose and repeat share one."""
-        keys = np.column_stack([self.pose, np.nan_to_num(self.repeat, nan=-1.0)])
-        return np.asarray(np.unique(keys, axis=0, return_inverse=True)[1]).ravel()
+        return numbered(self.pose, np.nan_to_num(self.repeat, nan=-1.0))
 
     @property
     def clock(self) -> Array:
@@ -111,6 +110,11 @@ class Measurements:
     def still(self) -> Mask:
         """(n,): which joints never move."""
         return np.asarray(np.ptp(self.q, axis=0) < _STILL)
+
+    @property
+    def standing(self) -> dict[int, float]:
+        """Joints that never move, by number from one on, with their values [rad, m]."""
+        return {i: float(self.q[0, i - 1]) for i, stands in enumerate(self.still, start=1) if stands}
 
     @property
     def measured(self) -> Mask:

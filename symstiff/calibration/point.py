@@ -22,7 +22,10 @@ from symstiff.symbolic.numeric import kinematics
 LEAST, LEAST_SHARE = 5e-3, 0.02
 """Offsets below this [m], of small arms below this share of the reach, are what a calibration finds, not a point that
 nobody told of."""
-_ROUNDS = 60
+_ROUNDS, _SETTLED = 60, 1e-9
+"""Linearisations, at most, and the last step [m] with which they have settled."""
+_FEWEST = 12
+"""Rows from which the point is looked for: nine numbers are found along."""
 
 
 def find_point(model: StiffnessModel, table: Measurements, robot: Robot) -> tuple[StiffnessModel, str]:
@@ -36,7 +39,7 @@ def find_point(model: StiffnessModel, table: Measurements, robot: Robot) -> tupl
         check_tool(model, robot)
         return model, ""
     rows = np.flatnonzero(table.measured[:, :3].all(axis=1))
-    if len(rows) < 12:
+    if len(rows) < _FEWEST:
         return model, ""
     found = kinematics(model.robot, table.q[rows])
     offset = _offset(found.T[:, :3, :3], found.T[:, :3, 3], table.values[rows, :3])
@@ -69,7 +72,7 @@ def _offset(attitude: Array, position: Array, seen: Array) -> Array:
         length = np.linalg.norm(X, axis=0)
         step = np.linalg.lstsq(X / length, y, rcond=1e-6)[0] / length
         offset = offset + step[:3]
-        if np.abs(step[:3]).max() < 1e-9:
+        if np.abs(step[:3]).max() < _SETTLED:
             break
     return np.asarray(offset)
 

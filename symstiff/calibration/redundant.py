@@ -6,10 +6,11 @@ from dataclasses import replace
 
 import numpy as np
 
+from symstiff.calibration.experiment.anywhere import any_loads, any_poses
 from symstiff.calibration.measurements import Measurements
 from symstiff.calibration.rows import equations
 from symstiff.model import StiffnessModel
-from symstiff.reduction.structural import LOADS, Couplings
+from symstiff.reduction.structural import Couplings
 from symstiff.reduction.svd import numeric_partition
 
 _FORCE = 100.0
@@ -41,13 +42,8 @@ def _anywhere(model: StiffnessModel, table: Measurements) -> Measurements:
     rng = np.random.default_rng(1)
     count = 2 * len(model.parameters) + 20
     rows = table.select(rng.integers(len(table), size=count))
-    low, high = np.array([joint.range for joint in model.robot.joint]).T
-    q, w = rng.uniform(low, high, (count, model.robot.dof)), np.zeros((count, 6))
-    for joint, value in model.fixed.items():
-        q[:, joint - 1] = value
-    acting = [c - 1 for c in LOADS[model.loads]]
-    size = np.abs(table.w).max(initial=0.0) or _FORCE
-    w[:, acting] = rng.normal(scale=size, size=(count, len(acting)))
+    q = any_poses(model.robot, rng, count, model.fixed)
+    w = (np.abs(table.w).max(initial=0.0) or _FORCE) * any_loads(model.loads, rng, count)
     turns = table.measured[:, 3:].any()
     values = np.tile([0.0] * 3 + [0.0 if turns else np.nan] * 3, (count, 1))
     return replace(

@@ -23,15 +23,14 @@ from symstiff.robot.schema import Robot
 
 _HINT_ROWS = 1000
 _NO_FIT = 1e-3  # probability of the residual sum below which the fit is questioned
-_NO_DRAWING = (
-    0.05  # constant of the geometry [rad], or as a share of the reach, that no error of a drawing is
-)
+_NO_DRAWING = 0.05  # constant of the geometry, in rad or reaches, that no error of a drawing is
+_LITTLE = 0.5  # share of the deflection that a model has to explain not to be warned of
 _SMALL = 0.9  # times the stated sigma from which less than that is spoken of
 
 
 def explained(residuals: ResidualTable) -> list[str]:
     """A warning where the model says little about the data."""
-    if not residuals.compensated < 0.5:
+    if not residuals.compensated < _LITTLE:
         return []
     return [
         f"only {100 * max(residuals.compensated, 0.0):.0f} % of the deflection is explained: do not compensate with "

@@ -9,10 +9,9 @@ from typing import Any
 
 import numpy as np
 
-from symstiff.arrays import Array, Index
+from symstiff.arrays import Array, Index, numbered
+from symstiff.calibration.measurements import COMPONENTS
 from symstiff.errors import UserError
-
-AXES = ("x", "y", "z", "rx", "ry", "rz")
 
 
 @dataclass(frozen=True)
@@ -81,7 +80,7 @@ def residual_table(measured: Array, predicted: Array) -> ResidualTable:
 def sizes(values: Array) -> dict[str, Size]:
     """MAX and RMS by axis and of translations and rotations as a whole; values: (N, 3 or 6), NaN allowed."""
     found = {}
-    for axis, column in zip(AXES, values.T, strict=False):
+    for axis, column in zip(COMPONENTS, values.T, strict=False):
         if np.isfinite(column).any():
             found[axis] = _size(column)
     for name, part in (("positional", values[:, :3]), ("rotational", values[:, 3:])):
@@ -93,7 +92,7 @@ def sizes(values: Array) -> dict[str, Size]:
 
 def places(groups: Sequence[int] | Index, told: Array) -> Index:
     """(M,) place of each row's group by the least of what is told (M, K) of its rows: the same in any order of rows."""
-    number = np.unique(np.asarray(groups), return_inverse=True)[1].reshape(-1)
+    number = numbered(np.asarray(groups))
     least = np.full((int(number.max(initial=-1)) + 1, told.shape[1]), np.inf)
     np.fmin.at(least, number, told)
     place = np.empty(len(least), dtype=np.int_)

@@ -33,11 +33,6 @@ class Equations:
     row: np.ndarray
     component: np.ndarray
 
-    @property
-    def labels(self) -> list[str]:
-        """Component of every equation, by name."""
-        return [COMPONENTS[c] for c in self.component]
-
     def spread(self, flat: np.ndarray, rows: int) -> np.ndarray:
         """Equations' values (R,) back to table shape (rows, 6), NaN where not measured."""
         table = np.full((rows, 6), np.nan)

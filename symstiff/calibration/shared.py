@@ -15,7 +15,7 @@ import scipy.optimize
 import scipy.sparse
 import scipy.stats
 
-from symstiff.arrays import Array, Index, Mask
+from symstiff.arrays import TINY, Array, Index, Mask, numbered
 
 LEVEL = 0.05
 """Probability under independent rows below which a shared error is taken into account."""
@@ -75,14 +75,13 @@ class Blocks:
             return given
         labels = np.asarray(given)
         columns = labels.reshape(len(labels), -1).T
-        numbers = [np.unique(c, return_inverse=True)[1].reshape(-1) for c in columns]
-        return cls(np.stack(numbers, axis=1), np.zeros(len(labels), dtype=np.intp))
+        return cls(np.stack([numbered(c) for c in columns], axis=1), np.zeros(len(labels), dtype=np.intp))
 
     @property
     def wide(self) -> Index:
         """(M,) number of each row's widest block."""
         widest = self.labels if self.joints is None else self.joints.labels
-        return np.unique(widest[:, 0], return_inverse=True)[1].reshape(-1)
+        return numbered(widest[:, 0])
 
     @property
     def count(self) -> int:
@@ -336,7 +335,7 @@ class _Components:
         away = sum((rows.T @ rows for rows, _ in parts), np.zeros((len(self.fit) + 1,) * 2))
         own = np.linalg.cholesky(np.eye(len(self.fit)) - away[:-1, :-1])
         b = np.linalg.solve(own, self.fit - away[:-1, -1])
-        rss = max(self.square - float(away[-1, -1]) - float(b @ b), 1e-12 * self.square, 1e-300)
+        rss = max(self.square - float(away[-1, -1]) - float(b @ b), 1e-12 * self.square, TINY)
         determinant = sum(d for _, d in parts) + 2.0 * float(np.log(np.diag(own)).sum())
         return self.freedom * float(np.log(rss)) + determinant, rss / self.freedom
 

@@ -24,7 +24,7 @@ if TYPE_CHECKING:
 _SAME = 1e-9  # m between two tool centre points that are one
 _FAR = 100.0  # times the robot file's compliance from which a unit is questioned
 _CLEAR = 0.5  # largest deviation, as a share of the value, of a compliance that is compared
-
+_ONE_WAY = 1e-3  # second singular value of loads' directions over the first, below which they are one
 _SECOND_ORDER = 5e-6  # m that a deflection leaves by moving the loads' levers, from which that is spoken of
 _STILL = 1e-6  # rad, m by which a joint that stands still may be off
 
@@ -58,7 +58,7 @@ def check_loads(w: Array, place: Callable[[int], str] = lambda row: f"row {row +
             f"{len(rows)} of {len(w)} rows carry no load (first: {place(int(rows[0]))}): they show noise only"
         )
     singular = np.linalg.svd(loaded, compute_uv=False)
-    if len(singular) == 1 or singular[1] < 1e-3 * singular[0]:
+    if len(singular) == 1 or singular[1] < _ONE_WAY * singular[0]:
         direction = loaded[0] * np.sign(loaded[0][np.argmax(np.abs(loaded[0]))])
         shown = ", ".join(f"{value:.3g}" for value in direction)
         warnings.append(

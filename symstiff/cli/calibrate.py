@@ -19,6 +19,7 @@ if TYPE_CHECKING:
 LEAST_NOISE = 1e-9
 """Noise [mm] below which no device reads."""
 
+_NO_ERROR = 1e-12  # m: rounding of an arm that nothing bends
 _TOUCH = 1e-9  # rad, m: a command at a limit, read from a file, may miss it by rounding
 _AROUND = "lower the load, or lead the path around the singularity"
 _KEPT = {
@@ -105,9 +106,7 @@ def run_compensate(model_file: Path, trajectory: Path, output: Path, json: str |
         *of_sag(model.robot), *of_tool(model),
     )  # fmt: skip
     without = [named(e.effect, e.where) for e in model.effects if e not in model.of_robot().effects]
-    moment = context_of(
-        model.of_robot(), as_loading(table)
-    )  # as the tables of which the model was made were read
+    moment = context_of(model.of_robot(), as_loading(table))  # as the model's own tables were read
     with stages(out) as progress:
         progress("compensating")
         found = compensate(model, table.q, table.w, context=moment)
@@ -122,7 +121,7 @@ def run_compensate(model_file: Path, trajectory: Path, output: Path, json: str |
         note(out, f"without {', '.join(without)}: no law of joints or links, not compensated")
     poses, error, left = counted(len(table), "pose"), _millimetres(before), _millimetres(after)
     out.print(f"{poses}: predicted error {error} rms, after compensation {left} by the model")
-    unloaded = not table.w.any() and before < 1e-12
+    unloaded = not table.w.any() and before < _NO_ERROR
     for remark in (
         *of_levers(model.robot, before), *_of_loads(unloaded, split), *_of_rows(found, beyond, table)
     ):  # fmt: skip

@@ -18,6 +18,8 @@ if TYPE_CHECKING:
     from symstiff.calibration.identify import Identification
     from symstiff.calibration.residuals import ResidualTable
 
+_SHOWN = 5
+"""Correlations, and outliers of a kind, that are printed at most."""
 _CONTRADICTED = 1e-3
 """Probability of what physical bounds cost below which the data speak against them."""
 
@@ -125,10 +127,10 @@ def _print_identification(out: Console, result: Identification) -> None:
         out.print(
             f"unit variance {fit.s0_squared:.2f} ({fit.dof} degrees of freedom), fit p {_probability(fit.fit_p)}"
         )
-    for a, b, value in fit.correlated()[:5]:
+    for a, b, value in fit.correlated()[:_SHOWN]:
         out.print(f"strongly correlated: {a}, {b} ({value:+.3f})")
     if result.robust is not None:
-        for suspect in (*result.robust.poses[:5], *result.robust.rows[:5]):
+        for suspect in (*result.robust.poses[:_SHOWN], *result.robust.rows[:_SHOWN]):
             out.print(f"outlier: {suspect}")
     if result.physical is not None:
         for bound in result.physical.active:

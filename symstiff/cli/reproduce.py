@@ -66,9 +66,9 @@ def _beside_the_seed(rows: Sequence[Row]) -> Table:
     for column in ("model", "n", "rank", "MAX", "RMS", "comp.", "fresh RMS", "seed n", "MAX", "RMS"):
         table.add_column(column, justify="left" if column == "model" else "right")
     before = rows[0].fitted.before["positional"]
-    table.add_row(
-        "none", "–", "–", f"{1e3 * before.max:.2f}", f"{1e3 * before.rms:.2f}", "–", "–", "–", "8.18", "4.58"
-    )
+    _, largest, rms = SEED["uncompensated"]
+    found = (f"{1e3 * before.max:.2f}", f"{1e3 * before.rms:.2f}")
+    table.add_row("none", "–", "–", *found, "–", "–", "–", f"{largest}", f"{rms}")
     for row in rows:
         told = _record(row)
         n, largest, rms = SEED[row.name]

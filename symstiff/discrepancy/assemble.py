@@ -11,7 +11,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from symstiff.arrays import Array, Mask
+from symstiff.arrays import TINY, Array, Mask, numbered
 from symstiff.calibration.checks import check_measured, check_robot
 from symstiff.calibration.experiment.current import Current, settled, sigma_of
 from symstiff.calibration.experiment.situation import Situation, View, loads_of, under_weights
@@ -28,6 +28,8 @@ from symstiff.effects.registry import catalogue
 from symstiff.model import StiffnessModel
 from symstiff.symbolic.terms import VirtualJoint
 
+_NONE = 0.05
+"""Least load, as a factor, and least distance [m] that the noise may grow with: logarithms are taken of them."""
 _SAME_LOAD = 1e-3
 """Difference of loads, against the largest, up to which they are one."""
 
@@ -102,8 +104,7 @@ def _loaded(loads: Array) -> Mask:
 def _problem(situation: Situation, current: Current) -> Problem:
     view = situation.view
     table, state = view.table, view.state
-    pose = np.unique(table.pose, return_inverse=True)[1].reshape(-1)
-    point = np.unique(table.point, return_inverse=True)[1].reshape(-1)
+    pose, point = numbered(table.pose), numbered(table.point)
     return Problem(
         y=current.y,
         A=current.A,
@@ -125,7 +126,7 @@ def _problem(situation: Situation, current: Current) -> Problem:
         time=_context(table.time, state),
         temperature=_context(table.temperature, state),
         branch=_context(table.branch, state),
-        turn=np.unique(np.nan_to_num(table.repeat), return_inverse=True)[1].reshape(-1)[state],
+        turn=numbered(np.nan_to_num(table.repeat))[state],
         differences=table.kind == "deflection",
         spread=_spreads(view),
     )
@@ -137,7 +138,7 @@ def _load_cases(table: Measurements, pose: np.ndarray) -> np.ndarray:
     A sensor reads the same load a little different each time: what agrees to a thousandth of the largest is one load.
     """
     largest = [np.abs(part).max(initial=0.0) for part in (table.w[:, :3], table.w[:, 3:])]
-    loads = table.w / (_SAME_LOAD * np.repeat(np.maximum(largest, 1e-300), 3))
+    loads = table.w / (_SAME_LOAD * np.repeat(np.maximum(largest, TINY), 3))
     keys = np.column_stack([loads, np.nan_to_num(table.branch), np.nan_to_num(table.load_step)])
     case = np.zeros(len(table), dtype=np.intp)
     for p in np.unique(pose):
@@ -171,7 +172,7 @@ def _spreads(view: View) -> dict[str, Array]:
     found: dict[str, Array] = {}
     load = np.abs(load_factor(view.table))
     if np.ptp(load) > 0:
-        found["load"] = np.maximum(load, 0.05)[view.state]
+        found["load"] = np.maximum(load, _NONE)[view.state]
     if view.table.kind == "absolute":
-        found["distance"] = np.maximum(np.linalg.norm(view.table.values[:, :3], axis=1), 0.05)[view.state]
+        found["distance"] = np.maximum(np.linalg.norm(view.table.values[:, :3], axis=1), _NONE)[view.state]
     return found

@@ -9,7 +9,7 @@ from functools import cached_property
 
 import numpy as np
 
-from symstiff.arrays import Array, Index, Mask
+from symstiff.arrays import Array, Index, Mask, numbered
 from symstiff.discrepancy.problem import Candidate, Parameter, Problem
 from symstiff.effects.base import Shape
 
@@ -17,6 +17,9 @@ UNNAMED = 0.3
 """Prior share of laws without a name: the catalogue holds most of what robots have, and not all."""
 _LEAST_SIZE = 0.02
 """Usual size, against the largest of an effect's, below which no parameter is taken to be."""
+
+_ELSEWHERE = 1e-6
+"""Share of a signal's square that may stand outside a joint's own columns, for rounding."""
 
 
 @dataclass(frozen=True)
@@ -51,6 +54,11 @@ class Bank:
     def first_entry(self) -> Index:
         """First entry of every candidate (reduceat offsets)."""
         return np.searchsorted(self.owner, np.arange(len(self.candidates)))
+
+    @property
+    def last_entry(self) -> Index:
+        """The entry behind the last one of every candidate."""
+        return np.append(self.first_entry[1:], len(self.start)) if self.candidates else self.first_entry
 
     @cached_property
     def named(self) -> Mapping[str, int]:
@@ -107,6 +115,11 @@ class Bank:
     def slice(self, entry: int) -> slice:
         """Columns of an entry."""
         return slice(int(self.start[entry]), int(self.start[entry] + self.width[entry]))
+
+    def columns_of(self, entries: Sequence[int] | Index) -> Index:
+        """Numbers (k,) of the columns of some entries, one after the other."""
+        own = [np.arange(self.start[e], self.start[e] + self.width[e]) for e in entries]
+        return np.concatenate([self.start[:0], *own])
 
     @cached_property
     def batches(self) -> tuple[Index, ...]:
@@ -194,8 +207,7 @@ def _place(problem: Problem, block: Array) -> str:
     """The virtual joint of an actuated joint whose Jacobian column carries a candidate's first shape."""
     if problem.J is None:
         return ""
-    _, label = np.unique(np.column_stack([problem.pose, problem.case]), axis=0, return_inverse=True)
-    label = label.reshape(-1)
+    label = numbered(problem.pose, problem.case)
     total = float(np.sum(block**2))
     for v, j in enumerate(problem.joint_of):
         if j < 0:
@@ -204,7 +216,7 @@ def _place(problem: Problem, block: Array) -> str:
         weight = np.bincount(label, J**2)
         weight[weight == 0] = 1.0
         inner = np.stack([np.bincount(label, J * c) for c in block.T])
-        if float(np.sum(inner**2 / weight)) > (1.0 - 1e-6) * total:
+        if float(np.sum(inner**2 / weight)) > (1.0 - _ELSEWHERE) * total:
             return problem.virtual_joints[v]
     return ""
 

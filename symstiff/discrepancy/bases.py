@@ -12,7 +12,7 @@ from typing import TypeVar
 
 import numpy as np
 
-from symstiff.arrays import Array, Index, Mask
+from symstiff.arrays import TINY, Array, Index, Mask
 from symstiff.discrepancy.bank import Bank
 
 Single = np.ndarray[tuple[int, ...], np.dtype[np.float32]]
@@ -94,7 +94,7 @@ def bases_of(bank: Bank, products: Array, reference: Array) -> Bases:
     ``products`` (K + Q,) as of ``inner``, ``reference`` (K,) the columns' squared lengths before the projection.
     """
     K = len(reference)
-    floor = np.maximum(reference, 1e-300)
+    floor = np.maximum(reference, TINY)
     there = products[:K] > NUMERIC_ZERO * floor
     scale = np.where(there, 1.0 / np.sqrt(np.where(there, products[:K], 1.0)), 0.0)
     several, at = [], K
@@ -158,4 +158,4 @@ def turned(gram: Array, usual: Array | None, zero: float) -> Turned:
     share = np.maximum(share, 0.0)
     # of unit length where something is there
     alive = np.matmul(ok[:, None, :].astype(float), axes**2)[:, 0] > 0.5
-    return Turned(np.matmul(along, axes), share / np.maximum(share.sum(axis=1, keepdims=True), 1e-300), alive)
+    return Turned(np.matmul(along, axes), share / np.maximum(share.sum(axis=1, keepdims=True), TINY), alive)

@@ -8,6 +8,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from symstiff.arrays import Array
+from symstiff.calibration.experiment.anywhere import any_poses
 from symstiff.calibration.experiment.current import spread_of
 from symstiff.calibration.experiment.placement import placement_columns
 from symstiff.calibration.experiment.situation import (
@@ -21,7 +22,7 @@ from symstiff.calibration.measurements import Measurements
 from symstiff.discrepancy.noise import Noise
 from symstiff.discrepancy.problem import ANGLE, CLOCK, HISTORY, Candidate, Parameter, Problem
 from symstiff.discrepancy.ranges import Extent, at_size, extent_of
-from symstiff.discrepancy.scan import column_space
+from symstiff.discrepancy.scan import OWN, column_space
 from symstiff.effects.base import Effect, Move, Realisation, Scales, Shape, Where
 from symstiff.effects.lawful import check_laws
 from symstiff.model import StiffnessModel
@@ -37,9 +38,11 @@ _AT_ONCE = 0.1
 UNLOADED = 1e-9
 """Load on a virtual joint, against the largest, that is rounding."""
 _SAME = 1e-6
+"""Distance of two shadows, against their length, up to which they are one."""
 _MOST_SHAPES = 6
 """Shapes of a candidate up to which its columns are compared with those of others."""
 _SAME_ANGLE = 2e-3
+"""Distance of two values of a joint variable [rad, m] up to which they are one level."""
 
 
 def candidates(
@@ -282,8 +285,7 @@ def _elsewhere(robot: Robot, situation: Situation) -> Situation:
     """The same experiment at random poses within the joints' limits."""
     view = situation.view
     poses, back = np.unique(view.table.pose, return_inverse=True)
-    limits = np.array([j.range for j in robot.joint])
-    q = np.random.default_rng(0).uniform(limits[:, 0], limits[:, 1], (len(poses), len(limits)))
+    q = any_poses(robot, np.random.default_rng(0), len(poses))
     moved = look(robot, replace(view.table, q=q[back.reshape(-1)]))
     moved = replace(moved, turn=view.turn, shift=view.shift)
     if view.table.kind == "absolute":
@@ -295,7 +297,7 @@ def _shadow(block: Array, basis: Array, probe: Array) -> Array:
     """One random vector projected (M,) on what a block adds to the model: equal spaces, equal shadows."""
     length = np.linalg.norm(block, axis=0)
     block = block[:, length > 0] / length[length > 0]
-    own = column_space(block - basis @ (basis.T @ block), 1e-7)
+    own = column_space(block - basis @ (basis.T @ block), OWN)
     return np.asarray(own @ (own.T @ probe))
 
 
@@ -340,12 +342,16 @@ def _missing(effect: Effect, table: Measurements) -> str:
     if table.kind not in effect.seen_in:
         return f"cannot be seen in {table.kind} data"
     available = {
-        "time": np.isfinite(table.time).any() and np.nanmax(table.time) > np.nanmin(table.time),
-        "temperature": np.isfinite(table.temperature).any()
-        and np.nanmax(table.temperature) > np.nanmin(table.temperature),
+        "time": _varies(table.time),
+        "temperature": _varies(table.temperature),
         "branch": bool((table.branch > 0).any() and (table.branch < 0).any()),
     }
     for need in sorted(effect.needs):
         if not any(available.get(name, False) for name in need.split(" or ")):
             return f"needs {need.replace('_', ' ')}, which the table does not hold"
     return ""
+
+
+def _varies(values: Array) -> bool:
+    """Whether a column (N,) is told, and not the same in all rows."""
+    return bool(np.isfinite(values).any() and np.nanmax(values) > np.nanmin(values))

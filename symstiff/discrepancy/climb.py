@@ -32,6 +32,8 @@ from symstiff.symbolic.terms import Term
 
 _SIGNIFICANT = 1e-3
 """Chance below which the complete model takes the place of few links that were named."""
+_SUREST = 0.99
+"""Confidence, at most, in a test of nested models: what neither holds is not asked."""
 _DEAR, _LINKS = 2.0, 1.0
 """What all frames have to be worth, and in absolute positions all links, in Schwarz' prices of their parameters."""
 
@@ -69,7 +71,7 @@ class Wider:
         open_end = narrow.verdict in (INSUFFICIENT, UNEXPLAINED)
         if not self.parts:
             dear = not (open_end and self.prices) or _worth(wide, narrow, component, readings) > self.prices
-            return dear and leaves_less(wide, narrow, component)
+            return dear and links_leave_less(wide, narrow, component)
         if open_end and _dearly(wide, narrow, component, readings, self.prices):
             return True
         own = {key_of(e.effect, e.where) for e in self.parts}
@@ -204,7 +206,7 @@ def _is_frame(terms: Sequence[Term], link: int) -> bool:
     return [t.at for t in terms] == list(link_axes(link)) and all(t.factor.is_number for t in terms)
 
 
-def leaves_less(wide: Diagnosis, narrow: Diagnosis, component: Index) -> bool:
+def links_leave_less(wide: Diagnosis, narrow: Diagnosis, component: Index) -> bool:
     """Whether the complete model leaves less than the narrow one, also on poses left out where there are any.
 
     Of a narrow one with links that were named it has to leave significantly less: few links are the simpler account.
@@ -322,7 +324,7 @@ def that_has(robot: Robot, where: Mapping[str, Any], parameters: Iterable[str]) 
 
 def _certain(p: float) -> float:
     """Confidence in a step that is a test of nested models: no rival competes for its name."""
-    return float(min(max(1.0 - p, 0.0), 0.99))
+    return float(min(max(1.0 - p, 0.0), _SUREST))
 
 
 def _is_compliance(robot: Robot, parameters: Mapping[str, Any]) -> bool:

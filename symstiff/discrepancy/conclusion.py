@@ -287,7 +287,7 @@ def _as_identified(effect: Found, fitted: JointFit) -> Found:
 
 
 def _steps(ladder: Ladder, last: Diagnosis, before: JointFit, held: int) -> tuple[Rung, ...]:
-    """``held``: parameters of the start model that nothing tells from its others."""
+    """The growth path from the start model on; ``held`` of its parameters nothing tells from its others."""
     if not last.growth:
         return (Rung(ladder.title, ladder.count - held, before.residual, last.strata, last.p_missing),)
     out = [replace(r, parameters=r.parameters - held * (k == 0)) for k, r in enumerate(ladder.rungs)]

@@ -13,7 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy import stats
 
-from symstiff.arrays import Array
+from symstiff.arrays import TINY, Array
 from symstiff.discrepancy.prepare import Prepared
 from symstiff.discrepancy.problem import Problem
 from symstiff.discrepancy.result import Inconstancy, Name
@@ -79,9 +79,9 @@ def _test(after: Scan, layer: Layer, modulated: Array, alone: float) -> tuple[fl
         return None
     along = U[:, kept].T @ layer.y
     squares, k = float(along @ along), len(along)
-    p = float(stats.f.sf((squares / k) / max((layer.rss - squares) / freedom, 1e-300), k, freedom))
+    p = float(stats.f.sf((squares / k) / max((layer.rss - squares) / freedom, TINY), k, freedom))
     gained = max(squares - k * layer.rss / max(after.freedom, 1), 0.0)
-    return p, gained / max(gained + alone, 1e-300), Vt[kept].T @ (along / s[kept])
+    return p, gained / max(gained + alone, TINY), Vt[kept].T @ (along / s[kept])
 
 
 def _outside(scan: Scan, layer: Layer, X: Array) -> tuple[Array, float]:
@@ -110,4 +110,4 @@ def _modulators(problem: Problem) -> Iterator[_Modulator]:
 
 def _about_mean(name: str, values: Array) -> _Modulator:
     centred = values - values.mean(axis=0)
-    return _Modulator(name, centred / np.maximum(np.abs(centred).max(axis=0), 1e-300))
+    return _Modulator(name, centred / np.maximum(np.abs(centred).max(axis=0), TINY))

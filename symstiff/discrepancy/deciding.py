@@ -8,14 +8,14 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from symstiff.arrays import Array, Index
+from symstiff.arrays import TINY, Array, Index
 from symstiff.calibration.experiment.placement import placement_columns
 from symstiff.calibration.experiment.situation import Laws, Situation, look, under_weights
 from symstiff.calibration.loading import load_factor
 from symstiff.calibration.measurements import Measurements, concatenate, measurements
 from symstiff.discrepancy.candidates import scales_of
 from symstiff.discrepancy.growth import columns_of
-from symstiff.discrepancy.scan import column_space
+from symstiff.discrepancy.scan import RANK, column_space
 from symstiff.discrepancy.separation import Decider, Hypotheses, deciding_poses
 from symstiff.effects.base import Scales
 from symstiff.effects.instance import EffectInstance
@@ -40,6 +40,11 @@ _DIRECTIONS, _ALIKE = 3, 0.9
 """Directions of loads that are looked at in turn, and the cosine from which two are one."""
 _SHAPES = 10
 """Shapes of an effect's law, besides its own, that a rival may fit with."""
+
+_STEPS = {False: float(np.radians(0.1)), True: 1e-4}
+"""Steps of the joint variables of deciding poses [rad, m], by whether the joint slides."""
+_LABEL = "decide"
+"""What the labels of deciding poses begin with."""
 
 
 @dataclass(frozen=True)
@@ -101,9 +106,8 @@ def _unlike(cases: Sequence[Array]) -> list[Array]:
     """Load cases (k, 6) whose largest loads point in unlike directions, each the most unlike those before it."""
     ordered = sorted(cases, key=lambda loads: (-len(loads), loads.tolist()))
     largest = np.array([loads[np.argmax(np.linalg.norm(loads, axis=1))] for loads in ordered])
-    along = np.abs(largest @ largest.T) / np.maximum(
-        np.outer(*(np.linalg.norm(largest, axis=1),) * 2), np.finfo(float).tiny
-    )
+    size = np.linalg.norm(largest, axis=1)
+    along = np.abs(largest @ largest.T) / np.maximum(np.outer(size, size), TINY)
     found = [0]
     while len(found) < _DIRECTIONS:
         alike = along[found].max(axis=0)
@@ -171,16 +175,15 @@ def decide_by(
 
 def _chosen(table: Measurements, best: Decider, used: Sequence[str]) -> Measurements:
     """The chosen poses with labels that the data do not have yet, without readings."""
-    first = 1 + max(
-        [int(x[6:]) for x in used if x.startswith("decide") and x[6:].isdigit()], default=0
-    )  # fmt: skip
+    ends = (label.removeprefix(_LABEL) for label in used if label.startswith(_LABEL))
+    first = 1 + max((int(end) for end in ends if end.isdigit()), default=0)
     rows = np.concatenate([np.flatnonzero(table.pose == p) for p in best.poses] or [np.zeros(0, np.intp)])
     chosen = table.select(rows)
     number = {p: k for k, p in enumerate(best.poses)}
     return replace(
         chosen, kind="none", values=np.full((len(rows), 6), np.nan),
         sigma=np.full((len(rows), 6), np.nan),
-        labels=tuple(f"decide{k + first}" for k in range(len(best.poses))),
+        labels=tuple(f"{_LABEL}{k + first}" for k in range(len(best.poses))),
         pose=np.array([number[int(p)] for p in chosen.pose], dtype=np.intp),
     )  # fmt: skip
 
@@ -272,7 +275,7 @@ def _closest(columns: Hypotheses, judge: Hypotheses) -> Hypotheses:
 
 def _missed(signal: Array, outside: Array) -> float:
     """Squared length of a signal outside a block."""
-    fitted = outside @ np.linalg.lstsq(outside, signal, rcond=1e-9)[0]
+    fitted = outside @ np.linalg.lstsq(outside, signal, rcond=RANK)[0]
     return float(np.sum((signal - fitted) ** 2))
 
 
@@ -303,7 +306,7 @@ def _on_offer(model: StiffnessModel, setup: Setup, choice: Choice) -> Measuremen
 
 def _round(model: StiffnessModel, q: Array) -> Array:
     """Joint variables that a person can type: tenths of degrees and of millimetres, within the limits."""
-    step = np.array([1e-4 if j.prismatic else np.radians(0.1) for j in model.robot.joint])
+    step = np.array([_STEPS[j.prismatic] for j in model.robot.joint])
     low, high = np.array([j.range for j in model.robot.joint], dtype=float).T
     rounded = np.round(q / step) * step
     return np.asarray(np.where((rounded >= low) & (rounded <= high), rounded, q))

@@ -8,9 +8,9 @@ from functools import lru_cache
 import numpy as np
 from scipy import optimize, stats
 
-from symstiff.arrays import Array
+from symstiff.arrays import TINY, Array
 from symstiff.discrepancy.marginal import log_bayes
-from symstiff.discrepancy.power import POWER
+from symstiff.discrepancy.power import POWER, VISIBLE
 from symstiff.discrepancy.scan import Scan, basis_of
 
 
@@ -38,7 +38,7 @@ def effective_rank(scan: Scan, entry: int) -> float:
     """Number of directions that a signal by parameters of usual size is spread over; all where none are known."""
     if not scan.bank.sized[entry]:
         return float(scan.best.bases.rank[entry])
-    return 1.0 / max(float(np.sum(scan.best.bases.variance[scan.bank.slice(entry)] ** 2)), 1e-300)
+    return 1.0 / max(float(np.sum(scan.best.bases.variance[scan.bank.slice(entry)] ** 2)), TINY)
 
 
 _needed = lru_cache(maxsize=4096)(detectable_noncentrality)
@@ -48,7 +48,7 @@ _needed = lru_cache(maxsize=4096)(detectable_noncentrality)
 def share_left(scan: Scan, entry: int) -> float:
     """Share of the squared length of an entry's columns that the model leaves, its best column."""
     layer, cols = scan.best, scan.bank.slice(entry)
-    return float(np.max(layer.left2[cols] / np.maximum(layer.length2[cols], 1e-300)))
+    return float(np.max(layer.left2[cols] / np.maximum(layer.length2[cols], TINY)))
 
 
 def needed(scan: Scan, entry: int, threshold: float) -> float:
@@ -76,7 +76,7 @@ def least_sizes(scan: Scan, entry: int, threshold: float, sigma2: float) -> Arra
     if not np.isfinite(least):
         return np.full(int(bank.width[entry]), np.inf)
     left = layer.left2[cols]
-    visible = left > 1e-9 * layer.length2[cols]
+    visible = left > VISIBLE * layer.length2[cols]
     size = np.sqrt(least * sigma2 / np.where(visible, left, 1.0)) / bank.scale[cols]
     return np.asarray(np.where(visible, size, np.inf))
 

@@ -10,7 +10,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from symstiff.arrays import Array
+from symstiff.arrays import TINY, Array
 from symstiff.discrepancy.bank import Bank
 from symstiff.discrepancy.constancy import inconstancies
 from symstiff.discrepancy.localise import (
@@ -43,6 +43,7 @@ from symstiff.discrepancy.tables import (
 from symstiff.discrepancy.testability import testable
 from symstiff.discrepancy.verdict import (
     AMBIGUOUS,
+    EVEN,
     INSUFFICIENT,
     NAMED,
     NOTHING,
@@ -55,6 +56,8 @@ from symstiff.discrepancy.workshop import Proposal
 
 ROUNDING = 1e-9
 """Share of the readings that the model leaves, from which there is something to test."""
+_NEXT = 4
+"""Virtual joints that would explain most at which a law is looked for where there is none at the accused one."""
 LEAST_FREEDOM = 5
 """Degrees of freedom outside the model below which no test is made."""
 
@@ -88,7 +91,7 @@ def examine(
     tell("candidates")
     outcome = decide(
         ready.scan, allowed, options, lambda p: beyond(problem, ready, p), parts, tell,
-        numbers(ready.bank, given), lambda scan: strata(problem, scan),
+        named_among(ready.bank, given), lambda scan: strata(problem, scan),
     )  # fmt: skip
     if outcome.admissible:
         ready = noise_told_anew(problem, ready, outcome.admissible[0].entries)
@@ -102,7 +105,7 @@ def examine(
     return _written(problem, candidates, ready, parts, allowed, outcome, place, proof, options, tell)
 
 
-def numbers(bank: Bank, names: Sequence[Name]) -> list[int]:
+def named_among(bank: Bank, names: Sequence[Name]) -> list[int]:
     """Numbers of named candidates in the bank; names that it does not hold are left out."""
     found = [bank.named.get(key_of(n.effect, n.where)) for n in names]
     return [k for k in found if k is not None]
@@ -130,7 +133,7 @@ def beyond(problem: Problem, ready: Prepared, proposal: Proposal) -> float:
     value, margin = estimate[problem.A.shape[1] :], deviation[problem.A.shape[1] :]
     low, high = np.array([(p.low, p.high) for p in sizes]).T
     outside = np.maximum(np.maximum(low - value, value - high), 0.0)
-    return 0.5 * float(np.max(outside / np.maximum(margin, 1e-300), initial=0.0)) ** 2
+    return 0.5 * float(np.max(outside / np.maximum(margin, TINY), initial=0.0)) ** 2
 
 
 def against_sigma(outcome: Outcome, report: NoiseReport) -> Outcome:
@@ -186,18 +189,17 @@ def refuted(outcome: Outcome) -> Outcome:
     """The verdict where the poses that were left out speak against the name: it says no more than who leads."""
     if outcome.verdict not in (NAMED, AMBIGUOUS):
         return outcome
-    half = tuple(min(c, 0.5) for c in outcome.confidence)
-    because = Reason(Why.REFUTED)
+    even = tuple(min(c, EVEN) for c in outcome.confidence)
     return replace(
-        outcome, verdict=INSUFFICIENT, because=because, admissible=outcome.admissible[:1], confidence=half
-    )
+        outcome, verdict=INSUFFICIENT, because=Reason(Why.REFUTED), admissible=outcome.admissible[:1], confidence=even
+    )  # fmt: skip
 
 
 def _law(problem: Problem, scan: Scan, found: Evidence, place: Localisation) -> FittedLaw | None:
     """The best smooth law at the accused virtual joint; at the next best ones where there is none."""
     if any(place.accused == law.place for law in problem.devices):
         return None
-    names = dict.fromkeys([place.accused, *(b.virtual_joint for b in place.back_projections[:4])])
+    names = dict.fromkeys([place.accused, *(b.virtual_joint for b in place.back_projections[:_NEXT])])
     laws = (best_law(problem, with_law(scan, found, name), name) for name in names)
     return next((law for law in laws if law is not None), None)
 

@@ -47,9 +47,9 @@ def _beside(finding: Finding, residual: Array) -> Array:
     """(N,) how far each row is beside the middle of its pose, in usual distances; the largest of its components."""
     problem, view = finding.assembly.problem, finding.assembly.situation.view
     apart = np.array(residual)
-    label = problem.pose * (int(problem.axis.max()) + 1) + problem.axis
-    for k in np.unique(label):
-        own = np.flatnonzero(label == k)
+    lines = problem.lines
+    for k in np.unique(lines):
+        own = np.flatnonzero(lines == k)
         apart[own] = residual[own] - np.median(residual[own]) if len(own) >= FEWEST else 0.0
     return in_usual(view, np.abs(apart))
 

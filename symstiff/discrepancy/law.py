@@ -7,11 +7,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from symstiff.arrays import TINY as TINY
 from symstiff.arrays import Array
 from symstiff.discrepancy.problem import Parameter, Problem
-
-TINY = 1e-300
-"""Size that stands for none where something is divided by it."""
 
 
 @dataclass(frozen=True)

@@ -10,14 +10,27 @@ import numpy as np
 from scipy import stats
 from scipy.special import logsumexp
 
-from symstiff.arrays import Array, Index
-from symstiff.discrepancy.law import TINY, Law, largest_load
+from symstiff.arrays import TINY, Array, Index
+from symstiff.discrepancy.law import Law, largest_load
 from symstiff.discrepancy.laws import every_law
 from symstiff.discrepancy.problem import Problem
-from symstiff.discrepancy.scan import Evidence, Layer, Scan, at_sharing, basis_of, coefficients, likeliest
+from symstiff.discrepancy.scan import (
+    RANK,
+    Evidence,
+    Layer,
+    Scan,
+    at_sharing,
+    basis_of,
+    coefficients,
+    likeliest,
+)
 
 _ROUNDING = 1e-9
-_SUSPECTS = 3
+"""What is added to a matrix of which a pose may be all, so that it can be solved."""
+_SUSPECTS, _OF_POSES, _LEFT = 3, 5, 10
+"""Poses that are suspected at most: so many, one in so many; and degrees of freedom that the others have to have."""
+_UNMOVED = 1e-12
+"""Share of the largest square of a Jacobian's rows below which a load case does not move with the virtual joint."""
 _BEYOND_DOUBT = 1e-6
 """Probability, over all poses, below which one is unlike the others."""
 _TERMS, _FOLDS, _GAIN = 3, 5, 0.01
@@ -124,7 +137,7 @@ def suspects(problem: Problem, scan: Scan) -> tuple[tuple[int, ...], float]:
     chosen: list[int] = []
     rows, gained = np.zeros(problem.rows, bool), 0.0
     variance = layer.rss / max(scan.freedom, 1)
-    for _ in range(min(_SUSPECTS, problem.poses // 5)):
+    for _ in range(min(_SUSPECTS, problem.poses // _OF_POSES)):
         found = {}
         for pose in set(np.unique(problem.pose).tolist()) - set(chosen):
             out = rows | (problem.pose == pose)
@@ -134,14 +147,14 @@ def suspects(problem: Problem, scan: Scan) -> tuple[tuple[int, ...], float]:
         worst = max(found, key=lambda p: found[p])
         own = problem.pose == worst
         freedom = scan.freedom - int((rows | own).sum())
-        if freedom < 10:
+        if freedom < _LEFT:
             break
-        left = max(layer.rss - found[worst], 1e-300) / freedom
+        left = max(layer.rss - found[worst], TINY) / freedom
         ratio = (found[worst] - gained) / int(own.sum()) / left
         if stats.f.sf(ratio, int(own.sum()), freedom) * problem.poses > _BEYOND_DOUBT:
             break
         chosen, rows, gained, variance = [*chosen, worst], rows | own, found[worst], left
-    return tuple(chosen), 1.0 - variance * max(scan.freedom, 1) / max(layer.rss, 1e-300) if chosen else 0.0
+    return tuple(chosen), 1.0 - variance * max(scan.freedom, 1) / max(layer.rss, TINY) if chosen else 0.0
 
 
 def back_project(problem: Problem, z: Array, scale: Array, v: int) -> BackProjection | None:
@@ -152,14 +165,14 @@ def back_project(problem: Problem, z: Array, scale: Array, v: int) -> BackProjec
     label = label.reshape(-1)
     J = problem.J[:, v] / scale
     weight = np.bincount(label, J**2, minlength=len(cells))
-    seen = weight > 1e-12 * max(float(weight.max()), 1e-300)
+    seen = weight > _UNMOVED * max(float(weight.max()), TINY)
     if not np.any(seen):
         return None
     inner = np.bincount(label, J * z, minlength=len(cells))
     delta = np.where(seen, inner / np.where(seen, weight, 1.0), 0.0)
     deviation = np.where(seen, 1.0 / np.sqrt(np.where(seen, weight, 1.0)), np.inf)
     tau = np.bincount(label, problem.tau[:, v]) / np.bincount(label)
-    explained = float(np.sum(inner[seen] ** 2 / weight[seen]) / max(float(z @ z), 1e-300))
+    explained = float(np.sum(inner[seen] ** 2 / weight[seen]) / max(float(z @ z), TINY))
     return BackProjection(
         problem.virtual_joints[v], cells[:, 0].astype(np.intp), cells[:, 1].astype(np.intp),
         delta, deviation, tau, explained,
@@ -181,25 +194,26 @@ def with_law(scan: Scan, found: Evidence, place: str) -> Scan:
 
     Before it, what is missing may pass for an error that poses share, and the law would seem to explain little.
     """
+    entry = _best_at(scan, found, place)
+    return scan if entry is None else at_sharing(scan, likeliest(scan, (entry,)).sharing)
+
+
+def _best_at(scan: Scan, found: Evidence, place: str) -> int | None:
+    """The entry of the best law without a name at a place; None where there is none."""
     bank = scan.bank
     here = [k for k in np.flatnonzero(bank.generic) if bank.candidates[k].where["at"] == place]
-    if not here:
-        return scan
-    entry = int(found.best_entry[max(here, key=lambda k: found.score[k])])
-    return at_sharing(scan, likeliest(scan, (entry,)).sharing)
+    return int(found.best_entry[max(here, key=lambda k: found.score[k])]) if here else None
 
 
 def device_law(problem: Problem, scan: Scan, found: Evidence, place: str) -> FittedDevice | None:
     """The best law at a place that is no virtual joint; None where there is none."""
-    bank, layer = scan.bank, scan.best
-    here = [k for k in np.flatnonzero(bank.generic) if bank.candidates[k].where["at"] == place]
-    if not here or place in problem.virtual_joints:
+    layer, entry = scan.best, _best_at(scan, found, place)
+    if entry is None or place in problem.virtual_joints:
         return None
-    entry = int(found.best_entry[max(here, key=lambda k: found.score[k])])
     value, std, _ = coefficients(scan, problem.A, problem.y, (entry,))
     P = problem.A.shape[1]
-    own = bank.parameters(entry)
-    explained = float(np.sum((basis_of(scan, layer, entry).T @ layer.y) ** 2)) / max(layer.rss, 1e-300)
+    own = scan.bank.parameters(entry)
+    explained = float(np.sum((basis_of(scan, layer, entry).T @ layer.y) ** 2)) / max(layer.rss, TINY)
     numbers = zip(own, value[P:].tolist(), std[P:].tolist(), strict=True)
     return FittedDevice(place, tuple((p.name, v, d, p.unit) for p, v, d in numbers), explained)
 
@@ -239,7 +253,7 @@ def best_law(problem: Problem, scan: Scan, virtual_joint: str) -> FittedLaw | No
 def _deviations(explained: float, terms: int, scan: Scan) -> float:
     """Size of a law in standard deviations, from the share of squares that its terms explain."""
     noise = (1.0 - explained) / max(scan.freedom - terms, 1)
-    return float(np.sqrt(max(explained / max(noise, 1e-300) - (terms - 1), 0.0)))
+    return float(np.sqrt(max(explained / max(noise, TINY) - (terms - 1), 0.0)))
 
 
 def _gained(blocks: list[Array], y: Array, fold: Array | Index) -> float:
@@ -248,9 +262,9 @@ def _gained(blocks: list[Array], y: Array, fold: Array | Index) -> float:
     left = 0.0
     for k in np.unique(fold):
         train = fold != k
-        beta = np.linalg.lstsq(X[train], y[train], rcond=1e-9)[0]
+        beta = np.linalg.lstsq(X[train], y[train], rcond=RANK)[0]
         left += float(np.sum((y[~train] - X[~train] @ beta) ** 2))
-    return 1.0 - left / max(float(y @ y), 1e-300)
+    return 1.0 - left / max(float(y @ y), TINY)
 
 
 def _validated(layer: Layer, blocks: list[Array], fold: Array | Index) -> float:
@@ -263,23 +277,23 @@ def _validated(layer: Layer, blocks: list[Array], fold: Array | Index) -> float:
     for k in np.unique(fold):
         train = fold != k
         for columns in (layer.basis, X):
-            beta = np.linalg.lstsq(columns[train], layer.y[train], rcond=1e-9)[0]
+            beta = np.linalg.lstsq(columns[train], layer.y[train], rcond=RANK)[0]
             missed = float(np.sum((layer.y[~train] - columns[~train] @ beta) ** 2))
             left, whole = (left + missed, whole) if columns is X else (left, whole + missed)
-    return 1.0 - left / max(whole, 1e-300)
+    return 1.0 - left / max(whole, TINY)
 
 
 def _written(
     problem: Problem, v: int, laws: list[Law], blocks: list[Array], y: Array, validated: float
 ) -> FittedLaw:
     X = np.hstack(blocks)
-    beta = np.linalg.lstsq(X, y, rcond=1e-9)[0]
+    beta = np.linalg.lstsq(X, y, rcond=RANK)[0]
     text = [t for law in laws for t in law.text]
     expression = " ".join(f"{b:+.4g}*{t}" for b, t in zip(beta, text, strict=True)).lstrip("+")
     residual = y - X @ beta
     return FittedLaw(
         problem.virtual_joints[v], expression, largest if (largest := largest_load(problem, v)) > TINY else 0.0,
-        1.0 - float(residual @ residual) / max(float(y @ y), 1e-300), validated,
+        1.0 - float(residual @ residual) / max(float(y @ y), TINY), validated,
         np.hstack([law.values for law in laws]) @ beta, _scales(problem, v, expression),
     )  # fmt: skip
 

@@ -12,7 +12,7 @@ from functools import lru_cache
 import numpy as np
 from scipy.sparse import csr_matrix
 
-from symstiff.arrays import Array, Index
+from symstiff.arrays import TINY, Array, Index
 
 EXPECTED = (12.0, 48.0, 200.0, 1000.0)
 """Noncentralities that an effect is expected to have; the evidence averages over them."""
@@ -28,7 +28,7 @@ def log_bayes(explained: Array, rss: Array, rank: Array, freedom: int) -> Array:
     log BF = (n-k)/2 log(1+g) - n/2 log(1 + g(1-R²)), averaged over g = EXPECTED/k.
     """
     k = np.maximum(rank, 1.0)
-    left = np.clip(1.0 - explained / np.maximum(rss, 1e-300), 1e-12, 1.0)
+    left = np.clip(1.0 - explained / np.maximum(rss, TINY), 1e-12, 1.0)
     n = float(freedom)
     total = np.full(np.broadcast_shapes(left.shape, k.shape), -np.inf)
     for expected in EXPECTED:

@@ -19,7 +19,6 @@ from symstiff.discrepancy.sharing import (
     Split,
     applied,
     at_first,
-    main_rows,
     mostly,
     of_readings,
     patterns,
@@ -29,10 +28,18 @@ from symstiff.discrepancy.sharing import (
 
 _SURE = 2.8
 """Standard deviations from which the noise is said to grow with a quantity."""
+_VARIES = 0.02
+"""Standard deviation of a quantity's logarithm below which nothing tells whether the noise grows with it."""
+_OUTLYING = 25.0
+"""Square of a residual over the mean square beyond which it counts no more: five standard deviations are a slip."""
+_ALIKE_LEVELS, _NO_GROWTH, _ANY_SCALE = 20.0, 4.0, 2e-9
+"""Observations that beliefs count for: that axes and markers scatter alike, that the noise grows with nothing; of its
+scale there is none."""
+_ROUNDS, _LOUDEST, _STEEPEST = 12, 40.0, 1e3
+"""Newton's steps, and bounds of a log variance and of a slope of the likelihood, so that no step of them overflows."""
 
 NEGLIGIBLE = 0.03
 """Departure of sigma from the stated one that changes nothing in practice: no remark is made of it."""
-
 
 CONTRADICTED = 1.8
 """Least ratio of the residual to the stated sigma at which a table without a rejected test is not explained.
@@ -155,7 +162,7 @@ def stated(problem: Problem) -> Array:
     spread = np.ones(problem.rows)
     for rows in (problem.axis < 3, problem.axis >= 3):
         if np.any(rows):
-            spread[rows] = max(float(np.std(problem.y[rows])), 1e-12)
+            spread[rows] = max(float(np.std(problem.y[rows])), _LEAST)
     return spread
 
 
@@ -185,32 +192,39 @@ def refine(
     if dof < 1 or not np.any(residual):
         return _noise(problem, told, split), {}, {}
     z = (residual / told) ** 2 * (problem.rows / max(dof, 1.0))
-    z = np.minimum(z, 25.0 * np.mean(z))
+    z = np.minimum(z, _OUTLYING * np.mean(z))
     axes, points = np.unique(problem.axis), problem.points
     markers = np.unique(points) if len(np.unique(points)) > 1 else points[:0]
-    names = [k for k, v in problem.spread.items() if np.all(v > 0) and np.std(np.log(v)) > 0.02]
+    names = [k for k, v in problem.spread.items() if np.all(v > 0) and np.std(np.log(v)) > _VARIES]
     X = [np.ones(problem.rows), *((problem.axis == a) - np.mean(problem.axis == a) for a in axes)]
     X += [(points == m) - np.mean(points == m) for m in markers]
     X += [np.log(problem.spread[k]) - np.mean(np.log(problem.spread[k])) for k in names]
-    design = np.column_stack(X)
-    weight = 0.5 * dof / problem.rows
-    levels = len(axes) + len(markers)
-    ridge = np.concatenate([[1e-9], np.full(levels, 10.0), np.full(len(names), 2.0)])
-    beta = np.zeros(design.shape[1])
-    beta[0] = np.log(np.mean(z))
-    for _ in range(12):
-        mean = np.exp(np.clip(design @ beta, -40, 40))
-        gradient = weight * design.T @ (z / mean - 1.0) - ridge * beta * (np.arange(len(beta)) > 0)
-        hessian = weight * design.T @ design + np.diag(ridge)
-        beta = beta + np.linalg.solve(hessian, np.clip(gradient, -1e3, 1e3))
+    design, levels = np.column_stack(X), len(axes) + len(markers)
+    believed = [_ANY_SCALE, *[_ALIKE_LEVELS] * levels, *[_NO_GROWTH] * len(names)]
+    beta, deviation = _regressed(z, design, 0.5 * dof / problem.rows, 0.5 * np.array(believed))
     spread = told * np.exp(0.5 * design[:, 1:] @ beta[1:])
-    sure = np.abs(beta) > _SURE * np.sqrt(np.diag(np.linalg.inv(hessian)))
+    sure = np.abs(beta) > _SURE * deviation
     growth = {k: float(0.5 * beta[1 + levels + n]) for n, k in enumerate(names) if sure[1 + levels + n]}
     alone = beta[1 + len(axes) : 1 + levels]
     others = (np.sum(alone) - alone) / max(len(alone) - 1, 1)
     factor = np.exp(0.5 * (alone - others)).tolist()
     by_marker = {problem.marker(int(m)): f for m, f in zip(markers, factor, strict=True)}
     return _noise(problem, spread, split), growth, by_marker
+
+
+def _regressed(z: Array, design: Array, weight: float, ridge: Array) -> tuple[Array, Array]:
+    """Log variances' coefficients (k,) of squares z (M,) by a design (M, k), the first one the scale; and deviations.
+
+    ``weight`` of each row, ``ridge`` (k,): half of the observations that it, and the belief in zero, count for.
+    """
+    beta = np.zeros(design.shape[1])
+    beta[0] = np.log(np.mean(z))
+    hessian = weight * design.T @ design + np.diag(ridge)
+    for _ in range(_ROUNDS):
+        mean = np.exp(np.clip(design @ beta, -_LOUDEST, _LOUDEST))
+        gradient = weight * design.T @ (z / mean - 1.0) - ridge * beta * (np.arange(len(beta)) > 0)
+        beta = beta + np.linalg.solve(hessian, np.clip(gradient, -_STEEPEST, _STEEPEST))
+    return beta, np.sqrt(np.diag(np.linalg.inv(hessian)))
 
 
 def report(
@@ -228,9 +242,10 @@ def report(
     """Compare the noise found with the noise stated.
 
     ``residual`` is the whitened residual in the data's unit, ``scale2`` its mean square in units of the spread;
-    ``between`` the sum of squares between repeats in these units, and its degrees of freedom.
+    ``between`` the sum of squares between repeats in these units, and its degrees of freedom. ``growth`` and
+    ``by_marker`` as of ``refine``; ``approach_p`` that a pose's rows share nothing.
     """
-    rows = main_rows(problem)
+    rows = problem.main
     square, repeats = between
     alone = 1.0 + _square(noise, noise.reading)  # a row's own variance, by what its reading's rows share
     whole = float(np.mean(alone[rows]))
@@ -238,7 +253,7 @@ def report(
     if repeats >= ENOUGH:
         source, found, freedom = "repeats", square / repeats * whole, float(repeats)
     sigma = float(np.sqrt(found * np.mean(noise.spread[rows] ** 2)))
-    stated = None if problem.sigma is None else float(np.sqrt(np.mean(problem.sigma[rows] ** 2)))
+    told = None if problem.sigma is None else float(np.sqrt(np.mean(problem.sigma[rows] ** 2)))
     relative = interval = None
     misstated = False
     if problem.sigma is not None and (dof >= 1 or source == "repeats"):
@@ -251,7 +266,7 @@ def report(
     by_axis = {a: float(np.sqrt(gain * np.mean(residual[own] ** 2))) for a, own in axes}
     common = found / whole * noise.spread**2 * _diagonal(noise, sharing)
     return NoiseReport(
-        sigma, stated, relative, interval, misstated, freedom, source, by_axis,
+        sigma, told, relative, interval, misstated, freedom, source, by_axis,
         _homogeneity(problem, residual, dof), growth, by_marker,
         float(np.sqrt(np.mean(common[rows]))), approach_p, _mostly(problem, noise, sharing),
         not shares(problem, AXES), {a: float(np.sqrt(np.mean(common[own]))) for a, own in axes},

@@ -12,6 +12,11 @@ from symstiff.threads import in_threads
 
 _AT_ONCE = 128
 """Draws that are scored together."""
+_NUMBERS = 3e7
+"""Numbers of scores and errors that are held at a time."""
+_TWENTIETH, _LEAST_TAIL, _EXCESS = 20, 20, (0.5, 1.6)
+"""Share of a sample, and draws at least, that its tail is fitted to; bounds of the mean excess there, which for the
+evidence is about one."""
 
 
 @dataclass(frozen=True)
@@ -43,7 +48,7 @@ def null(scan: Scan, draws: int, seed: int, allowed: Array | None = None) -> Nul
     weight = np.exp(scan.log_likelihood - scan.log_likelihood.max())
     mask = np.ones(len(scan.bank.candidates), bool) if allowed is None else allowed.astype(bool)
     named, generic = [], []
-    chunk = max(1, min(draws, int(3e7 // max(len(scan.bank.start), rows, 1))))
+    chunk = max(1, min(draws, int(_NUMBERS // max(len(scan.bank.start), rows, 1))))
     for begin in range(0, draws, chunk):
         counts = rng.multinomial(min(chunk, draws - begin), weight / weight.sum())
         errors = [
@@ -88,11 +93,11 @@ def tail(sample: Array, value: float) -> float:
     n = len(sample)
     if n == 0 or not np.isfinite(sample[-1]):
         return 1.0
-    cut = min(n, max(20, n // 20))
+    cut = min(n, max(_LEAST_TAIL, n // _TWENTIETH))
     level = sample[-cut]
     if value <= level:
         return float((1 + np.sum(sample >= value)) / (n + 1))
-    excess = float(np.clip(np.mean(sample[-cut:] - level), 0.5, 1.6))
+    excess = float(np.clip(np.mean(sample[-cut:] - level), *_EXCESS))
     return float((cut + 1) / (n + 1) * np.exp(-(value - level) / excess))
 
 

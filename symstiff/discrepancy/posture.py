@@ -7,7 +7,7 @@ from itertools import combinations
 
 import numpy as np
 
-from symstiff.arrays import Array
+from symstiff.arrays import TINY, Array
 from symstiff.calibration.experiment.situation import Situation
 from symstiff.calibration.measurements import Measurements, course
 from symstiff.discrepancy.problem import DeviceLaw, Parameter
@@ -95,7 +95,7 @@ def _mounts(situation: Situation) -> Iterator[DeviceLaw]:
 
 def _growing(table: Measurements, moment: Array) -> Iterator[tuple[str, Array]]:
     """What a mount may give way with, as shares (N,) of the largest, where they are not all alike."""
-    shares = {"load": moment / max(float(moment.max(initial=0.0)), 1e-300), "session": table.session}
+    shares = {"load": moment / max(float(moment.max(initial=0.0)), TINY), "session": table.session}
     if np.all(np.isfinite(table.temperature)):
         shares["temperature"] = course(table.temperature)
     yield from ((what, share) for what, share in shares.items() if np.ptp(share) > 0)

@@ -23,7 +23,8 @@ POWER = 0.8
 _AGAINST = float(stats.norm.ppf(POWER))
 _MOST, _STEPS = 300.0, 24
 """Length of a signal, in standard deviations, beyond which none is looked for; halvings of the interval below."""
-_VISIBLE = 1e-9
+VISIBLE = 1e-9
+"""Share of a column's squared length that the model has to leave for it to be seen at any size."""
 
 
 @dataclass(frozen=True)
@@ -82,8 +83,8 @@ class _Question:
 def visible(scan: Scan, entries: Sequence[int], threshold: float) -> list[Visible]:
     """What is seen in 80 % of cases of candidates, each by one of its entries, where scores exceed a threshold."""
     bank, best = scan.bank, scan.best
-    columns = [np.arange(bank.start[e], bank.start[e] + bank.width[e]) for e in entries]
-    shown = [best.left2[c] > _VISIBLE * best.length2[c] for c in columns]
+    columns = [bank.columns_of([e]) for e in entries]
+    shown = [best.left2[c] > VISIBLE * best.length2[c] for c in columns]
     asked = [(e, int(k)) for e, s in zip(entries, shown, strict=True) for k in np.flatnonzero(s)]
     if not asked:
         return [Visible(np.full(len(c), np.inf), np.inf) for c in columns]
@@ -103,11 +104,11 @@ def visible(scan: Scan, entries: Sequence[int], threshold: float) -> list[Visibl
 def _question(scan: Scan, asked: Sequence[tuple[int, int]]) -> _Question:
     bank = scan.bank
     owner = [int(bank.owner[e]) for e, _ in asked]
-    last = np.append(bank.first_entry[1:], len(bank.start))
-    members = [np.arange(bank.first_entry[c], last[c]) for c in owner]
+    first, last = bank.first_entry, bank.last_entry
+    members = [np.arange(first[c], last[c]) for c in owner]
     entry = np.concatenate(members)
     place = np.repeat(np.arange(len(asked)), [len(m) for m in members])
-    own = [np.arange(bank.start[m[0]], bank.start[m[-1]] + bank.width[m[-1]]) for m in members]
+    own = [bank.columns_of(m) for m in members]
     direction = np.concatenate(own)
     signal = np.array([bank.start[e] + k for e, k in asked])
     layers, length, along = [], [], []
@@ -144,7 +145,7 @@ def _signals(scan: Scan, layer: Layer, entries: Sequence[int], columns: Index) -
     """(M, P) whitened columns of single parameters, projected off the model."""
     distinct = list(dict.fromkeys(entries))
     bank: Bank = scan.bank
-    held = np.concatenate([np.arange(bank.start[e], bank.start[e] + bank.width[e]) for e in distinct])
+    held = bank.columns_of(distinct)
     return outside(scan, layer, distinct)[:, [int(np.flatnonzero(held == c)[0]) for c in columns]]
 
 

@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy import stats
 
-from symstiff.arrays import Array, Index
+from symstiff.arrays import Array, Index, numbered
 from symstiff.discrepancy import noise as noises
 from symstiff.discrepancy.bank import Bank, build
 from symstiff.discrepancy.between import between, with_shapes
@@ -43,6 +43,8 @@ SAME_SHARE = 0.1
 """Change of the markers' or the repeats' own part of a shared error up to which the coarse grid is not seen again."""
 _SURE, _PAIRS, _SHAKES = 4.0, 60, 0.25
 """Standard deviations, pairs of rows and variance from which the markers of one reading are taken to share an error."""
+_LEAST_OWN = 0.02
+"""Share of the noise's variance that each marker has alone, at least."""
 _MOST, _STANDS_OUT = 3, 4.0
 """Candidates that stand out beyond doubt, at most, and the score from which one does."""
 _LOOKS = _COARSE, _NEAR, _FINE = "coarse", "near", "fine"
@@ -235,9 +237,7 @@ def _anew_share(problem: Problem, z: Array) -> float:
     """Part of the shared error that each repeat of a pose has for itself, by moments of the residual (M,) in a pose."""
     if not repeated(problem):
         return 0.0
-    axes = int(problem.axis.max()) + 1
-    each, whole = (label * axes + problem.axis for label in (approaches(problem, 1.0), problem.pose))
-    return _alone(z, each, whole)
+    return _alone(z, numbered(approaches(problem, 1.0), problem.axis), problem.lines)
 
 
 def _own_share(problem: Problem, z: Array, anew: float, by_reading: bool) -> float:
@@ -245,7 +245,7 @@ def _own_share(problem: Problem, z: Array, anew: float, by_reading: bool) -> flo
     if not several_markers(problem):
         return 0.0
     label = approaches(problem, anew)
-    each, whole = (label * (int(part.max()) + 1) + part for part in (problem.channel, problem.axis))
+    each, whole = (numbered(label, part) for part in (problem.channel, problem.axis))
     return _alone(z, each, whole, readings(problem) if by_reading else None)
 
 
@@ -257,7 +257,7 @@ def _of_readings(problem: Problem, z: Array) -> float:
     if not several_markers(problem):
         return 0.0
     together, pairs = _products(z, readings(problem))
-    of_pose, all_pairs = _products(z, problem.pose * (int(problem.axis.max()) + 1) + problem.axis)
+    of_pose, all_pairs = _products(z, problem.lines)
     if pairs < _PAIRS or all_pairs - pairs < _PAIRS:
         return 0.0
     shared = together / pairs - (of_pose - together) / (all_pairs - pairs)
@@ -266,7 +266,7 @@ def _of_readings(problem: Problem, z: Array) -> float:
     if shared < _SURE * square / np.sqrt(0.5 * pairs):
         return 0.0
     own = square - together / pairs
-    found = shared / max(own, 0.02 * square)
+    found = shared / max(own, _LEAST_OWN * square)
     return float(found) if found > _SHAKES else 0.0
 
 
@@ -285,8 +285,7 @@ def _alone(z: Array, each: Index, whole: Index, apart: Index | None = None) -> f
 
 def _products(z: Array, label: Index) -> tuple[float, float]:
     """Sum of products of different rows of the same label, and how many there are."""
-    _, number = np.unique(label, return_inverse=True)
-    total = np.bincount(number.reshape(-1), z)
-    square = np.bincount(number.reshape(-1), z**2)
-    count = np.bincount(number.reshape(-1)).astype(float)
+    number = numbered(label)
+    total, square = np.bincount(number, z), np.bincount(number, z**2)
+    count = np.bincount(number).astype(float)
     return float(np.sum(total**2 - square)), float(np.sum(count * (count - 1)))

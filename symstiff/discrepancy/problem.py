@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from symstiff.arrays import Array, Index
+from symstiff.arrays import Array, Index, Mask, numbered
 from symstiff.calibration.experiment.rounding import without_rounding
 from symstiff.calibration.residuals import places
 from symstiff.effects.base import Move, Shape
@@ -110,8 +110,17 @@ class Problem:
     @property
     def cells(self) -> Index:
         """(M,) a number for pose, load case and channel together, ascending by pose: repeats have the same."""
-        keys = np.column_stack([self.pose, self.case, self.channel])
-        return np.unique(keys, axis=0, return_inverse=True)[1].reshape(-1)
+        return numbered(self.pose, self.case, self.channel)
+
+    @property
+    def lines(self) -> Index:
+        """(M,) a number for pose and axis together, ascending by pose: what a pose's load cases and markers share."""
+        return numbered(self.pose, self.axis)
+
+    @property
+    def main(self) -> Mask:
+        """(M,) the rows that sizes are told of: translations, rotations where there are none."""
+        return self.axis < 3 if np.any(self.axis < 3) else np.ones(self.rows, bool)
 
     @property
     def points(self) -> Index:

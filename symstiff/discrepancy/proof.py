@@ -7,17 +7,19 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from symstiff.arrays import Array, Index
+from symstiff.arrays import TINY, Array, Index
 from symstiff.discrepancy.bank import Bank
 from symstiff.discrepancy.between import moved
 from symstiff.discrepancy.noise import Noise
 from symstiff.discrepancy.problem import Options, Problem
-from symstiff.discrepancy.scan import evidence, extend, open_scan
+from symstiff.discrepancy.scan import RANK, evidence, extend, open_scan
 from symstiff.discrepancy.sharing import Roots
 from symstiff.reduction.svd import svd
 
 FEWEST = 4
 """Poses from which some are left out."""
+_MANY, _FOLDS = 20, 5
+"""Poses from which on fewer folds do, and how many."""
 NO_GAP = 0.05
 """Gap, as a share of the noise, below which no share of it is told."""
 AGAIN = 0.5
@@ -75,13 +77,11 @@ def held_out(
         return None
     few, entries = _profile(bank), sets[0] if sets else ()
     # few poses leave little to learn from: more folds; many poses make every fold dear
-    folds = min(options.folds, poses) if poses <= 20 else min(options.folds, 5)
+    folds = min(options.folds, poses) if poses <= _MANY else min(options.folds, _FOLDS)
     fold = np.random.default_rng(options.seed).permutation(poses)[problem.place] % folds
-    translation = problem.axis < 3 if np.any(problem.axis < 3) else np.ones(problem.rows, bool)
     alone = replace(noise, sharings=(replace(noise.sharings[0], ratio=0.0),))
-    error = np.zeros(
-        (2, 2, problem.rows)
-    )  # weighed by the noise found, and by the rows' own; before and after
+    # weighed by the noise found, and by the rows' own; before and after
+    error = np.zeros((2, 2, problem.rows))
     admitted = sets or [()]
     selected, again = [], []
     for k in range(folds):
@@ -93,7 +93,7 @@ def held_out(
         for way, weights in enumerate((noise, alone)):
             for when, used in enumerate(((), chosen)):
                 error[way, when, test] = _predict(problem, weights, train, test, used)
-    told = translation & ~np.isin(problem.pose, poses_of_their_own(problem, bank, entries))
+    told = problem.main & ~np.isin(problem.pose, poses_of_their_own(problem, bank, entries))
     rms = np.sqrt(np.mean(error[:, :, told] ** 2, axis=2))
     before, after = (float(x) for x in rms.min(axis=0))
     alike = (float(rms[0, 0]), float(rms[0, 1]))
@@ -115,9 +115,7 @@ def _profile(bank: Bank) -> Bank:
     named = int(np.sum(~bank.generic))
     profiled = np.array([c.profiled for c in bank.candidates])
     kept = np.flatnonzero((bank.owner < named) & (bank.shape < profiled[bank.owner]))
-    own = np.concatenate(
-        [np.arange(bank.start[e], bank.start[e] + bank.width[e]) for e in kept] or [bank.start[:0]]
-    )
+    own = bank.columns_of(kept)
     width, owner = bank.width[kept], bank.owner[kept]
     whole = np.bincount(owner, bank.share[kept], named)
     return replace(
@@ -182,12 +180,12 @@ def _predict(problem: Problem, noise: Noise, train: Index, test: Index, blocks: 
     length = np.linalg.norm(X / noise.spread[:, None], axis=0)
     length[length == 0] = 1.0
     U, s, Vt = svd(W[:, 1:] / length)
-    keep = s > 1e-9 * s.max(initial=0.0)
+    keep = s > RANK * s.max(initial=0.0)
     U, s, Vt = U[:, keep], s[keep], Vt[keep]
     inner_y = U.T @ W[:, 0]
     noise2 = (float(W[:, 0] @ W[:, 0]) - float(inner_y @ inner_y)) / max(len(train) - len(s), 1)
     # directions that the training poses hardly determine are drawn to zero as far as their noise demands:
     # columns of unit length have coefficients of the order of the signal shared among them
-    expected2 = max(float(inner_y @ inner_y) / max(len(s), 1), 1e-300)
+    expected2 = max(float(inner_y @ inner_y) / max(len(s), 1), TINY)
     beta = Vt.T @ (inner_y * s / (s**2 + max(noise2, 0.0) / expected2)) / length
     return np.asarray(problem.y[test] - X[test] @ beta)

@@ -5,8 +5,9 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from symstiff.discrepancy.numbers import percent, quantity
-from symstiff.discrepancy.speech import named, place, spoken
+from symstiff.discrepancy.speech import named, spoken
 from symstiff.display import html_table
+from symstiff.effects.places import place
 
 if TYPE_CHECKING:
     from symstiff.discrepancy.finding import Finding

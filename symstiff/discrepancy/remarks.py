@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from symstiff.arrays import Array
+from symstiff.arrays import Array, numbered
 from symstiff.calibration.experiment.situation import View
 from symstiff.calibration.measurements import Measurements
 from symstiff.calibration.remarks import of_sag
@@ -46,6 +46,8 @@ _FOLLOWED = {
     "time": "the time", "order": "the order of the rows", "temperature": "the temperature",
     "load": "the size of the load", "branch": "the branch, up or down",
 }  # fmt: skip
+_DOUBTS = 2.0
+"""Standard deviations by which a size that is spoken of is out of its physical range."""
 _MOSTLY = 0.5
 """Share of a variance from which few poses, or repeats, are said to bring most of it."""
 
@@ -246,8 +248,8 @@ def _of_sizes(view: View, last: Diagnosis) -> list[str]:
     instance = EffectInstance(leading.effect, dict(leading.where), dict(leading.shape))
     ranges = at_size(instance.realise(view.robot).parameters, extent_of(view))
     known = [(p, e) for p in ranges if (e := leading.parameters.get(p.name)) is not None]
-    wrong = [(p, e) for p, e in known if p.low == 0.0 and e.value + 2.0 * e.std < p.low]
-    odd = wrong or [(p, e) for p, e in known if outside(p, e) > 2.0 * e.std]
+    wrong = [(p, e) for p, e in known if p.low == 0.0 and e.value + _DOUBTS * e.std < p.low]
+    odd = wrong or [(p, e) for p, e in known if outside(p, e) > _DOUBTS * e.std]
     if leading.p_value > SURE or not odd:
         return []
     told = "; ".join(beyond(p, e) for p, e in odd)
@@ -298,8 +300,7 @@ def _alike(view: View, z: Array) -> tuple[Array, Array]:
     all others.
     """
     table, clock = view.table, view.table.clock[view.state]
-    label = np.column_stack([table.pose[view.state], table.point[view.state], view.component])
-    series = np.unique(label, axis=0, return_inverse=True)[1].reshape(-1)
+    series = numbered(table.pose[view.state], table.point[view.state], view.component)
     near, far = [np.zeros(0)], [np.zeros(0)]
     for k in np.unique(series):
         rows = np.flatnonzero(series == k)

@@ -203,9 +203,9 @@ class Diagnosis:
     leading: tuple[tuple[Name, Shape, Mapping[str, Quantity]], ...] = ()
     """The effects of the set that explains most, whether the verdict names it or not."""
     alike: LawAlike | None = None
+    """What does as well as the leading set of those that are named, or nearly."""
     inconstant: tuple[Inconstancy, ...] = ()
     """What the sizes of the leading set's effects follow, surest first."""
-    """What does as well as the leading set of those that are named, or nearly."""
 
     @property
     def reason(self) -> str:

@@ -12,7 +12,7 @@ from functools import cached_property
 
 import numpy as np
 
-from symstiff.arrays import Array, Index, Mask
+from symstiff.arrays import TINY, Array, Index, Mask
 from symstiff.calibration.decomposition import unit_columns
 from symstiff.discrepancy.bank import Bank
 from symstiff.discrepancy.bases import Bases, Single, bases_of, inner
@@ -24,6 +24,11 @@ from symstiff.threads import in_threads
 
 _ROWS = 128
 """Rows whose columns are worked on together, so that they stay near the processor."""
+RANK, OWN = 1e-9, 1e-7
+"""Singular values, against the largest, that are rounding: of columns of unit length, and of what a model leaves of
+them, of which rounding is a larger share."""
+_TOUCHED = 1e-6
+"""Square of a parameter's part in directions that are not held from which it is not determined."""
 _NEAR = 5.0
 """Log likelihood by which a sharing may trail the best."""
 
@@ -112,7 +117,7 @@ def open_scan(bank: Bank, noise: Noise, y: Array, A: Array) -> Scan:
     return Scan(bank, noise, columns, tuple(layers), len(y) - basis.shape[1])
 
 
-def column_space(A: Array, tolerance: float = 1e-9) -> Array:
+def column_space(A: Array, tolerance: float = RANK) -> Array:
     """Orthonormal basis (M, rank) of the columns of A (M, P), each scaled to unit length first."""
     length = np.linalg.norm(A, axis=0)
     used = A[:, length > 0] / length[length > 0]
@@ -183,7 +188,8 @@ def directions(scan: Scan, layer: Layer, entries: Sequence[int]) -> tuple[Array,
     if not entries:
         return np.zeros((len(layer.y), 0)), np.zeros(0)
     U, s, _ = svd(outside(scan, layer, entries))
-    return U[:, s > 1e-7 * s[0]], s[s > 1e-7 * s[0]]
+    own = s > OWN * s[0]
+    return U[:, own], s[own]
 
 
 def likeliest(scan: Scan, entries: tuple[int, ...]) -> Layer:
@@ -258,9 +264,7 @@ def log_likelihood(scan: Scan, rss: Array) -> Array:
     """Restricted log-likelihood with the scale profiled; rss (R, ...) -> (R, ...)."""
     determinant = np.array([layer.determinant for layer in scan.layers])
     shape = (-1,) + (1,) * (rss.ndim - 1)
-    return np.asarray(
-        -0.5 * scan.freedom * np.log(np.maximum(rss, 1e-300)) - 0.5 * determinant.reshape(shape)
-    )
+    return np.asarray(-0.5 * scan.freedom * np.log(np.maximum(rss, TINY)) - 0.5 * determinant.reshape(shape))
 
 
 def explained(scan: Scan) -> Array:
@@ -283,7 +287,7 @@ def entry_evidence(scan: Scan, squares: Sequence[Array | Single], rss: Array) ->
     weight = weight - weight.max(axis=0)
     total = np.full((len(scan.bank.start), rss.shape[-1]), -np.inf)
     for r, layer in enumerate(scan.layers):
-        left = np.maximum(rss[r], 1e-300).astype(squares[r].dtype)
+        left = np.maximum(rss[r], TINY).astype(squares[r].dtype)
         shares = squares[r] / (np.repeat(left, scan.bank.width, axis=0) if each else left)
         total = np.maximum(total, weight[r] + _of_layer(scan.bank, layer, shares, scan.freedom))
     return total
@@ -308,7 +312,7 @@ def candidate_evidence(bank: Bank, entries: Array) -> Array:
     if not len(bank.start):
         return np.zeros((0, entries.shape[1]))
     first = bank.first_entry
-    count = np.diff(np.append(first, len(bank.start)))
+    count = bank.last_entry - first
     if np.all(count == 1):
         return entries
     top = np.maximum.reduceat(entries, first, axis=0)
@@ -342,8 +346,8 @@ def evidence(scan: Scan) -> Evidence:
     entry = entry_evidence(scan, list(scan.squares[:, :, None]), rss)
     candidate = candidate_evidence(scan.bank, entry)[:, 0]
     entry = entry[:, 0]
-    first, likely = scan.bank.first_entry, entry + np.log(np.maximum(scan.bank.share, 1e-300))
-    ends = zip(first, np.append(first[1:], len(entry)), strict=True)
+    likely = entry + np.log(np.maximum(scan.bank.share, TINY))
+    ends = zip(scan.bank.first_entry, scan.bank.last_entry, strict=True)
     best = np.array([a + int(np.argmax(likely[a:b])) for a, b in ends], dtype=np.intp)
     return Evidence(entry, candidate, candidate + scan.bank.log_prior, best)
 
@@ -362,12 +366,12 @@ def coefficients(scan: Scan, A: Array, y: Array, entries: tuple[int, ...]) -> tu
     W = scan.noise.apply(layer.whiten, np.column_stack([y, X]) / D)
     unit_length, length = unit_columns(W[:, 1:])
     U, s, Vt = svd(unit_length)
-    keep = s > 1e-9 * s.max(initial=0.0)
+    keep = s > RANK * s.max(initial=0.0)
     beta = Vt[keep].T @ ((U[:, keep].T @ W[:, 0]) / s[keep])
     residual = W[:, 0] - W[:, 1:] @ (beta / length)
     scale2 = float(residual @ residual) / max(len(y) - int(keep.sum()), 1)
     variance = np.einsum("kp,k->p", Vt[keep] ** 2, scale2 / s[keep] ** 2)
-    lost = np.einsum("kp->p", Vt[~keep] ** 2) > 1e-6
+    lost = np.einsum("kp->p", Vt[~keep] ** 2) > _TOUCHED
     deviation = np.where(lost, np.inf, np.sqrt(variance))
     estimate = beta / length
     fitted = X @ estimate

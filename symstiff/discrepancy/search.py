@@ -8,6 +8,7 @@ from itertools import combinations
 
 import numpy as np
 
+from symstiff.arrays import TINY
 from symstiff.discrepancy.bank import Bank
 from symstiff.discrepancy.design import effective_rank
 from symstiff.discrepancy.laws import of_load
@@ -26,6 +27,14 @@ from symstiff.discrepancy.workshop import Proposal, Workshop
 
 _BREADTH = 24
 """Candidates that join a base, at most."""
+_UNCLEAR, _CLEAR = 10.0, 1e-5
+"""Factor over the largest level, and p-value: beyond them the null distribution of the start decides, and only between
+them it is worth the time to draw the set's own."""
+_SIGMAS, _FEW = 3.0, 4.0
+"""Standard deviations above its mean that noise explains along some directions, and what it may explain beyond: few
+directions have a longer tail than a normal one."""
+_HALF = 0.5
+"""Part of what a shape may miss that a set may leave to a further effect where a shape explains that as well."""
 
 
 @dataclass(frozen=True)
@@ -49,6 +58,11 @@ class Judged:
     sufficient: bool
     p_members: tuple[float, ...]
     """Family-wise p-value of each member given the others."""
+
+    @property
+    def proposal(self) -> Proposal:
+        """The set as one that others are made from or held against."""
+        return Proposal(self.members, self.entries, self.score)
 
 
 def proposals(shop: Workshop, bases: list[Proposal]) -> list[Proposal]:
@@ -77,7 +91,7 @@ def _entry(shop: Workshop, member: int, others: tuple[int, ...]) -> tuple[int, f
     own = [int(e) for e in np.flatnonzero(bank.owner == member) if not bank.contradict(int(e), others)]
     if not own:
         return best, -np.inf
-    entry = own[int(np.argmax(found.entry[own] + np.log(np.maximum(bank.share[own], 1e-300))))]
+    entry = own[int(np.argmax(found.entry[own] + np.log(np.maximum(bank.share[own], TINY))))]
     return entry, _at(found, member, entry)
 
 
@@ -135,8 +149,8 @@ def judge(shop: Workshop, proposal: Proposal) -> Judged:
     # the null of the start decides clear cases; draws for this set are made where it could tip the balance
     distribution = shop.null((), ())
     p_named, p_unnamed = distribution.p_named(named), distribution.p_generic(unnamed)
-    close = 10.0 * max(options.alpha_sufficient, options.alpha_further, options.alpha_notable)
-    if min(p_named, p_unnamed) < close and max(p_named, p_unnamed) > 1e-5:
+    close = _UNCLEAR * max(options.alpha_sufficient, options.alpha_further, options.alpha_notable)
+    if min(p_named, p_unnamed) < close and max(p_named, p_unnamed) > _CLEAR:
         distribution = shop.null(members, entries)
         p_named, p_unnamed = distribution.p_named(named), distribution.p_generic(unnamed)
     gained = _gained(shop, scan, scan.best)
@@ -203,7 +217,7 @@ def _tolerated(shop: Workshop, proposal: Proposal, generic: bool) -> float:
     anywhere else is never tolerated: a frame that drifts and is turned, or a link that is longer and heavier than told,
     is two effects.
     """
-    bank = shop.start.bank
+    bank, options = shop.start.bank, shop.options
     score = shop.score(proposal.members, proposal.entries, generic)
     if not np.any(np.isfinite(score)):
         return 1.0
@@ -212,10 +226,10 @@ def _tolerated(shop: Workshop, proposal: Proposal, generic: bool) -> float:
     here = [e for e in proposal.entries if bank.another_shape(law, e)]
     if here:
         # two laws at one place bend to almost anything: what they still miss there is another law
-        return shop.options.tolerated_shape if len(here) == 1 else shop.options.tolerated_share
+        return options.tolerated_shape if len(here) == 1 else options.tolerated_share
     if generic:
-        return shop.options.tolerated_share
-    return 0.5 * shop.options.tolerated_shape if _shape_explains(shop, proposal, float(score[best])) else 0.0
+        return options.tolerated_share
+    return _HALF * options.tolerated_shape if _shape_explains(shop, proposal, float(score[best])) else 0.0
 
 
 def _shape_explains(shop: Workshop, proposal: Proposal, further: float) -> bool:
@@ -230,7 +244,8 @@ def _shape_explains(shop: Workshop, proposal: Proposal, further: float) -> bool:
     if not np.any(here):
         return False
     found = shop.evidence(proposal.entries).candidate[here]
-    return float(np.max(found)) + float(np.log(0.5 / np.sum(here))) >= further
+    prior = 0.5 / np.sum(here)
+    return float(np.max(found)) + float(np.log(prior)) >= further
 
 
 def _missed_share(shop: Workshop, proposal: Proposal, scan: Scan) -> float:
@@ -245,17 +260,17 @@ def _missed_share(shop: Workshop, proposal: Proposal, scan: Scan) -> float:
     best = int(found.best_entry[int(np.argmax(np.where(free, found.score, -np.inf)))])
     squares, rss = explained(scan), np.array([layer.rss for layer in scan.layers])
     r = int(np.argmax(log_likelihood(scan, rss - squares[:, best])))
-    layer, scale2 = scan.layers[r], max(rss[r] / max(scan.freedom, 1), 1e-300)
-    noise = layer.bases.rank + 3.0 * np.sqrt(2.0 * layer.bases.rank) + 4.0
+    layer, scale2 = scan.layers[r], max(rss[r] / max(scan.freedom, 1), TINY)
+    noise = layer.bases.rank + _SIGMAS * np.sqrt(2.0 * layer.bases.rank) + _FEW
     left = np.where(free[scan.bank.owner], squares[r] / scale2 - noise, 0.0)
     further = max(0.0, float(np.max(left)))
-    return further / max(further + _gained(shop, scan, layer), 1e-300)
+    return further / max(further + _gained(shop, scan, layer), TINY)
 
 
 def _gained(shop: Workshop, scan: Scan, layer: Layer) -> float:
     """Sum of squares that a set has explained under one of its scan's sharings, in units of the variance left."""
     before = next(start.rss for start in shop.start.layers if start.sharing == layer.sharing)
-    return (before - layer.rss) / max(layer.rss / max(scan.freedom, 1), 1e-300)
+    return (before - layer.rss) / max(layer.rss / max(scan.freedom, 1), TINY)
 
 
 def _needed(shop: Workshop, proposal: Proposal, place: int) -> float:

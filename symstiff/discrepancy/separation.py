@@ -8,7 +8,7 @@ from functools import partial
 
 import numpy as np
 
-from symstiff.arrays import Array, Index
+from symstiff.arrays import TINY, Array, Index
 from symstiff.threads import in_threads
 
 _HARD, _SOFT = 1e-10, 1e-3
@@ -150,12 +150,12 @@ def _inside(rest: Array, floor: Array, signals: list[int], block: Index) -> Arra
         own = np.maximum(rest[:, block[0], block[0]], 0.0) + floor[:, block[0]]
         return np.asarray(cross[:, 0] ** 2 / np.where(own > 0, own, 1.0)[:, None])
     own = rest[:, block[:, None], block] + np.eye(len(block)) * np.maximum(
-        floor[:, block].max(axis=1), 1e-300
+        floor[:, block].max(axis=1), TINY
     )[:, None, None]  # fmt: skip
     return np.asarray(np.einsum("nki,nki->ni", cross, np.linalg.solve(own, cross)))
 
 
 def _ridged(gram: Array, share: float) -> Array:
     """Gram matrices (n, P, P) with what they do not determine held down by a share of their largest entry."""
-    top = np.maximum(np.einsum("nkk->nk", gram).max(axis=1), 1e-300)
+    top = np.maximum(np.einsum("nkk->nk", gram).max(axis=1), TINY)
     return np.asarray(gram + share * top[:, None, None] * np.eye(gram.shape[1]))

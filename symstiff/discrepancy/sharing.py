@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from symstiff.arrays import Array, Index
+from symstiff.arrays import TINY, Array, Index, numbered
 from symstiff.discrepancy.problem import Problem
 
 RATIOS = (0.03, 0.1, 0.35, 1.0, 3.0, 10.0, 35.0, 120.0, 400.0)
@@ -29,7 +29,7 @@ _AT_ONCE = 1 << 17
 _SEVERAL = 10
 """Rows beyond one a pose from which they say what they share."""
 NEAR = (0.55, 1.0, 1.8)
-"""Ratios about a learned size that are looked at."""
+"""Ratios about a size, learned or likely, that are looked at."""
 
 Roots = tuple[tuple[Index, Array, Array], ...]
 """Batches of blocks: (n, m) rows, (n, m, k) orthonormal directions, (n, k) what is added along them."""
@@ -79,7 +79,7 @@ def repeated(problem: Problem) -> bool:
 
 def shares(problem: Problem, way: str) -> bool:
     """Whether the rows can tell a way: axes need several rows of one axis in a pose, joints several rows in a pose."""
-    label = problem.pose if way == JOINTS else problem.pose * (problem.axis.max() + 1) + problem.axis
+    label = problem.pose if way == JOINTS else problem.lines
     return problem.rows - len(np.unique(label)) >= _SEVERAL and problem.poses > 2
 
 
@@ -93,7 +93,7 @@ def near(sharings: Sequence[Sharing], kept: Sequence[Sharing], finer: bool = Fal
         first = bisect_left(RATIOS, there[0]) if there else 0
         last = bisect_left(RATIOS, there[-1]) if there else 0
         if finer and 1 <= len(there) <= 2:
-            between = (0.55 * there[0], *there, 1.8 * there[-1])
+            between = (NEAR[0] * there[0], *there, NEAR[-1] * there[-1])
             out += [Sharing(way, r) for r in between if r >= RATIOS[0]]
         else:
             # none is a neighbour of the smallest, also where another way than this one is likely
@@ -108,7 +108,6 @@ def patterns(problem: Problem, spread: Array, split: Split) -> dict[str, Roots]:
     """
     common = _common(problem, spread)
     u = common / spread
-    axis = problem.pose * (problem.axis.max() + 1) + problem.axis
     markers = _markers(problem, split.own)
     alone = [np.sqrt(split.own) * u * marker for marker in markers]
     factor = np.column_stack([np.sqrt(1.0 - split.own) * u, *alone])
@@ -117,9 +116,10 @@ def patterns(problem: Problem, spread: Array, split: Split) -> dict[str, Roots]:
     def blocks(label: Index, factor: Array) -> Roots:
         return _blocks(label, applied(reading, _by_turn(problem, split.anew, factor)))
 
-    ways = {AXES: blocks(axis, factor)}
+    lines = problem.lines
+    ways = {AXES: blocks(lines, factor)}
     if np.any(problem.axis < 3) and np.any(problem.axis >= 3):
-        ways[SHIFT] = blocks(axis, factor * (problem.axis < 3)[:, None])
+        ways[SHIFT] = blocks(lines, factor * (problem.axis < 3)[:, None])
     if problem.J is not None and any(j >= 0 for j in problem.joint_of):
         ways[JOINTS] = blocks(problem.pose, of_joints(problem, common) / spread[:, None])
     for way, found in split.learned.items():
@@ -136,8 +136,7 @@ def of_readings(problem: Problem, spread: Array, variance: float) -> Roots:
 
 def readings(problem: Problem) -> Index:
     """(M,) a number for pose, load case and axis together: the markers that are read at a time."""
-    keys = np.column_stack([problem.pose, problem.case, problem.axis])
-    return np.unique(keys, axis=0, return_inverse=True)[1].reshape(-1)
+    return numbered(problem.pose, problem.case, problem.axis)
 
 
 def raised(blocks: Roots, power: float, ratio: float = 1.0) -> Roots:
@@ -172,7 +171,7 @@ def approaches(problem: Problem, anew: float) -> Index:
     """(M,) a number for what shares an error: the pose, or its repeat where most of the error is each repeat's own."""
     if problem.turn is None or anew < 0.5:
         return problem.pose
-    return np.asarray(problem.pose * (problem.turn.max() + 1) + problem.turn, dtype=np.intp)
+    return numbered(problem.pose, problem.turn)
 
 
 def _markers(problem: Problem, own: float) -> list[Array]:
@@ -187,13 +186,13 @@ def of_joints(problem: Problem, common: Array) -> Array:
     """
     assert problem.J is not None
     J = problem.J[:, [v for v, j in enumerate(problem.joint_of) if j >= 0]]
-    main = main_rows(problem)
+    main = problem.main
     size = np.sqrt(np.mean(J[main] ** 2, axis=0))
     slides = np.array([j in problem.slides for j in problem.joint_of if j >= 0]) & (size > 0)
     if np.any(slides) and np.any(size[~slides] > 0):
         J = J * np.where(slides, np.sqrt(np.mean(size[~slides] ** 2)) / np.where(slides, size, 1.0), 1.0)
     whole = float(np.sqrt(np.sum(np.mean(J[main] ** 2, axis=0))))
-    return np.asarray(J * (np.sqrt(np.mean(common[main] ** 2)) / max(whole, 1e-300)))
+    return np.asarray(J * (np.sqrt(np.mean(common[main] ** 2)) / max(whole, TINY)))
 
 
 def _common(problem: Problem, spread: Array) -> Array:
@@ -262,7 +261,7 @@ def sizes(
 
 def mostly(problem: Problem, spread: Array, each: Sequence[float]) -> str:
     """``JOINTS`` or ``AXES``: what most of the main rows' shared error of these sizes comes from."""
-    part = np.mean(_every(problem, spread)[main_rows(problem)] ** 2, axis=0) * _spread_out(problem, each)
+    part = np.mean(_every(problem, spread)[problem.main] ** 2, axis=0) * _spread_out(problem, each)
     joints = len(each) - len(_alike(problem))
     return JOINTS if np.sum(part[:joints]) >= np.sum(part[joints:]) else AXES
 
@@ -277,8 +276,3 @@ def _blocks(label: Index, factor: Array) -> Roots:
         U, s, _ = np.linalg.svd(factor[rows], full_matrices=False)
         out.append((rows, U, s**2))
     return tuple(out)
-
-
-def main_rows(problem: Problem) -> np.ndarray:
-    """(M,) the rows that sizes are told of: translations, rotations where there are none."""
-    return problem.axis < 3 if np.any(problem.axis < 3) else np.ones(problem.rows, bool)

@@ -7,9 +7,9 @@ from dataclasses import dataclass
 import numpy as np
 from scipy import stats
 
-from symstiff.arrays import Array, Index
+from symstiff.arrays import TINY, Array, Index, numbered
 from symstiff.discrepancy.problem import Problem
-from symstiff.discrepancy.scan import Scan, directions
+from symstiff.discrepancy.scan import RANK, Scan, directions
 from symstiff.reduction.svd import svd
 
 PROPORTIONAL = "proportional to load, by pose"
@@ -100,8 +100,8 @@ def _between_repeats(
     """The same of y (M, 1), further columns taken out: by pose, and over all poses."""
     if len(np.unique(problem.cells)) == problem.rows:
         return 0.0, 0
-    each = np.unique(np.column_stack([problem.case, problem.channel]), axis=0, return_inverse=True)[1]
-    means = scan.noise.apply(scan.best.whiten, _indicators(each.reshape(-1)) / scan.noise.spread[:, None])
+    each = numbered(problem.case, problem.channel)
+    means = scan.noise.apply(scan.best.whiten, _indicators(each) / scan.noise.spread[:, None])
     square, rank = _left(problem.pose, np.hstack([local, means]), overall, y)
     return square, problem.rows - rank
 
@@ -118,7 +118,7 @@ def _left(pose: Index, local: Array, overall: Array, y: Array) -> tuple[float, i
         for p in np.unique(pose):
             rows = np.flatnonzero(pose == p)
             U, s, _ = svd(local[rows])
-            U = U[:, s > 1e-9 * max(float(s[0]), 1e-300)]
+            U = U[:, s > RANK * max(float(s[0]), TINY)]
             joined[rows] -= U @ (U.T @ joined[rows])
             rank += U.shape[1]
     length = np.linalg.norm(np.hstack([y, overall])[:, 1:], axis=0)

@@ -37,6 +37,10 @@ CONFUSED = 0.9
 """Share of a candidate's fitted signal inside another's space from which they are said to be confused."""
 _NEARLY = 2.0
 """Log evidence by which a law without a name may trail what it describes elsewhere, to be spoken of."""
+_TOLD = 0.2
+"""p-value of a candidate up to which is told what it is confused with."""
+_DOUBTS = 2.0
+"""Standard deviations by which a plausible size may be out of its physical range."""
 _LEADERS = 8
 """Candidates among which confusion is told."""
 
@@ -185,7 +189,7 @@ def candidate_table(
                 candidate.effect, candidate.where, score, p, True, "",
                 None if verdict is None else verdict.sufficient, _within(bank, entry, effects[0][1]),
                 bank.shape_of(entry), effects[0][1], left, smallest,
-                tuple(_name(bank.candidates[c]) for c in _confused(ready, entry)) if p < 0.2 else (),
+                tuple(_name(bank.candidates[c]) for c in _confused(ready, entry)) if p < _TOLD else (),
                 seen[i].noncentrality,
             )
         )  # fmt: skip
@@ -204,8 +208,8 @@ def _after(scan: Scan, entries: tuple[int, ...]) -> Scan:
 
 def _within(bank: Bank, entry: int, estimates: Mapping[str, Quantity]) -> bool:
     return all(
-        estimates[p.name].value + 2 * estimates[p.name].std >= p.low
-        and estimates[p.name].value - 2 * estimates[p.name].std <= p.high
+        estimates[p.name].value + _DOUBTS * estimates[p.name].std >= p.low
+        and estimates[p.name].value - _DOUBTS * estimates[p.name].std <= p.high
         for p in bank.parameters(entry)
         if p.name in estimates
     )
@@ -235,7 +239,6 @@ def steps(problem: Problem, ready: Prepared, named: Judged | None, outcome: Outc
     entries: tuple[int, ...] = named.entries if named is not None else ()
     alone = replace(ready, scan=_unshared(ready.scan))
     ready = replace(ready, scan=at_sharing(ready.scan, likeliest(ready.scan, entries).sharing))
-    rows = problem.axis < 3 if np.any(problem.axis < 3) else np.ones(problem.rows, bool)
     out = []
     for count in range(len(entries) + 1):
         used = entries[:count]
@@ -252,7 +255,7 @@ def steps(problem: Problem, ready: Prepared, named: Judged | None, outcome: Outc
         out.append(
             Step(
                 effects[-1][0] if effects else None, model, std, tuple(effects),
-                float(np.sqrt(np.mean(residual[rows] ** 2))), strata(problem, scan), p_left, residual, further,
+                float(np.sqrt(np.mean(residual[problem.main] ** 2))), strata(problem, scan), p_left, residual, further,
                 ready.scan.freedom - scan.freedom, problem.rows - scan.freedom,
             )
         )  # fmt: skip

@@ -4,14 +4,21 @@ from __future__ import annotations
 
 import numpy as np
 
-from symstiff.arrays import Array
+from symstiff.arrays import TINY, Array, numbered
 from symstiff.discrepancy.design import effective_rank, least_sizes, share_left
 from symstiff.discrepancy.prepare import Prepared
 from symstiff.discrepancy.problem import Problem
+from symstiff.discrepancy.scan import Scan
 from symstiff.discrepancy.strata import SEVERAL, fills
 
 _USUAL = 0.4
-"""The same share for the directions in which a candidate's parameters usually have a share."""
+"""Share of what the model leaves in a stratum beyond which the directions of usual sizes alone fill it."""
+_HELD = 1e-8
+"""Share of a column's squared length outside the model that is rounding."""
+_TIMES = 3.0
+"""Physical ranges up to which a size is worth a test: ranges are those of usual robots."""
+_BENT = 0.01
+"""Share of a signal's square that may depart from the load's course in what is proportional to it."""
 
 
 def testable(problem: Problem, ready: Prepared) -> Array:
@@ -19,12 +26,9 @@ def testable(problem: Problem, ready: Prepared) -> Array:
     scan, bank = ready.scan, ready.bank
     sigma2 = scan.best.rss / max(scan.freedom, 1)
     mask = np.ones(len(bank.candidates), bool)
-    last = np.append(bank.first_entry[1:], len(bank.start))
-    for c, (a, b) in enumerate(zip(bank.first_entry, last, strict=True)):
+    for c, (a, b) in enumerate(zip(bank.first_entry, bank.last_entry, strict=True)):
         entries = range(int(a), int(b))
-        if max(share_left(scan, e) for e in entries) < 1e-8 or not any(
-            scan.best.bases.rank[e] for e in entries
-        ):
+        if all(_absorbed(scan, e) for e in entries):
             mask[c] = False
             continue
         if bank.generic[c]:
@@ -38,7 +42,7 @@ def testable(problem: Problem, ready: Prepared) -> Array:
 
 def why_untestable(problem: Problem, ready: Prepared, entry: int) -> str:
     """Why these data do not test a candidate of which this is an entry."""
-    if share_left(ready.scan, entry) < 1e-8 or ready.scan.best.bases.rank[entry] == 0:
+    if _absorbed(ready.scan, entry):
         return "the model absorbs it wholly"
     if fills_its_stratum(problem, ready, entry):
         return "beside the model it would fit anything proportional to the load: more poses would tell"
@@ -56,13 +60,18 @@ def telling(ready: Prepared, candidate: int, likeliest: int) -> int:
     return next((e for e in order if _believable(ready, e, sigma2)), likeliest)
 
 
+def _absorbed(scan: Scan, entry: int) -> bool:
+    """Whether the model holds all of an entry's columns."""
+    return share_left(scan, entry) < _HELD or scan.best.bases.rank[entry] == 0
+
+
 def _believable(ready: Prepared, entry: int, sigma2: float) -> bool:
-    """Would some parameter be seen at a size of up to three times its physical range?"""
+    """Would some parameter be seen at a size of up to ``_TIMES`` its physical range?"""
     parameters = ready.bank.parameters(entry)
     bound = np.array([max(abs(p.low), abs(p.high)) for p in parameters])
     if len(bound) != ready.bank.width[entry] or not np.all(np.isfinite(bound)):
         return True
-    return bool(np.any(least_sizes(ready.scan, entry, 0.0, sigma2) < 3.0 * bound))
+    return bool(np.any(least_sizes(ready.scan, entry, 0.0, sigma2) < _TIMES * bound))
 
 
 def fills_its_stratum(problem: Problem, ready: Prepared, entry: int) -> bool:
@@ -74,13 +83,12 @@ def fills_its_stratum(problem: Problem, ready: Prepared, entry: int) -> bool:
     """
     full = float(ready.scan.best.bases.rank[entry])
     usual = effective_rank(ready.scan, entry)
-    cells, label = np.unique(np.column_stack([problem.pose, problem.channel]), axis=0, return_inverse=True)
-    label = label.reshape(-1)
-    left = len(cells) - (problem.rows - ready.scan.freedom)
+    label = numbered(problem.pose, problem.channel)
+    left = int(label.max()) + 1 - (problem.rows - ready.scan.freedom)
     if not fills(full, left, usual) and (usual < SEVERAL or usual <= _USUAL * left):
         return False
     load = np.ones(problem.rows) if problem.load is None else problem.load
     columns = ready.bank.columns[:, ready.bank.slice(entry)]
-    total = np.maximum(np.bincount(label, load**2), 1e-300)
+    total = np.maximum(np.bincount(label, load**2), TINY)
     slope = np.column_stack([np.bincount(label, load * c) / total for c in columns.T])
-    return bool(np.sum((columns - slope[label] * load[:, None]) ** 2) < 0.01 * np.sum(columns**2))
+    return bool(np.sum((columns - slope[label] * load[:, None]) ** 2) < _BENT * np.sum(columns**2))

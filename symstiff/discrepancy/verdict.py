@@ -27,6 +27,11 @@ CALIBRATION = (0.0, 0.7, 4.5)
 
 LEADING = 6
 """Sets of a size whose sizes are looked at; those behind them are never judged."""
+_WEIGHED, _BASES, _JUDGED, _EQUALS = 24, 8, 4, 2
+"""Sets of a size, at most: those that count as rivals, those that larger ones are made from, those that are judged, and
+the leader's with one effect elsewhere. Each further one costs time."""
+_TRAILS = 5.0
+"""Log evidence by which a set may trail the first and still be judged: behind that it weighs less than a hundredth."""
 
 CLOSE = 3.0
 """Log evidence by which a set that is refused may lead one that is not, for that one still to be spoken of."""
@@ -43,10 +48,26 @@ BEYOND = 2.0
 
 PARTLY = 0.75
 """Confidence in what is there whatever else is, beside something that may have no name."""
+EVEN = 0.5
+"""Confidence, at most, in a set that does not suffice or that other poses speak against: an even bet."""
+_MOSTLY = 0.3
+"""Share of the signal that a leader may miss and still be said to explain most."""
+_LISTED = 0.05
+"""Share of the leader's evidence from which a rival set is listed beside it."""
+_AT_BEST = 0.5
+"""Share of the evidence by best shapes alone that a leader needs among sets at the same places."""
+_WEAK = 5.0
+"""Confidence that is lost with a member's p-value: one of 0.02 takes a tenth."""
+_DOUBT, _FAR_BEHIND = 1e-6, 30.0
+"""Least share of either side in a logit, and lead beyond which a rival leaves no confidence anyhow: both are finite."""
 
 _SAME = 1e-6
 """Distance from other directions at which directions are the same."""
+_ROUNDING = 1e-9
+"""Difference of two scores that is none."""
 
+Tests = tuple[Null, Evidence, float, float]
+"""Of the start: null distribution, evidence, p-values of the catalogue and of laws without a name."""
 Beyond = Callable[[Proposal], float]
 """What a set loses of its log likelihood where a size is moved into its physical range."""
 
@@ -102,20 +123,20 @@ def decide(
         if not ranked:
             break
         weighed += ranked
-        judged = [judge(shop, p) for p in ranked[:4] if p.score > ranked[0].score - 5.0]
+        judged = [judge(shop, p) for p in ranked[:_JUDGED] if p.score > ranked[0].score - _TRAILS]
         less = _without_idle(shop, judged[0], tried, beyond)
         if less is not None:
             judged = [less, *judged]
-            weighed.append(Proposal(less.members, less.entries, less.score))
+            weighed.append(less.proposal)
         tried += judged
-        if _admissible(judged[0], options) and judged[0].score >= max(p.score for p in weighed) - 1e-9:
+        if _admissible(judged[0], options) and judged[0].score >= max(p.score for p in weighed) - _ROUNDING:
             if size < options.max_effects:
                 progress(f"other sets of {size + 1}")
-                others = _others(shop, judged[0], ranked[1:8], beyond)
+                others = _others(shop, judged[0], ranked[1:_BASES], beyond)
                 tried += others
-                weighed += [Proposal(j.members, j.entries, j.score) for j in others]
+                weighed += [j.proposal for j in others]
             break
-        bases = ranked[:8]
+        bases = ranked[:_BASES]
     return _conclude(shop, tried, weighed, tests)
 
 
@@ -155,11 +176,11 @@ def _ranked(
     """Proposals without those that hold all of ``but``: first those that lead, polished and in range, best first."""
     known, out = shop.start.bank.twin, list[Proposal]()
     for proposal in proposals(shop, bases):
-        if len(out) >= 24:
+        if len(out) >= _WEIGHED:
             break
         if but and but <= _set(proposal, known):
             continue
-        done = polish(shop, proposal) if len(out) < 4 else proposal
+        done = polish(shop, proposal) if len(out) < _JUDGED else proposal
         kept = _in_range(done, beyond) if len(out) < LEADING else done
         if kept is not None:
             out.append(kept)
@@ -178,7 +199,7 @@ def _others(shop: Workshop, leader: Judged, bases: list[Proposal], beyond: Beyon
     lead = [CLEARLY if _of_same_joints(shop, p, leader) else -CLOSE for p in found]
     close = (p for p, by in zip(found, lead, strict=True) if p.score > leader.score + by)
     others = (p for p in close if not _same_columns(shop.start, p, leader))
-    judged = [judge(shop, p) for p in islice(others, 4)]
+    judged = [judge(shop, p) for p in islice(others, _JUDGED)]
     good = [j for j in judged if _admissible(j, shop.options) and _earned(shop, j, leader)]
     best = max((j.score for j in good), default=-np.inf)
     return [*good, *_as_many(shop, leader, best, beyond)] if best > leader.score else good
@@ -186,9 +207,9 @@ def _others(shop: Workshop, leader: Judged, bases: list[Proposal], beyond: Beyon
 
 def _as_many(shop: Workshop, leader: Judged, best: float, beyond: Beyond) -> list[Judged]:
     """The leading set and one effect elsewhere, where sets as large explain more than it: they are its equals."""
-    base = Proposal(leader.members, leader.entries, leader.score)
-    near = (p for p in _ranked(shop, [base], beyond)[:LEADING] if p.score > best - CLOSE)
-    judged = [judge(shop, p) for p in islice((p for p in near if not _of_same_joints(shop, p, leader)), 2)]
+    near = (p for p in _ranked(shop, [leader.proposal], beyond)[:LEADING] if p.score > best - CLOSE)
+    elsewhere = (p for p in near if not _of_same_joints(shop, p, leader))
+    judged = [judge(shop, p) for p in islice(elsewhere, _EQUALS)]
     return [j for j in judged if _admissible(j, shop.options)]
 
 
@@ -202,9 +223,9 @@ def _joined(shop: Workshop, leader: Judged, beyond: Beyond) -> list[Proposal]:
     """The leading set and another law of one of its joints, where what it misses passes for a shape only close."""
     if not _leaves_something(leader, shop.options):
         return []
-    place, base = shop.start.bank.place, Proposal(leader.members, leader.entries, leader.score)
+    place = shop.start.bank.place
     joints = {place[m] for m in leader.members} - {""}
-    more = (polish(shop, p) for p in proposals(shop, [base]) if place[p.members[-1]] in joints)
+    more = (polish(shop, p) for p in proposals(shop, [leader.proposal]) if place[p.members[-1]] in joints)
     return [kept for p in more if (kept := _in_range(p, beyond)) is not None]
 
 
@@ -228,13 +249,18 @@ def _same_columns(scan: Scan, one: Proposal, other: Judged) -> bool:
 
 def _admissible(judged: Judged, options: Options) -> bool:
     """Whether a set suffices, needs all of its members, and is ahead of the unnamed laws."""
-    return judged.sufficient and max(judged.p_members) < options.alpha and _ahead(judged)
+    return judged.sufficient and _needs_all(judged, options) and _ahead(judged)
 
 
 def _nearly(judged: Judged, options: Options) -> bool:
     """Whether a set is refused for a law without a name alone, and that explains no more than it."""
-    enough = judged.sufficient and max(judged.p_members) < options.alpha
+    enough = judged.sufficient and _needs_all(judged, options)
     return enough and not _ahead(judged) and judged.rivals.best < AS_MUCH
+
+
+def _needs_all(judged: Judged, options: Options) -> bool:
+    """Whether a set has need of each of its members."""
+    return max(judged.p_members) < options.alpha
 
 
 def _ahead(judged: Judged) -> bool:
@@ -242,26 +268,21 @@ def _ahead(judged: Judged) -> bool:
     return judged.rivals.best < 0 and (judged.score > FAINT or judged.rivals.together < -FOURFOLD)
 
 
-def _conclude(
-    shop: Workshop, tried: list[Judged], weighed: list[Proposal], tests: tuple[Null, Evidence, float, float]
-) -> Outcome:
+def _conclude(shop: Workshop, tried: list[Judged], weighed: list[Proposal], tests: Tests) -> Outcome:
+    """The verdict on the sets that were ``tried``, beside all that were ``weighed``."""
     options = shop.options
     good = sorted((j for j in tried if _admissible(j, options)), key=lambda j: -j.score)
     refused = max((j.score for j in tried if not _admissible(j, options)), default=-np.inf)
     if good and good[0].score > refused - AS_MUCH:
         return _named(good, tried, weighed, tests, options)
     if good and good[0].score > refused - CLOSE:
-        leader = good[0]
-        half = tuple(0.5 for _ in leader.members)
-        return Outcome(INSUFFICIENT, Reason(Why.AS_WELL), *tests, leader, (leader,), half, tuple(tried))
-    needed = [j for j in tried if max(j.p_members) < options.alpha]
+        return _insufficient(good[0], Why.AS_WELL, tried, tests)
+    needed = [j for j in tried if _needs_all(j, options)]
     enough = max((j for j in needed if j.sufficient), key=lambda j: j.score, default=None)
     best = max(needed, key=lambda j: j.score, default=None)
-    if best is not None and best.rivals.best < -CLOSE and _ahead(best) and best.missed_share < 0.3:
-        confidence = tuple(0.5 for _ in best.members)
+    if best is not None and best.rivals.best < -CLOSE and _ahead(best) and best.missed_share < _MOSTLY:
         stopped = len(best.members) >= options.max_effects and best.p_left_named < options.alpha_further
-        because = Reason(Why.ENOUGH if stopped else Why.PARTLY)
-        return Outcome(INSUFFICIENT, because, *tests, best, (best,), confidence, tuple(tried))
+        return _insufficient(best, Why.ENOUGH if stopped else Why.PARTLY, tried, tests)
     if enough is not None and enough.rivals.best < CLOSE:
         sure = _sure(shop, enough)
         if sure is not None:
@@ -277,13 +298,18 @@ def _sure(shop: Workshop, judged: Judged) -> Judged | None:
     if len(sure) == len(judged.members) or all(judged.bank.candidates[m].expected for m in sure):
         return None
     alone = judge(shop, _together(shop, sure))
-    return alone if max(alone.p_members) < shop.options.alpha else None
+    return alone if _needs_all(alone, shop.options) else None
+
+
+def _insufficient(leader: Judged, why: Why, tried: list[Judged], tests: Tests) -> Outcome:
+    even = tuple(EVEN for _ in leader.members)
+    return Outcome(INSUFFICIENT, Reason(why), *tests, leader, (leader,), even, tuple(tried))
 
 
 def _named(
-    good: list[Judged], tried: list[Judged], weighed: list[Proposal],
-    tests: tuple[Null, Evidence, float, float], options: Options,
-) -> Outcome:  # fmt: skip
+    good: list[Judged], tried: list[Judged], weighed: list[Proposal], tests: Tests, options: Options
+) -> Outcome:
+    """The verdict where sets are admissible, ``good``, best first: the leader alone, or several."""
     leader = good[0]
     known = leader.bank.twin
     good = [*good, *sorted((j for j in tried if _nearly(j, options)), key=lambda j: -j.score)]
@@ -293,15 +319,16 @@ def _named(
     rest = [p for p in weighed if _set(p, known) in accepted or _set(p, known) not in judged]
     share = _shares([(_set(p, known), p.score) for p in rest])
     own = share[_set(leader, known)]
-    same_places = [p for p in rest if _places(p, leader) == _places(leader, leader)]
+    place = leader.bank.place
+    same_places = [p for p in rest if _places(p, place) == _places(leader, place)]
     at_best = _shares([(_set(p, known), p.score + _spared(p, tests[1])) for p in same_places])
     confidence = tuple(
         _calibrated(sum(w for members, w in share.items() if known[m] in members), leader, p)
         for m, p in zip(leader.members, leader.p_members, strict=True)
     )
     first = {_set(j, known): j for j in reversed(good)}
-    kept = tuple(j for j in good if share[_set(j, known)] > 0.05 * own and first[_set(j, known)] is j)
-    ahead = own >= options.name_at and (at_best[_set(leader, known)] >= 0.5 or _without_shape(leader))
+    kept = tuple(j for j in good if share[_set(j, known)] > _LISTED * own and first[_set(j, known)] is j)
+    ahead = own >= options.name_at and (at_best[_set(leader, known)] >= _AT_BEST or _without_shape(leader))
     verdict = NAMED if ahead or len(kept) < 2 else AMBIGUOUS
     because = Reason(Why.AHEAD if verdict == NAMED else Why.SEVERAL)
     return Outcome(verdict, because, *tests, leader, kept, confidence, tuple(tried))
@@ -321,8 +348,8 @@ def _shares(scored: Sequence[tuple[frozenset[int], float]]) -> dict[frozenset[in
     return {members: float(np.exp(score - total)) for members, score in best.items()}
 
 
-def _places(found: Proposal | Judged, judged: Judged) -> list[str]:
-    place = judged.bank.place
+def _places(found: Proposal | Judged, place: Sequence[str]) -> list[str]:
+    """Virtual joints of a set's members, by those of all candidates."""
     return sorted(place[m] for m in found.members)
 
 
@@ -344,9 +371,9 @@ def _spared(proposal: Proposal, found: Evidence) -> float:
 def _calibrated(share: float, leader: Judged, p: float) -> float:
     """Posterior share, lowered by the best laws without a name and by a weak detection, on the benchmark's scale."""
     offset, slope, limit = CALIBRATION
-    share = float(np.clip(share, 1e-6, 1 - 1e-6))
+    share = float(np.clip(share, _DOUBT, 1 - _DOUBT))
     raw = min(float(np.log(share / (1 - share))), limit)
     alike = leader.rivals.alike
     ahead = (leader.rivals.best, -np.inf if alike is None else alike.lead)
-    rival = sum(float(np.log1p(np.exp(min(lead, 30.0)))) for lead in ahead)
-    return float(expit(offset + slope * raw - rival)) * (1.0 - min(1.0, 5.0 * p))
+    rival = sum(float(np.log1p(np.exp(min(lead, _FAR_BEHIND)))) for lead in ahead)
+    return float(expit(offset + slope * raw - rival)) * (1.0 - min(1.0, _WEAK * p))

@@ -227,12 +227,3 @@ class Effect:
     def __post_init__(self) -> None:
         if not NAME.fullmatch(self.identifier):
             raise UserError(f"an effect cannot be called {self.identifier!r}: use letters, digits and _")
-
-
-def place_name(where: Where) -> str:
-    """A place as part of a parameter's name: ``3``, ``4_5``, ``force_sensor``."""
-    parts: list[str] = []
-    for key, value in where.items():
-        if key != "harmonics":
-            parts += [str(v) for v in value] if isinstance(value, list | tuple) else [str(value)]
-    return "_".join(parts)

@@ -7,7 +7,8 @@ from typing import Any
 
 import sympy as sp
 
-from symstiff.effects.base import EffectParameter, Shape, Where, place_name
+from symstiff.effects.base import EffectParameter, Shape, Where
+from symstiff.effects.places import place_name
 from symstiff.robot.schema import Robot
 from symstiff.symbolic.chain import ElasticChain, cross
 from symstiff.symbolic.terms import AXES, Term, VirtualJoint, actuated_joint, deflection, link_joint, tau

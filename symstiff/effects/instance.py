@@ -11,6 +11,7 @@ import numpy as np
 from symstiff.arguments import require
 from symstiff.effects.base import NAME, Effect, Realisation, Shape, Where
 from symstiff.effects.lawful import check_laws
+from symstiff.effects.places import site
 from symstiff.effects.registry import find
 from symstiff.errors import UserError
 from symstiff.robot.frozen import frozen_numbers
@@ -150,10 +151,9 @@ def realise_all(effects: Sequence[EffectInstance], robot: Robot) -> tuple[Realis
 
 
 def _acceptable(entry: Effect, robot: Robot, where: Where) -> bool:
-    """Whether the robot has the place; any harmonics are accepted where the joint is."""
-    free = {k: v for k, v in where.items() if k != "harmonics"}
-    places = ({k: v for k, v in place.items() if k != "harmonics"} for place in entry.places(robot))
-    return any(place == free for place in places)
+    """Whether the robot has the place; any details are accepted where it is."""
+    own = site(where)
+    return any(site(place) == own for place in entry.places(robot))
 
 
 def _check_names(found: Realisation) -> None:

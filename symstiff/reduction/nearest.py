@@ -130,16 +130,15 @@ def nearest_relative(
 def project_reduced(affine: Affine, rules: AdmissibleSet, covariance: Array | None, margin: float) -> Array:
     """The nearest reduced set, (r,), that has a complete set with every block ⪰ margin.
 
-    Nearest in standard deviations where a covariance is given, in nominal sizes otherwise.
+    Nearest in standard deviations where a covariance is given, in nominal sizes otherwise. Raises UserError for a
+    covariance that is not positive definite.
     """
     n, r = len(affine.scale), len(affine.reduced)
     margin /= affine.gain
     affine = affine.resized(affine.gain)
     whiten = np.eye(r)
     if covariance is not None:
-        deviation = np.sqrt(np.diag(covariance))
-        factor = np.linalg.cholesky(covariance / np.outer(deviation, deviation))
-        whiten = np.linalg.solve(factor, np.diag(affine.norms / deviation))
+        whiten = in_deviations(covariance, np.diag(affine.norms))
     size = max(1.0, float(np.linalg.norm(whiten, 2)))
     rows = np.hstack([whiten @ affine.rows / size, -np.eye(r)])
     constraints = [Constraint("zero", rows, whiten @ affine.rhs / size)]
@@ -148,6 +147,35 @@ def project_reduced(affine: Affine, rules: AdmissibleSet, covariance: Array | No
     quadratic = np.concatenate([np.full(n, 1e-10), np.ones(r)])
     x = _solved(solve(quadratic, np.zeros(n + r), constraints), "nearest admissible reduced set").x[:n]
     return np.asarray(affine.P @ (affine.scale * x))
+
+
+def in_deviations(covariance: Array, X: Array) -> Array:
+    """X (r,) or (r, k) in independent standard deviations; UserError for a covariance that is not positive definite."""
+    root = _root(covariance)
+    if root is None:
+        raise UserError(
+            "covariance is not positive definite, so it tells no distance: correct it, or leave it out, and sizes are "
+            "nominal ones"
+        )
+    deviation, factor = root
+    return np.asarray(np.linalg.solve(factor, (X.T / deviation).T))
+
+
+def is_definite(covariance: Array) -> bool:
+    """Whether a covariance (r, r) tells every direction's noise: of a fit that left no freedom it does not."""
+    return _root(covariance) is not None
+
+
+def _root(covariance: Array) -> tuple[Array, Array] | None:
+    """Standard deviations (r,), and Cholesky's factor (r, r) of the correlations: free of units; None for neither."""
+    variance = np.diag(covariance)
+    if not (np.isfinite(covariance).all() and (variance > 0.0).all()):
+        return None
+    deviation = np.sqrt(variance)
+    try:
+        return deviation, np.linalg.cholesky(covariance / np.outer(deviation, deviation))
+    except np.linalg.LinAlgError:
+        return None
 
 
 def _relation_rows(relations: Sequence[Relation], names: Sequence[str], scale: Array) -> Array:

@@ -26,13 +26,24 @@ from symstiff.reduction.admissible import (
 )
 from symstiff.reduction.bounds import Bounds, parameter_bounds
 from symstiff.reduction.logdet import nearest_logdet
-from symstiff.reduction.nearest import Affine, Relation, deepest, nearest_relative, project_reduced
+from symstiff.reduction.nearest import (
+    Affine,
+    Relation,
+    deepest,
+    in_deviations,
+    nearest_relative,
+    project_reduced,
+)
 
 Metric = Literal["relative", "logdet"]
 METRICS: Mapping[Metric, str] = {
     "relative": "sum over parameters of ((k - nominal) / size)^2, size = nominal diagonal or sqrt(k_aa k_bb)",
     "logdet": "sum over blocks of tr(K K0^-1) - log det(K K0^-1) - order (Burg divergence, blind to units)",
 }
+
+
+_ROUNDING = 1e-9
+"""Depth below zero, in sizes of the data, that is the solver's rounding."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -113,19 +124,19 @@ def reconstruct(
     P: (r, n) exact mapping of the reduction, of rank r; reduced: (r,) SI; nominal: values by name
     (absent: 0, of a typical size); covariance: (r, r) of `reduced`; relations: soft linear relations such as
     those of a beam (metric "relative" only); margin: share of the nominal size that every block keeps, where
-    the data allow it. Raises UserError for shapes that do not fit. Where noise leaves no admissible set,
-    `reduced` moves to the nearest one that has one: in standard deviations if covariance is given, in nominal
-    sizes otherwise.
+    the data allow it. Where noise leaves no admissible set, `reduced` moves to the nearest one that has one: in
+    standard deviations if covariance is given, in nominal sizes otherwise. Raises UserError for shapes and options
+    that do not fit, and for a covariance that is not positive definite where that distance is asked for.
     """
     P, reduced = np.asarray(P, dtype=float), np.asarray(reduced, dtype=float)
     reduced_names = tuple(reduced_names or (f"r{i + 1}" for i in range(len(reduced))))
-    _check(P, reduced, names, reduced_names, covariance, metric)
+    _check(P, reduced, names, reduced_names, covariance, metric, relations)
     rules = admissible_set(names) if admissible is None else admissible
     scale = scales(names, nominal)
     target = np.array([float(nominal.get(name, 0.0)) for name in names]) / scale
     affine = Affine(P, reduced, scale)
     depth = deepest(affine, rules)
-    is_admissible = depth > -1e-9 * affine.gain
+    is_admissible = depth > -_ROUNDING * affine.gain
     moved, inner = affine, min(margin, 0.5 * max(depth, 0.0))
     if not is_admissible:
         moved = Affine(P, project_reduced(affine, rules, covariance, margin), scale)
@@ -143,7 +154,7 @@ def reconstruct(
         admissible=is_admissible,
         depth=depth,
         distance=0.0 if is_admissible else _mahalanobis(shift, covariance),
-        shifts=np.zeros(len(reduced)) if is_admissible else shift / _deviations(covariance, len(reduced)),
+        shifts=np.zeros(len(shift)) if is_admissible else shift / _deviations(covariance, len(shift)),
         metric=f"{metric}: {METRICS[metric]}",
         metric_value=value,
         smallest=rules.smallest(values, scale),
@@ -158,6 +169,7 @@ def _check(
     reduced_names: Sequence[str],
     covariance: Array | None,
     metric: str,
+    relations: Sequence[Relation],
 ) -> None:
     """Shapes, rank and finiteness, with what would be right."""
     rows = len(reduced)
@@ -172,6 +184,10 @@ def _check(
         raise UserError(f"covariance of shape {np.shape(covariance)} does not fit {rows} reduced parameters")
     if metric not in METRICS:
         raise UserError(f'metric "{metric}" is not known: give one of {", ".join(METRICS)}')
+    if relations and metric != "relative":
+        raise UserError(
+            f'relations have no weight in the metric "{metric}": leave them out, or give "relative"'
+        )
     norms = np.linalg.norm(P, axis=1)
     if rows and (not norms.all() or np.linalg.matrix_rank(P / norms[:, None]) < rows):
         raise UserError(f"mapping has rank below {rows}: its rows contradict or repeat each other")
@@ -184,9 +200,5 @@ def _deviations(covariance: Array | None, rows: int) -> Array:
 
 
 def _mahalanobis(shift: Array, covariance: Array | None) -> float:
-    """sqrt(shiftᵀ·covariance⁻¹·shift), by scaled Cholesky."""
-    if covariance is None:
-        return math.nan
-    deviation = np.sqrt(np.diag(covariance))
-    factor = np.linalg.cholesky(covariance / np.outer(deviation, deviation))
-    return float(np.linalg.norm(np.linalg.solve(factor, shift / deviation)))
+    """sqrt(shiftᵀ·covariance⁻¹·shift)."""
+    return math.nan if covariance is None else float(np.linalg.norm(in_deviations(covariance, shift)))

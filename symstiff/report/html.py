@@ -27,7 +27,13 @@ from symstiff.report.tables import moved, rotates, shift, step_rows
 
 _SEEN = 0.01
 """p-value below which something is said of the noise."""
-_MOST_CANDIDATES, _MOST_LAWS, _MANY = 20, 5, 3
+_MOST_CANDIDATES, _MOST_LAWS = 20, 5
+_MOST_PLACES, _SEEN_AT = 8, 6
+"""Places of an effect from which on their number, or the best of them, stands for all, and those shown else."""
+_GROWS = 0.25
+"""Power of a quantity from which the noise is said to change with it."""
+_CHANGED = 2.0
+"""Standard deviations by which a parameter that moved is marked."""
 _UNITS = {"positional": "mm", "rotational": "mrad", "x": "mm", "y": "mm", "z": "mm"}
 _SHORT = {"positional": "position", "rotational": "rotation"}
 
@@ -120,7 +126,7 @@ def _effects(finding: Finding, effects: Sequence[Found]) -> list[dict[str, Any]]
     cards = [
         part
         for group in groups.values()
-        for part in ([group] if len(group) > _MANY else [[e] for e in group])
+        for part in ([group] if len(group) > words.MANY else [[e] for e in group])
     ]
     return [_card(finding, group) for group in cards]
 
@@ -128,15 +134,12 @@ def _effects(finding: Finding, effects: Sequence[Found]) -> list[dict[str, Any]]
 def _card(finding: Finding, group: list[Found]) -> dict[str, Any]:
     e = group[0]
     entry = catalogue().get(e.effect)
-    name = named(e.effect, e.where)
-    if len(group) > 1:
-        name = words.names(group)
     confounded = _names(n for g in group for n in g.confounded_with)
     sizes = {n: size for g in group for n, size in g.parameters.items()}
     zero = [n for n, size in sizes.items() if size.value == 0.0 and not math.isfinite(size.std)]
     return {
         "set": e.set_number + 1,
-        "name": name,
+        "name": words.names(group) if len(group) > 1 else named(e.effect, e.where),
         "wide": len(group) > 1,
         "description": entry.description if entry else "",
         "separated_by": entry.separated_by if entry else "",
@@ -214,11 +217,8 @@ def _stratum(s: Any) -> str:
 
 
 def _pictures(finding: Finding) -> dict[str, Any]:
-    drawn: dict[str, Any] = {"gap": None, "histograms": None, "map": None}
-    drawn["gap"] = plots.draw_gap(finding)
-    drawn["histograms"] = plots.draw_histograms(finding)
-    drawn["map"] = plots.draw_map(finding)
-    return {k: _marked(p) for k, p in drawn.items()}
+    drawn = {"gap": plots.draw_gap, "histograms": plots.draw_histograms, "map": plots.draw_map}
+    return {name: _marked(draw(finding)) for name, draw in drawn.items()}
 
 
 def _marked(picture: plots.Picture | None) -> dict[str, Any] | None:
@@ -231,7 +231,7 @@ def _laws(finding: Finding) -> list[dict[str, Any]]:
     shown = [*common, *(e for members in own for e in members)]
     count = {e.effect: sum(o.effect == e.effect for o in finding.named) for e in shown}
     out = []
-    for e in sorted(shown, key=lambda e: count[e.effect] > _MANY)[:_MOST_LAWS]:
+    for e in sorted(shown, key=lambda e: count[e.effect] > words.MANY)[:_MOST_LAWS]:
         found = formulas(finding.task.robot, e.instance)
         tag = f"explanation {e.set_number + 1}: " if finding.verdict == AMBIGUOUS and e not in common else ""
         out.append(
@@ -316,7 +316,7 @@ def _untested(finding: Finding) -> list[tuple[str, str]]:
 
 def _together(group: list[CandidateResult]) -> str:
     """One effect at its places; only their number where there are many."""
-    if len(group) > 8:
+    if len(group) > _MOST_PLACES:
         return f"{spoken(group[0].effect)} ({len(group)} places)"
     return f"{spoken(group[0].effect)} {words.places([c.where for c in group])}".strip()
 
@@ -336,7 +336,7 @@ def _sensitivity(finding: Finding) -> list[tuple[str, str, str]]:
     out = []
     for group in best.values():
         rows = sorted(group, key=_smallest_value)
-        for c in rows[:1] if len(rows) > 8 else rows[:6]:
+        for c in rows[:1] if len(rows) > _MOST_PLACES else rows[:_SEEN_AT]:
             out.append((named(c.effect, c.where), _smallest(c), "yes" if c.testable else "no"))
     return out
 
@@ -356,7 +356,7 @@ def _moved(finding: Finding) -> list[dict[str, str]]:
                 "before": _value(m.before, m.before_std),
                 "after": _value(m.after, m.after_std),
                 "sigmas": "" if sigmas is None else f"{sigmas:.1f}",
-                "class": "moved" if sigmas is not None and sigmas > 2 else "",
+                "class": "moved" if sigmas is not None and sigmas > _CHANGED else "",
             }
         )
     return out
@@ -393,6 +393,6 @@ def _noise(finding: Finding) -> list[str]:
         by = ", ".join(f"{COMPONENTS[a]} {numbers.milli(s)} {units[a > 2]}" for a, s in n.by_axis.items())
         lines.append(f"the noise differs between axes: {by}")
     for what, power in n.growth.items():
-        if abs(power) > 0.25:
+        if abs(power) > _GROWS:
             lines.append(f"the noise changes with the {what} (power {power:+.2f})")
     return lines

@@ -15,7 +15,7 @@ from symstiff.calibration.measurements import COMPONENTS
 from symstiff.discrepancy.finding import Finding
 from symstiff.discrepancy.localise import back_project
 from symstiff.discrepancy.result import Found
-from symstiff.discrepancy.speech import named
+from symstiff.discrepancy.speech import named, sentence_case
 from symstiff.report.plots import AFTER, LAW, Picture, drawing
 from symstiff.report.tables import rotates, shift, weights
 from symstiff.report.unnamed import law_text
@@ -24,6 +24,12 @@ from symstiff.symbolic.program import walk
 from symstiff.symbolic.terms import q, tau
 
 _GRID = 240
+"""Points of a curve."""
+_LOOSE, _HEAVY = 6.0, 0.1
+"""Standard deviation, over the median one, from which a pose hardly moves with a joint and says nothing of it; share of
+the largest load from which a deflection is shown over its load."""
+_LONG = 2 * 3600.0
+"""Session [s] from which its time is shown in hours."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -119,8 +125,7 @@ def draw_unnamed(finding: Finding) -> Picture | None:
 
 
 def _title(effect: Found) -> str:
-    name = named(effect.effect, effect.where)
-    return name[:1].upper() + name[1:]
+    return sentence_case(named(effect.effect, effect.where))
 
 
 def _beside(finding: Finding, effect: Found) -> list[Found]:
@@ -174,7 +179,7 @@ def _points(finding: Finding, law: _Law, partial: Array) -> _Points | None:
     first = np.array([np.flatnonzero((problem.pose == p) & (problem.case == c))[0] for p, c in cells])
     good = np.isfinite(seen.deviation)
     tight = np.median(seen.deviation[good]) if good.any() else np.inf
-    good &= seen.deviation < 6 * tight  # poses that hardly move with this joint say nothing of it
+    good &= seen.deviation < _LOOSE * tight
     rows = first[good]
     time = None if problem.time is None or not np.ptp(problem.time) else problem.time[rows]
     return _Points(
@@ -218,13 +223,13 @@ def _draw(finding: Finding, law: _Law, points: _Points, name: str, ratio: bool =
     if per_load is not None:
         per_load = scale * per_load[0], 1e3 * per_load[1]
     if carries and (ratio or per_load is not None) and len(angle):
-        heavy = np.abs(points.tau) > 0.1 * np.abs(points.tau).max()
+        heavy = np.abs(points.tau) > _HEAVY * np.abs(points.tau).max()
         t = points.tau[heavy]
         y, deviation, line = (1e3 * d[heavy] / x for d, x in zip(delta, (t, np.abs(t), t), strict=True))
         label = f"{moved}/τ [{'µrad' if unit == 'mrad' else 'nm'}/({moment})]"
         panels.append(_Panel(scale * angle[heavy], q_label, y, deviation, line, per_load, label))
     if points.time is not None:
-        long = np.ptp(points.time) > 2 * 3600 if len(points.time) else False
+        long = np.ptp(points.time) > _LONG if len(points.time) else False
         panels.append(_Panel(points.time / (3600 if long else 1), f"time [{'h' if long else 's'}]", *delta))
     with drawing(name, 9.0, 3.0 if len(panels) < 4 else 2.6) as (figure, out):
         grid = figure.subplots(1, len(panels), squeeze=False)[0]

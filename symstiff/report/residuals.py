@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from symstiff.calibration.measurements import COMPONENTS
 from symstiff.calibration.rows import predict
 from symstiff.discrepancy.numbers import milli
 
@@ -14,8 +15,6 @@ if TYPE_CHECKING:
     from symstiff.calibration.identify import Identification
     from symstiff.calibration.measurements import Measurements
     from symstiff.model import StiffnessModel
-
-AXES = ("x", "y", "z")
 
 
 def draw_residuals(result: Identification) -> Any:
@@ -26,7 +25,7 @@ def draw_residuals(result: Identification) -> Any:
     before, residuals, first, last = _sizes(result)
     figure = Figure(figsize=(10, 3.2), layout="constrained")
     axes = figure.subplots(1, 4, width_ratios=(1, 1, 1, 1.6))
-    for k, name in enumerate(AXES):
+    for k, name in enumerate(COMPONENTS[:3]):
         known = residuals[np.isfinite(residuals[:, k]), k]
         if known.size:
             axes[k].hist(known, bins=21, color="C0")

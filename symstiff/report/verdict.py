@@ -8,8 +8,8 @@ from typing import Any
 
 import numpy as np
 
-from symstiff.discrepancy.finding import Finding
-from symstiff.discrepancy.result import CandidateResult, Found, Name, Quantity
+from symstiff.discrepancy.finding import Finding, Rung
+from symstiff.discrepancy.result import CandidateResult, Found, Inconstancy, Name, Quantity
 from symstiff.discrepancy.sharing import JOINTS
 from symstiff.discrepancy.strata import Stratum
 from symstiff.display import finite
@@ -44,22 +44,11 @@ def verdict_table(finding: Finding, decide: Mapping[str, Any] | None = None) -> 
         "noise": _noise(finding),
         "strata": [_stratum(s) for s in finding.steps[0].strata],
         "strata_left": [_stratum(s) for s in finding.steps[-1].strata],
-        "steps": [
-            {
-                "title": s.title,
-                "parameters": s.parameters,
-                "p_left": finite(s.p_left),
-                "residuals": {k: {"max": v.max, "rms": v.rms} for k, v in sizes_of(finding, s.residual).items()},
-            }
-            for s in finding.steps
-        ],
+        "steps": [_step(finding, s) for s in finding.steps],
         "accused": (last.localisation.accused or None) if last.localisation else None,
         "law": _law(finding),
         "device_law": _device_law(finding),
-        "inconstant": [
-            {**_name(o.name), "by": o.by, "p_value": finite(o.p_value), "share": o.share, "low": o.low, "high": o.high}
-            for o in last.inconstant
-        ],
+        "inconstant": [_inconstant(o) for o in last.inconstant],
         "confusability": {
             "names": [_name(n) for n in last.confusability_names],
             "noncentrality": np.asarray(last.confusability).tolist(),
@@ -144,6 +133,27 @@ def _stratum(s: Stratum) -> dict[str, Any]:
         "ratio": finite(s.ratio),
         "p_value": finite(s.p_value),
     }
+
+
+def _step(finding: Finding, s: Rung) -> dict[str, Any]:
+    sizes = sizes_of(finding, s.residual)
+    return {
+        "title": s.title,
+        "parameters": s.parameters,
+        "p_left": finite(s.p_left),
+        "residuals": {k: {"max": v.max, "rms": v.rms} for k, v in sizes.items()},
+    }
+
+
+def _inconstant(one: Inconstancy) -> dict[str, Any]:
+    ways = {
+        "by": one.by,
+        "p_value": finite(one.p_value),
+        "share": one.share,
+        "low": one.low,
+        "high": one.high,
+    }
+    return {**_name(one.name), **ways}
 
 
 def _noise(finding: Finding) -> dict[str, Any]:

@@ -13,9 +13,10 @@ from symstiff.discrepancy.numbers import decimals_between, milli, p_equals, quan
 from symstiff.discrepancy.reasons import Why
 from symstiff.discrepancy.remarks import FEW, hiding
 from symstiff.discrepancy.result import Found, Name, Quantity
-from symstiff.discrepancy.speech import law_place, named, place, sentence_case, spoken
+from symstiff.discrepancy.speech import law_place, named, sentence_case, spoken
 from symstiff.discrepancy.verdict import AMBIGUOUS, INSUFFICIENT, NAMED, NOTHING, UNEXPLAINED
 from symstiff.display import listing
+from symstiff.effects.places import DETAILS, place, site
 from symstiff.report.deciding import deciding
 from symstiff.report.instead import as_well
 from symstiff.report.tables import shift
@@ -25,6 +26,8 @@ _FEW = 3
 """Compliances of an effect up to which one of them says how large it is."""
 _TWO_DIGITS = 10.0
 """Units of the last digit from which a size has two."""
+MANY = 3
+"""Places of an effect up to which each is told by itself."""
 _SIZES = 2
 """Parameters of an effect at most that are told for being determined best."""
 LOUDER = 1.08
@@ -95,17 +98,13 @@ def places(wheres: Sequence[Mapping[str, Any]]) -> str:
     """Places as words, equal kinds together: ``at joints 1–4, 6``, ``at joint 2 (1–32 a turn)``."""
     numbers: dict[tuple[str, str], list[int]] = {}
     other: list[str] = []
-    harmonics: dict[str, list[int]] = {}
+    details = _details(wheres)
     for where in wheres:
-        if set(where) == {"joint", "harmonics"}:
-            harmonics.setdefault(place({"joint": where["joint"]}), []).extend(where["harmonics"])
-    for where in wheres:
-        key, value = next(iter(where.items()), ("", None))
-        if len(where) == 1 and key in ("joint", "link") and isinstance(value, int):
-            numbers.setdefault((key, ""), []).append(value)
-        elif set(where) == {"joint", "harmonics"}:
-            shown = _ranges(sorted(set(harmonics[place({"joint": where["joint"]})])))
-            numbers.setdefault(("joint", f" ({shown} a turn)"), []).append(where["joint"])
+        at = site(where)
+        key, value = next(iter(at.items()), ("", None))
+        if len(at) == 1 and key in ("joint", "link") and isinstance(value, int):
+            rest = details[place(at)] if len(at) < len(where) else ""
+            numbers.setdefault((key, rest), []).append(value)
         else:
             other.append(place(where))
     text = [
@@ -113,6 +112,18 @@ def places(wheres: Sequence[Mapping[str, Any]]) -> str:
         for (key, rest), n in numbers.items()
     ]
     return ", ".join([*text, *dict.fromkeys(other)])
+
+
+def _details(wheres: Sequence[Mapping[str, Any]]) -> dict[str, str]:
+    """The details of all places, together where they are of the same, by the place in words."""
+    values: dict[str, dict[str, set[Any]]] = {}
+    for where in wheres:
+        for key in DETAILS.keys() & where.keys():
+            values.setdefault(place(site(where)), {}).setdefault(key, set()).update(where[key])
+    return {
+        at: "".join(f" {DETAILS[key].format(_ranges(sorted(own)))}" for key, own in of.items())
+        for at, of in values.items()
+    }
 
 
 def _ranges(numbers: list[int]) -> str:
@@ -195,7 +206,7 @@ def confidence(group: Sequence[Found], bet: bool = False) -> str:
 
 
 def _told(finding: Finding, group: list[Found], bet: bool = False) -> list[str]:
-    if len(group) > 3:
+    if len(group) > MANY:
         count = sum(math.isfinite(size.std) for e in group for size in e.parameters.values())
         return [f"{names(group)} ({count} parameters, {confidence(group, bet)})"]
     return [

@@ -10,6 +10,7 @@ import numpy as np
 
 from symstiff.arrays import Array
 from symstiff.calibration.decomposition import unit_columns
+from symstiff.calibration.experiment.anywhere import any_loads, any_poses
 from symstiff.calibration.experiment.arm import Arm, drawn, standing
 from symstiff.calibration.experiment.full import full_laws
 from symstiff.calibration.experiment.placement import placed, placement_columns, turns_of
@@ -31,7 +32,6 @@ from symstiff.effects.registry import find
 from symstiff.model import StiffnessModel
 from symstiff.reduction.physical import Parameter as Compliance
 from symstiff.reduction.physical import physical_stages, terms_of
-from symstiff.reduction.structural import LOADS
 from symstiff.reduction.svd import svd
 from symstiff.robot import Robot
 from symstiff.symbolic.algebras import evaluate_numpy
@@ -149,9 +149,8 @@ def _shares(model: StiffnessModel, hidden: Sequence[Compliance], table: Measurem
     points = tuple(experiment_of(table, model.robot).points)
     program = _program(model.robot, parameters, points)
     rng = np.random.default_rng(0)
-    q = np.array([rng.uniform(*j.range, size=_POSES) for j in model.robot.joint]).T
-    q[:, table.still] = table.q[0, table.still]
-    w = rng.normal(size=(_POSES, 6)) * [k in LOADS[model.loads] for k in range(1, 7)]
+    q = any_poses(model.robot, rng, _POSES, table.standing)
+    w = any_loads(model.loads, rng, _POSES)
     A = evaluate_numpy(program, q=q, w=w)["A"]
     A = (A[:, :3] if model.measure == "position" and not points else A).reshape(-1, len(parameters))
     size = np.linalg.norm(A, axis=0)

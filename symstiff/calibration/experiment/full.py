@@ -14,7 +14,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from symstiff.arrays import Array
+from symstiff.arrays import TINY, Array
 from symstiff.calibration.decomposition import unit_columns
 from symstiff.calibration.experiment.situation import Laws, View, Weigh, linear_columns
 from symstiff.model import StiffnessModel
@@ -44,7 +44,7 @@ def full_laws(
     target = weigh(y[:, None])[:, 0]
     size = _sizes(model, parameters, _slender(view), apart)
     guess = A @ np.where([p.is_coupling for p in parameters], 0.0, size)
-    scale = max(float(guess @ target) / max(float(guess @ guess), 1e-300), 0.0) or 1e-7
+    scale = max(float(guess @ target) / max(float(guess @ guess), TINY), 0.0) or 1e-7
     size = size * scale
     mean = np.where([p.is_coupling for p in parameters], 0.0, size)
     rows = np.hstack([A * size, weigh(further)])

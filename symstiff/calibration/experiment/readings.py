@@ -33,11 +33,7 @@ def experiment_of(table: Measurements, robot: Robot) -> ExperimentClass:
     """Read the class of the experiment from the columns that vary."""
     used = np.abs(table.w).max(axis=0) > 0
     loads = "wrench" if used[3:].any() else ("force" if used[:2].any() else "gravity")
-    still = {
-        i: float(table.q[0, i - 1])
-        for i, stands in enumerate(table.still, start=1)
-        if stands and len(table.labels) > 1
-    }
+    still = table.standing if len(table.labels) > 1 else {}
     if table.measured[:, 3:].any():
         return ExperimentClass(loads, "pose", still)
     measure, points = read_at(robot, table.points)

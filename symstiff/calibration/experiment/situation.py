@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 import sympy as sp
 
-from symstiff.arrays import Array, Index
+from symstiff.arrays import TINY, Array, Index, numbered
 from symstiff.calibration.loading import turn_of
 from symstiff.calibration.measurements import Measurements
 from symstiff.effects.base import Body, at_lever
@@ -263,8 +263,7 @@ class Situation:
     @property
     def row_pose(self) -> Index:
         """(M,) position in ``labels``."""
-        _, number = np.unique(self.view.table.pose, return_inverse=True)
-        return np.asarray(number.reshape(-1)[self.view.state], dtype=np.intp)
+        return np.asarray(numbered(self.view.table.pose)[self.view.state])
 
     @property
     def row_axis(self) -> Index:
@@ -309,7 +308,7 @@ class Situation:
 
     def slope(self, loads: Array) -> Array:
         """(N, V) change of the deflections by each unit of further loads (N, V), where the loads are now."""
-        step = _STEP * float(np.abs(self.view.tau).max()) / max(float(np.abs(loads).max()), 1e-300)
+        step = _STEP * float(np.abs(self.view.tau).max()) / max(float(np.abs(loads).max()), TINY)
         return self.respond(step * loads) / step if step > 0 else self.respond(loads)
 
     def rows(self, twists: Array) -> Array:

@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy as np
 
-from symstiff.arrays import Array
+from symstiff.arrays import TINY, Array
 from symstiff.calibration.simulation.chain import Chain, Posture, posture
 from symstiff.errors import UserError
 
@@ -158,9 +158,7 @@ def _newton(mechanism: Mechanism, states: States, theta: Array) -> Array:
             step = np.linalg.solve(slopes, residual[:, :, None])[:, :, 0]
         except np.linalg.LinAlgError:  # some row has nowhere to go
             break
-        factor = np.minimum(
-            1.0, 0.5 / np.abs(step).max(axis=1, initial=1e-300)
-        )  # no turn beyond half a radian
+        factor = np.minimum(1.0, 0.5 / np.abs(step).max(axis=1, initial=TINY))  # no turn beyond half a radian
         for _ in range(12):
             trial = theta - factor[:, None] * step
             after = trial - response(mechanism, states, trial)
