@@ -46,7 +46,7 @@ def test_a_model_that_left_out_poses_refute_does_not_take_over(
     """Four poses fit all links and predict none."""
     narrow = replace(some, verdict="unexplained", rms=Rms(2.0, 2.0, 2.1, 2.1, 0.9))
     axes = np.zeros(ROWS, dtype=np.intp)
-    assert links_leave_less(replace(some, rms=wider), narrow, axes) is better
+    assert links_leave_less(replace(some, rms=wider), narrow, axes, ROWS) is better
 
 
 @pytest.mark.parametrize(("explained", "better"), [(0.3, False), (0.05, True)])
@@ -66,15 +66,18 @@ def test_a_law_of_the_device_is_a_simpler_account_than_all_links(
     )
     whole = replace(step, residual=left * np.sqrt(0.75), known=16)
     wide = replace(some, growth=(whole,), rms=Rms(1.0, 1.0, 1.2, 1.0, 0.9))
-    assert links_leave_less(wide, narrow, np.zeros(ROWS, dtype=np.intp)) is better
+    assert links_leave_less(wide, narrow, np.zeros(ROWS, dtype=np.intp), ROWS) is better
 
 
 @pytest.mark.parametrize(
-    ("explained", "held_out", "better"),
-    [(0.0, 0.9, False), (14.0, 0.9, False), (60.0, 0.9, True), (60.0, 1.1, False)],
-)
+    ("explained", "held_out", "shared", "better"),
+    [
+        (0.0, 0.9, 0.0, False), (14.0, 0.9, 0.0, False), (60.0, 0.9, 0.0, True), (60.0, 1.1, 0.0, False),
+        (60.0, 0.9, 0.5, False),  # what ten rows of a reading share may be 2.8 times as much
+    ],
+)  # fmt: skip
 def test_links_that_were_named_give_way_to_what_is_significantly_more(
-    some: Diagnosis, explained: float, held_out: float, better: bool
+    some: Diagnosis, explained: float, held_out: float, shared: float, better: bool
 ) -> None:
     """Ten parameters more explain χ² of 10 ± 4.5 by chance, and of 60 with 4e-9."""
     noise = some.noise.by_component()[0]
@@ -91,8 +94,9 @@ def test_links_that_were_named_give_way_to_what_is_significantly_more(
         growth=(replace(step, known=2), few),
         rms=Rms(2.0, 1.0, 2.1, 1.0, 0.9),
     )
-    wide = replace(some, growth=(whole,), rms=Rms(1.0, 1.0, held_out, held_out, 0.9))
-    assert links_leave_less(wide, narrow, np.zeros(ROWS, dtype=np.intp)) is better
+    shares = replace(some.noise, approach=shared * some.noise.sigma)
+    wide = replace(some, growth=(whole,), rms=Rms(1.0, 1.0, held_out, held_out, 0.9), noise=shares)
+    assert links_leave_less(wide, narrow, np.zeros(ROWS, dtype=np.intp), ROWS // 10) is better
 
 
 @pytest.mark.parametrize(

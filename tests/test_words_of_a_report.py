@@ -128,6 +128,10 @@ def test_what_is_not_determined_is_counted_as_that() -> None:
     faint = {"x": Quantity(1e-6, 4e-6, "m")}
     assert main_parameters(replace(drift, parameters=faint)) == "x = (1.0 ± 4.0)·10⁻³ mm (not told from zero)"
     assert main_parameters(replace(drift, parameters={"x": Quantity(0.0, float("inf"), "m")})) == ""
+    weight = {"m": Quantity(1.76, 0.23, "kg"), "mx": Quantity(0.0, float("inf"), "kg*m")}
+    assert main_parameters(replace(drift, parameters=weight)) == (
+        "m = 1.76 ± 0.23 kg with mx held at zero, which these data do not tell"
+    )
 
 
 @pytest.mark.parametrize(

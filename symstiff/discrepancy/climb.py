@@ -30,7 +30,7 @@ from symstiff.reduction.physical import physical_stages
 from symstiff.robot.schema import Robot
 from symstiff.symbolic.terms import Term
 
-_SIGNIFICANT = 1e-3
+_SIGNIFICANT = 1e-4
 """Chance below which the complete model takes the place of few links that were named."""
 _SUREST = 0.99
 """Confidence, at most, in a test of nested models: what neither holds is not asked."""
@@ -71,7 +71,7 @@ class Wider:
         open_end = narrow.verdict in (INSUFFICIENT, UNEXPLAINED)
         if not self.parts:
             dear = not (open_end and self.prices) or _worth(wide, narrow, component, readings) > self.prices
-            return dear and links_leave_less(wide, narrow, component)
+            return dear and links_leave_less(wide, narrow, component, readings)
         if open_end and _dearly(wide, narrow, component, readings, self.prices):
             return True
         own = {key_of(e.effect, e.where) for e in self.parts}
@@ -206,7 +206,7 @@ def _is_frame(terms: Sequence[Term], link: int) -> bool:
     return [t.at for t in terms] == list(link_axes(link)) and all(t.factor.is_number for t in terms)
 
 
-def links_leave_less(wide: Diagnosis, narrow: Diagnosis, component: Index) -> bool:
+def links_leave_less(wide: Diagnosis, narrow: Diagnosis, component: Index, readings: int) -> bool:
     """Whether the complete model leaves less than the narrow one, also on poses left out where there are any.
 
     Of a narrow one with links that were named it has to leave significantly less: few links are the simpler account.
@@ -214,7 +214,7 @@ def links_leave_less(wide: Diagnosis, narrow: Diagnosis, component: Index) -> bo
     others = narrow.rms.held_out_before
     if narrow.verdict in (NAMED, AMBIGUOUS):
         others = narrow.rms.held_out_after
-        if not _chance(wide, narrow, component) < _SIGNIFICANT:
+        if not _chance(wide, narrow, component, readings) < _SIGNIFICANT:
             return False
     elif not wide.rms.before < narrow.rms.before or _told_by_a_law(wide, narrow, component):
         return False
@@ -278,15 +278,21 @@ def _told_by_a_law(wide: Diagnosis, narrow: Diagnosis, component: Index) -> bool
     return bool(rows * np.log(less / (left * (1.0 - law.explained))) + more * np.log(rows) > 0)
 
 
-def _chance(wide: Diagnosis, narrow: Diagnosis, component: Index) -> float:
-    """p-value of what the complete model explains beyond links that were named, an F test of nested models."""
+def _chance(wide: Diagnosis, narrow: Diagnosis, component: Index, readings: int) -> float:
+    """p-value of what the complete model explains beyond links that were named, an F test of nested models.
+
+    What the rows of a pose share is taken to lie in what it explains, which is the worst that it may do.
+    """
     last = narrow.growth[-1]
+    shared = (wide.noise.approach / wide.noise.sigma) ** 2
+    worst = (1.0 + shared * len(component) / readings) / (1.0 + shared)
     left, less = _squares(wide, component, last, wide.growth[0])
     known, fewer = wide.growth[0].known, last.known
     freedom = len(component) - known
     if known <= fewer or freedom <= 0:
         return 1.0
-    return float(stats.f.sf((left - less) / (known - fewer) / (less / freedom), known - fewer, freedom))
+    ratio = (left - less) / (known - fewer) / (less / freedom)
+    return float(stats.f.sf(ratio / worst, known - fewer, freedom))
 
 
 def _of_links(found: Diagnosis, fitted: StiffnessModel) -> Iterator[Found]:

@@ -15,7 +15,7 @@ from symstiff.discrepancy.remarks import FEW, hiding
 from symstiff.discrepancy.result import Found, Name, Quantity
 from symstiff.discrepancy.speech import law_place, named, sentence_case, spoken
 from symstiff.discrepancy.verdict import AMBIGUOUS, INSUFFICIENT, NAMED, NOTHING, UNEXPLAINED
-from symstiff.display import listing
+from symstiff.display import few, listing
 from symstiff.effects.places import DETAILS, place, site
 from symstiff.report.deciding import deciding
 from symstiff.report.instead import as_well
@@ -59,8 +59,8 @@ def size(value: float | None, finding: Finding, decimals: int | None = None) -> 
     unit = "mm" if finding.table.measured[:, :3].any() else "mrad"
     if value is None:
         return "–"
-    few = decimals is None or 1e3 * value * 10**decimals < _TWO_DIGITS
-    return f"{milli(value) if few else f'{1e3 * value:.{decimals}f}'} {unit}"
+    rough = decimals is None or 1e3 * value * 10**decimals < _TWO_DIGITS
+    return f"{milli(value) if rough else f'{1e3 * value:.{decimals}f}'} {unit}"
 
 
 def headline(finding: Finding) -> str:
@@ -154,7 +154,10 @@ def sentence(finding: Finding, decide: Mapping[str, Any] | None = None) -> str:
 
 
 def main_parameters(effect: Found) -> str:
-    """The best determined parameters of an effect, and its mass, as text; of the others how many are determined."""
+    """The best determined parameters of an effect, and its mass, as text; of the others how many are determined.
+
+    Those that the data do not tell are zero, and what they would make counts in the others.
+    """
     sizes = effect.parameters
     known = [n for n, e in sizes.items() if math.isfinite(e.std) and e.std > 0]
     if not known:
@@ -162,10 +165,12 @@ def main_parameters(effect: Found) -> str:
     best = sorted(known, key=lambda n: -abs(sizes[n].value) / sizes[n].std)
     shown = [best[0], *(n for n in best[1:_SIZES] if _determined(sizes[n]))]
     shown += [n for n, e in sizes.items() if e.unit == "kg" and n not in shown]
-    rest = [_determined(e) for n, e in sizes.items() if n not in shown]
+    held = [n for n, e in sizes.items() if n not in shown and e.value == 0.0 and not math.isfinite(e.std)]
+    rest = [_determined(e) for n, e in sizes.items() if n not in (*shown, *held)]
     text = [f"{n} = {quantity(sizes[n])}{_doubt(sizes[n])}" for n in shown]
     text += [f"{sum(rest)} more"] * any(rest) + [f"{rest.count(False)} not told from zero"] * (not all(rest))
-    return listing(text)
+    zero = f" with {few(held, 2)} held at zero, which these data do not tell" if held else ""
+    return listing(text) + zero
 
 
 def _determined(size: Quantity) -> bool:
