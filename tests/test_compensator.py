@@ -15,7 +15,7 @@ from symstiff.effects.base import Scales
 from symstiff.effects.instance import EffectInstance
 from symstiff.effects.registry import find
 from symstiff.report.words import shape_text
-from symstiff.robot import load
+from symstiff.robot import load, parse
 from symstiff.symbolic.terms import q
 from tests.test_assemble import design, readings
 
@@ -93,3 +93,26 @@ def test_where_the_file_tells_of_no_compensator_the_name_says_what_else_it_may_b
     shape = {"a": 1.0, "L": 0.3, "s0": 0.5, "alpha": 0.4}
     said = EffectInstance("gravity_compensator", {"joint": 2}, shape).assumptions(load(robot))
     assert any("the robot file tells of no compensator" in remark for remark in said) is told
+
+
+SLIDE = '[[joint]]\ntype = "prismatic"\na = 0\nd = 0\nalpha = "pi/2"\ntheta = 0\nlimits = [0, 2]\n'
+SHOULDER = '[[joint]]\na = 0\nalpha = "{}"\nd = 0.4\nlimits = [-2, 2]\n'
+ARM = "[[joint]]\na = 0.6\nalpha = 0\nd = 0\nlimits = [-2, 2]\n"
+
+
+@pytest.mark.parametrize(
+    ("joints", "places"),
+    [
+        (SHOULDER.format("pi/2") + ARM + ARM, [{"joint": 2}]),
+        (SLIDE + SHOULDER.format("pi/2") + ARM + ARM, [{"joint": 3}]),
+        (SLIDE + SHOULDER.format("0") + ARM, []),  # axes that stay upright carry no weight
+        (SHOULDER.format("pi/2") + SLIDE + ARM, []),
+        (SLIDE + ARM, []),
+    ],
+)
+def test_a_compensator_is_looked_for_at_the_second_joint_that_turns(
+    joints: str, places: list[dict[str, int]]
+) -> None:
+    """An arm on a track has its shoulder at joint 3."""
+    robot = parse(f'format = 1\nname = "arm"\n{joints}'.encode())
+    assert [dict(place) for place in find("gravity_compensator").places(robot)] == places

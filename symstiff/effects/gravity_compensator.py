@@ -203,10 +203,11 @@ def _moves(robot: Robot, shape: Shape) -> Mapping[str, Move]:
 def _places(robot: Robot) -> tuple[Where, ...]:
     if robot.gravity_compensator is not None:
         return ({"joint": robot.gravity_compensator.joint},)
-    if robot.dof < 2 or any(j.prismatic for j in robot.joint[:2]):
+    turning = [k for k, j in enumerate(robot.joint, start=1) if not j.prismatic][:2]
+    if len(turning) < 2 or turning[1] != turning[0] + 1:
         return ()
-    upright = float(ElasticChain(robot).rows[0].alpha) % math.pi < 1e-9
-    return () if upright else ({"joint": 2},)
+    upright = float(ElasticChain(robot).rows[turning[0] - 1].alpha) % math.pi < 1e-9
+    return () if upright else ({"joint": turning[1]},)
 
 
 EFFECT = Effect(
