@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import replace
 from types import SimpleNamespace
 from typing import Any, cast
@@ -13,7 +14,7 @@ from symstiff.arrays import Array
 from symstiff.discrepancy import search, verdict, workshop
 from symstiff.discrepancy.assemble import assemble
 from symstiff.discrepancy.bank import build
-from symstiff.discrepancy.examine import beyond, examine
+from symstiff.discrepancy.examine import _as_single, beyond, examine
 from symstiff.discrepancy.prepare import prepare
 from symstiff.discrepancy.problem import ANGLE, CLOCK, Candidate, Parameter, Problem
 from symstiff.discrepancy.reasons import Why
@@ -295,6 +296,17 @@ def test_a_size_out_of_its_range_costs_what_the_data_say_against_the_range(off: 
     assert kept is None or (kept.score, kept.lost) == pytest.approx(
         (10.0 - kept.lost, 0.5 * max(off, 0.0) ** 2)
     )
+
+
+def test_the_furthest_of_several_sizes_may_be_out_of_range_by_more_than_one_size_alone() -> None:
+    """Of six diagonal compliances that are nearly zero one is two deviations below it in every eighth table."""
+    furthest = np.random.default_rng(5).normal(size=(40_000, 6)).max(axis=1)
+    as_single = np.array([_as_single(z, 6) for z in furthest if z > 0])
+    for deviations in (1.0, 2.0, 2.5):
+        share = np.sum(as_single > deviations) / len(furthest)
+        assert share == pytest.approx(0.5 * math.erfc(deviations / math.sqrt(2.0)), rel=0.12)
+    assert _as_single(2.2, 1) == 2.2
+    assert _as_single(50.0, 6) == 50.0
 
 
 def test_another_shape_of_a_law_is_one_by_the_same_things() -> None:

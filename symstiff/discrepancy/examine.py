@@ -9,6 +9,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import replace
 
 import numpy as np
+from scipy.stats import norm
 
 from symstiff.arrays import TINY, Array
 from symstiff.discrepancy.bank import Bank
@@ -58,6 +59,8 @@ ROUNDING = 1e-9
 """Share of the readings that the model leaves, from which there is something to test."""
 _NEXT = 4
 """Virtual joints that would explain most at which a law is looked for where there is none at the accused one."""
+_FAR = 8.0
+"""Standard deviations that are out of range of however many."""
 LEAST_FREEDOM = 5
 """Degrees of freedom outside the model below which no test is made."""
 
@@ -126,14 +129,26 @@ def untestable(problem: Problem) -> Reason | None:
 
 
 def beyond(problem: Problem, ready: Prepared, proposal: Proposal) -> float:
-    """Log likelihood that a set loses where the coefficient that is furthest out of its physical range moves there."""
+    """Log likelihood that a set loses where the coefficient that is furthest out of its physical range moves there.
+
+    The furthest of several that are zero or more may be out by more than a single one.
+    """
     estimate, deviation, _ = coefficients(ready.scan, problem.A, problem.y, proposal.entries)
     bank = ready.bank
     sizes = [p for e in proposal.entries for p in bank.parameters(e)[: int(bank.width[e])]]
     value, margin = estimate[problem.A.shape[1] :], deviation[problem.A.shape[1] :]
     low, high = np.array([(p.low, p.high) for p in sizes]).T
     outside = np.maximum(np.maximum(low - value, value - high), 0.0)
-    return 0.5 * float(np.max(outside / np.maximum(margin, TINY), initial=0.0)) ** 2
+    furthest = float(np.max(outside / np.maximum(margin, TINY), initial=0.0))
+    return 0.5 * _as_single(furthest, int(np.sum(low >= 0))) ** 2
+
+
+def _as_single(deviations: float, count: int) -> float:
+    """Standard deviations of one size that are as rare as these are of the largest of several."""
+    if count < 2 or deviations > _FAR:
+        return deviations
+    chance = -np.expm1(count * np.log1p(-norm.sf(deviations)))
+    return max(float(norm.isf(chance)), 0.0)
 
 
 def against_sigma(outcome: Outcome, report: NoiseReport) -> Outcome:
