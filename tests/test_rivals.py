@@ -49,7 +49,8 @@ def test_a_law_without_a_name_may_take_the_place_of_one_member_or_of_all(
         (2.9, 0.9, True, False, False, True),  # the same thing, seen elsewhere
         (4.0, 0.9, True, False, True, True),  # and far better
         (4.0, 0.9, False, False, True, False),  # a large space holds anything
-        (4.0, 0.6, True, True, False, False),  # the shape of the member's own law
+        (2.9, 0.6, True, True, False, False),  # the shape of the member's own law
+        (4.0, 0.6, True, True, True, False),  # and far better: an encoder's scale is no wave
         (4.0, 0.6, True, False, True, False),
     ],
 )

@@ -22,6 +22,8 @@ _RIVALS, _FAR, _AHEAD = 40, 8.0, 3.0
 """Unnamed laws at most that may take a member's place, log evidence by which they may trail, and by which one that
 describes what a member does, as a compliance that follows a joint does what a compensator does, has to lead to be a
 rival all the same."""
+_CLEARLY = 0.1
+"""Share of a set's score by which another shape of a member's law has to lead as well: no shape is at hand exactly."""
 
 
 @dataclass(frozen=True)
@@ -81,7 +83,8 @@ def _in_place(
         if not lead > -_FAR:
             break
         share, narrow = _inside(scan, law, old)
-        if share > SAME_PLACE and any(scan.bank.another_shape(law, e) for e in old):
+        shape = share > SAME_PLACE and any(scan.bank.another_shape(law, e) for e in old)
+        if shape and lead <= max(_AHEAD, _CLEARLY * proposal.score):
             continue
         same = share > SAME_SIGNAL and narrow
         if same:
