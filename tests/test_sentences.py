@@ -15,6 +15,7 @@ from symstiff.calibration.simulation.truth import truth_from_table
 from symstiff.discrepancy.conclusion import _beyond_code
 from symstiff.discrepancy.finding import Finding, Task
 from symstiff.discrepancy.result import Instead, Name
+from symstiff.discrepancy.speech import joint_words
 from symstiff.discrepancy.strata import Stratum
 from symstiff.discrepancy.workflow import diagnose
 from symstiff.effects.instance import EffectInstance
@@ -131,3 +132,8 @@ def test_what_the_code_leaves_of_a_large_deflection_is_told_in_millimetres() -> 
     assert float(re.findall(r"leave ([\d.]+) mm rms", told)[0]) == pytest.approx(size, rel=1e-3)
     assert _beyond_code(grown, table, 1e-3 * size) == []  # it leaves no more than with it
     assert _beyond_code(model, table, 2e-5) == []
+
+
+def test_laws_of_loads_are_told_in_words_where_they_have_some() -> None:
+    assert joint_words("tau, late") == "a load that is followed late, as what creeps follows it"
+    assert joint_words("tau*sin(q2)") == "a law of tau·sin(q2)"

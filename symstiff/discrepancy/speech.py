@@ -18,6 +18,13 @@ _DEVICE = {
     "late": "a reading that still holds a share of the load before",
 }
 
+_JOINT = {
+    "tau, late": "a load that is followed late, as what creeps follows it",
+    "tau by load_case": "a load that tells more the later it comes in its pose, as on what creeps",
+    "tau beyond a threshold": "the part of the load that is above a threshold",
+    "branch*tau": "friction in proportion to the load",
+}
+
 
 def spoken(effect: str) -> str:
     """An effect's identifier as words."""
@@ -39,6 +46,11 @@ def law_words(name: str) -> str:
     """A law of a device in words; ``^1`` is left unsaid."""
     article = "an" if name[0] in "aeo" else "a"
     return _DEVICE.get(name, f"{article} {name.removesuffix('^1')}")
+
+
+def joint_words(law: str) -> str:
+    """A law of a joint's or link's load in words, as far as it has some."""
+    return _JOINT.get(law, f"a law of {law.replace('*', '·')}")
 
 
 def sentence_case(text: str) -> str:
