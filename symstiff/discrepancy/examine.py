@@ -28,7 +28,8 @@ from symstiff.discrepancy.prepare import Prepared, noise_told_anew, prepare
 from symstiff.discrepancy.problem import Candidate, Options, Problem, key_of
 from symstiff.discrepancy.proof import HeldOut, held_out, poses_of_their_own
 from symstiff.discrepancy.reasons import Reason, Why
-from symstiff.discrepancy.result import Diagnosis, Name, Rms
+from symstiff.discrepancy.result import Diagnosis, Inconstancy, Name, Rms
+from symstiff.discrepancy.rivals import AS_MUCH
 from symstiff.discrepancy.scan import Evidence, Scan, coefficients, column_space, one_sharing
 from symstiff.discrepancy.strata import Stratum, strata
 from symstiff.discrepancy.tables import (
@@ -102,10 +103,15 @@ def examine(
     outcome = against_sigma(
         refuted(outcome) if proof is not None and proof.refutes else outcome, ready.report
     )
+    changing = inconstancies(problem, ready, outcome.admissible[0].entries) if outcome.admissible else ()
+    unconfirmed = proof is not None and proof.after >= proof.before
+    outcome = outdone(outcome) if changing or unconfirmed else outcome
     tell("place")
     place = localise(problem, ready.scan, outcome.found, ready.residual)
     place = place if outcome.because.why is not Why.ONE_STRATUM else replace(place, accused="")
-    return _written(problem, candidates, ready, parts, allowed, outcome, place, proof, options, tell)
+    return _written(
+        problem, candidates, ready, parts, allowed, outcome, place, proof, changing, options, tell
+    )
 
 
 def named_among(bank: Bank, names: Sequence[Name]) -> list[int]:
@@ -161,8 +167,8 @@ def against_sigma(outcome: Outcome, report: NoiseReport) -> Outcome:
 
 def _written(
     problem: Problem, candidates: Sequence[Candidate], ready: Prepared, parts: tuple[Stratum, ...],
-    allowed: Array, outcome: Outcome, place: Localisation, proof: HeldOut | None, options: Options,
-    tell: Callable[[str], None],
+    allowed: Array, outcome: Outcome, place: Localisation, proof: HeldOut | None,
+    changing: tuple[Inconstancy, ...], options: Options, tell: Callable[[str], None],
 ) -> Diagnosis:  # fmt: skip
     scan: Scan = ready.scan
     tell("growth")
@@ -178,8 +184,7 @@ def _written(
         outcome.p_named, outcome.p_unnamed, ready.report, parts, place, law, device, growth,
         Rms(growth[0].rms, growth[-1].rms, proof.before if proof else None, proof.after if proof else None,
             noise_floor(ready)),
-        proof, D, names, leading(problem, ready, outcome), alike(ready, outcome),
-        inconstancies(problem, ready, outcome.admissible[0].entries) if outcome.admissible else (),
+        proof, D, names, leading(problem, ready, outcome), alike(ready, outcome), changing,
     )  # fmt: skip
 
 
@@ -202,12 +207,20 @@ def _proof(
 
 def refuted(outcome: Outcome) -> Outcome:
     """The verdict where the poses that were left out speak against the name: it says no more than who leads."""
-    if outcome.verdict not in (NAMED, AMBIGUOUS):
-        return outcome
+    return _leader_alone(outcome, Why.REFUTED) if outcome.verdict in (NAMED, AMBIGUOUS) else outcome
+
+
+def outdone(outcome: Outcome) -> Outcome:
+    """The verdict where its size or other poses speak against a name: none, if a law that does the same does more."""
+    law = outcome.admissible[0].rivals.alike if outcome.verdict == NAMED else None
+    return _leader_alone(outcome, Why.AS_WELL) if law is not None and law.lead > AS_MUCH else outcome
+
+
+def _leader_alone(outcome: Outcome, why: Why) -> Outcome:
     even = tuple(min(c, EVEN) for c in outcome.confidence)
     return replace(
-        outcome, verdict=INSUFFICIENT, because=Reason(Why.REFUTED), admissible=outcome.admissible[:1], confidence=even
-    )  # fmt: skip
+        outcome, verdict=INSUFFICIENT, because=Reason(why), admissible=outcome.admissible[:1], confidence=even
+    )
 
 
 def _law(problem: Problem, scan: Scan, found: Evidence, place: Localisation) -> FittedLaw | None:
