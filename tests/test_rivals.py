@@ -78,7 +78,7 @@ def test_a_law_that_describes_what_a_member_does_is_a_rival_where_it_does_so_far
 def test_a_doubted_name_is_none_where_a_law_that_does_the_same_explains_more(
     verdict: str, lead: float | None, told: str
 ) -> None:
-    """Its size follows something, or poses that were left out do not confirm it: that creeps which was hysteresis."""
+    """Poses that were left out do not confirm it: a gear that creeps was hysteresis with 0.67."""
     same = None if lead is None else rivals.Alike(3, lead)
     leader = cast(Judged, SimpleNamespace(rivals=rivals.Rivals((), (-np.inf,), same)))
     none = cast(Any, None)

@@ -105,7 +105,7 @@ def examine(
     )
     changing = inconstancies(problem, ready, outcome.admissible[0].entries) if outcome.admissible else ()
     unconfirmed = proof is not None and proof.after >= proof.before
-    outcome = outdone(outcome) if changing or unconfirmed else outcome
+    outcome = outdone(outcome) if unconfirmed else outcome
     tell("place")
     place = localise(problem, ready.scan, outcome.found, ready.residual)
     place = place if outcome.because.why is not Why.ONE_STRATUM else replace(place, accused="")
@@ -211,7 +211,7 @@ def refuted(outcome: Outcome) -> Outcome:
 
 
 def outdone(outcome: Outcome) -> Outcome:
-    """The verdict where its size or other poses speak against a name: none, if a law that does the same does more."""
+    """The verdict where poses left out do not confirm a name: none, if a law that does the same explains more."""
     law = outcome.admissible[0].rivals.alike if outcome.verdict == NAMED else None
     return _leader_alone(outcome, Why.AS_WELL) if law is not None and law.lead > AS_MUCH else outcome
 
