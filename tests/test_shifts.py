@@ -66,21 +66,3 @@ def test_a_device_that_turns_slowly_is_accused_with_how_far(zero: float, words: 
     assert law.terms[2][0].endswith(f"{words}: z")
     assert law.terms[2][1] == pytest.approx(turn[2], rel=0.15)
     assert words in sentence(found)
-
-
-def test_a_pose_with_the_readings_of_another_is_accused_and_not_the_joints() -> None:
-    """Two files that were exchanged: what is read follows the load, but not the joints that stand beside it."""
-    table = measured(poses=16)
-    values = table.values.copy()
-    own, other = (np.flatnonzero(table.pose == k) for k in (4, 9))
-    values[own] = table.values[other]
-    found = diagnose(Task(load(ROBOT), replace(table, values=values)))
-    assert found.verdict == "unexplained"
-    assert f"at pose {table.labels[4]}, where a deflection of its own (x " in sentence(found)
-
-
-def test_a_pose_under_one_size_of_load_has_a_shift_and_no_deflection_of_its_own() -> None:
-    for levels, some in (((1.0,), False), ((0.5, 1.0), True)):
-        table = measured(poses=6, levels=levels)
-        laws = assemble(joints_only(load(ROBOT)), table, effects=()).problem.devices
-        assert any(law.title == "deflection of its own" for law in laws) is some

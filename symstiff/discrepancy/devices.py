@@ -67,7 +67,6 @@ def _found(situation: Situation) -> tuple[DeviceLaw, ...]:
     found = [
         *_gains(situation),
         *_loads_that_differ(situation),
-        *_deflections_of_their_own(view),
         *_strains(situation),
         *sensor_laws(situation),
         *_markers(view),
@@ -130,26 +129,6 @@ def _loads_that_differ(situation: Situation) -> Iterator[DeviceLaw]:
         for level in levels:
             own = (size == level)[view.state][:, None]
             yield DeviceLaw(f"load of {level:g} N", title, (Parameter(title, "%"),), own * more)
-
-
-def _deflections_of_their_own(view: View) -> Iterator[DeviceLaw]:
-    """A pose whose readings follow its load but not its joints: those of another pose, or joints written down wrong."""
-    share = load_factor(view.table)
-    title = "deflection of its own"
-    columns = tuple(Parameter(f"{title}: {axis}", "m") for axis in "xyz")
-    columns += tuple(Parameter(f"{title}: about {axis}", "rad") for axis in "xyz")
-    for number in np.unique(view.table.pose):
-        own = view.table.pose == number
-        if view.table.kind == "absolute" or not np.ptp(share[own]) > 0:
-            continue
-        lever = view.points - view.points[own].mean(axis=0)
-        moves = [np.hstack([np.tile(axis, (len(own), 1)), np.zeros((len(own), 3))]) for axis in np.eye(3)]
-        moves += [np.hstack([np.cross(axis, lever), np.tile(axis, (len(own), 1))]) for axis in np.eye(3)]
-        rows = np.column_stack([view.read((own * share)[:, None] * move) for move in moves])
-        seen = [k for k in range(6) if np.any(rows[:, k])]
-        yield DeviceLaw(
-            f"pose {view.table.labels[number]}", title, tuple(columns[k] for k in seen), rows[:, seen]
-        )
 
 
 def _strains(situation: Situation) -> Iterator[DeviceLaw]:
