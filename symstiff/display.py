@@ -51,3 +51,8 @@ def few(names: Sequence[str], most: int = 8) -> str:
     """Names in a sentence, the first of them where they are many."""
     more = len(names) - most
     return ", ".join(names) if more <= 1 else f"{', '.join(names[:most])} and {more} more"
+
+
+def sentence_case(text: str) -> str:
+    """A text as the first of its sentence."""
+    return text[:1].upper() + text[1:]

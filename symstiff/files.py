@@ -18,6 +18,7 @@ LISTING = ".symstiff"
 _HEAD = "# files of this folder that symstiff wrote, and replaces when it writes the folder again"
 _SCRATCH = ".symstiff-"
 _OBJECTS = (".o", ".obj")
+"""Endings of what a compiler leaves beside a source."""
 CODE, DIAGNOSIS = "manifest.json", "verdict.json"
 """The file that every folder of code, and every one of a diagnosis, holds: neither is taken for the other."""
 

@@ -4,17 +4,13 @@ from __future__ import annotations
 
 from dataclasses import replace
 from types import SimpleNamespace
-from typing import Any, cast
+from typing import cast
 
 import numpy as np
 import pytest
 
 from symstiff.discrepancy import rivals
-from symstiff.discrepancy.examine import outdone
 from symstiff.discrepancy.finding import Task
-from symstiff.discrepancy.reasons import Reason, Why
-from symstiff.discrepancy.search import Judged
-from symstiff.discrepancy.verdict import Outcome
 from symstiff.discrepancy.workflow import diagnose
 from symstiff.discrepancy.workshop import Proposal, Workshop
 from symstiff.robot import load
@@ -66,27 +62,6 @@ def test_a_law_that_describes_what_a_member_does_is_a_rival_where_it_does_so_far
     found = rivals.rivals(shop_of((), 20.0 + lead, shape), Proposal((0,), (0,), 20.0))
     assert found.leads == ((pytest.approx(lead),) if rival else ())
     assert (found.alike is not None and found.alike.lead == pytest.approx(lead)) == alike
-
-
-@pytest.mark.parametrize(
-    ("verdict", "lead", "told"),
-    [
-        ("named", 2.3, "named_insufficient"), ("named", 0.9, "named"), ("ambiguous", 2.3, "ambiguous"),
-        ("named", None, "named"),
-    ],
-)  # fmt: skip
-def test_a_doubted_name_is_none_where_a_law_that_does_the_same_explains_more(
-    verdict: str, lead: float | None, told: str
-) -> None:
-    """Poses that were left out do not confirm it: a gear that creeps was hysteresis with 0.67."""
-    same = None if lead is None else rivals.Alike(3, lead)
-    leader = cast(Judged, SimpleNamespace(rivals=rivals.Rivals((), (-np.inf,), same)))
-    none = cast(Any, None)
-    found = outdone(
-        Outcome(verdict, Reason(Why.AHEAD), none, none, 0.0, 0.0, leader, (leader,), (0.9,), (leader,))
-    )
-    assert found.verdict == told
-    assert found.confidence == ((0.5,) if told == "named_insufficient" else (0.9,))
 
 
 def test_what_does_as_well_as_a_name_is_told_beside_it_and_lowers_its_confidence() -> None:

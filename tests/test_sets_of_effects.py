@@ -4,8 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import replace
-from types import SimpleNamespace
-from typing import Any, cast
+from typing import Any
 
 import numpy as np
 import pytest
@@ -17,9 +16,7 @@ from symstiff.discrepancy.bank import build
 from symstiff.discrepancy.examine import _as_single, beyond, examine
 from symstiff.discrepancy.prepare import prepare
 from symstiff.discrepancy.problem import ANGLE, CLOCK, Candidate, Parameter, Problem
-from symstiff.discrepancy.reasons import Why
 from symstiff.discrepancy.result import Name
-from symstiff.discrepancy.rivals import Rivals
 from symstiff.discrepancy.scan import Scan, coefficients
 from symstiff.discrepancy.search import polish
 from symstiff.discrepancy.workshop import Proposal, Workshop
@@ -173,25 +170,6 @@ def test_a_given_effect_that_is_not_needed_leaves_the_set() -> None:
     assert [e.effect for e in found.effects] == ["gear"]
 
 
-@pytest.mark.parametrize(("lead", "verdict_"), [(2.0, "named_insufficient"), (4.0, "unexplained")])
-def test_a_set_that_is_behind_one_that_a_law_without_a_name_matches_is_told_with_a_reservation(
-    lead: float, verdict_: str
-) -> None:
-    """What explains more is matched by such a law, or leaves something; far behind it nothing is named."""
-    ahead = SimpleNamespace(
-        members=(0, 1, 2), entries=(0, 1, 2), score=65.5 + lead, sufficient=True, p_members=(0.0,) * 3,
-        rivals=Rivals((0.4,), (0.4,) * 3, None), missed_share=0.0,
-    )  # fmt: skip
-    behind = SimpleNamespace(
-        members=(0, 1), entries=(0, 1), score=65.5, sufficient=True, p_members=(0.0, 0.0),
-        rivals=Rivals((-2.1,), (-2.1,) * 2, None), missed_share=0.0,
-    )  # fmt: skip
-    shop = cast(Any, SimpleNamespace(options=QUICK))
-    found = verdict._conclude(shop, cast(Any, [ahead, behind]), [], cast(Any, (None, None, 0.0, 0.0)))
-    assert found.verdict == verdict_
-    assert verdict_ == "unexplained" or (found.because.why, found.chosen) == (Why.AS_WELL, cast(Any, behind))
-
-
 def test_a_second_effect_is_as_believable_as_the_first_one() -> None:
     """A test sees it and it is more believable than nothing: one effect is no reason for there being no other."""
     bare = arm(40).problem
@@ -199,55 +177,6 @@ def test_a_second_effect_is_as_believable_as_the_first_one() -> None:
     problem = measured(bare, 10.0 * a + np.sqrt(15.0) * b, 8)
     found = examine(problem, (lawful("first", a), lawful("second", b), *catalogue(bare)), QUICK)
     assert [e.effect for e in found.effects if e.set_number == 0] == ["first", "second"]
-
-
-@pytest.mark.parametrize(
-    ("score", "rivals", "told"), [(0.2, -2.0, True), (0.2, -1.0, False), (9.0, -1.0, True), (9.0, -9.0, True)]
-)
-def test_what_is_faint_has_to_lead_the_laws_without_a_name_together(
-    score: float, rivals: float, told: bool
-) -> None:
-    """Several hundred laws trail a little each: of an effect outside of the catalogue one name leads them all."""
-    leads = (rivals - float(np.log(12.0)),) * 12
-    faint = SimpleNamespace(
-        members=(0,), entries=(0,), score=score, sufficient=True, p_members=(0.0,),
-        rivals=Rivals(leads, leads[:1], None), missed_share=0.0,
-    )  # fmt: skip
-    assert verdict._admissible(cast(Any, faint), QUICK) == told
-    if not told:
-        shop = cast(Any, SimpleNamespace(options=QUICK))
-        found = verdict._conclude(shop, cast(Any, [faint]), [], cast(Any, (None, None, 0.0, 0.0)))
-        assert (found.verdict, found.because.why) == ("unexplained", Why.NOT_ALONE)
-
-
-@pytest.mark.parametrize(
-    ("challenge", "expected", "told"),
-    [
-        ((1.1, -np.inf), False, True),
-        ((1.1, -2.5), False, False),  # a law trails by little
-        ((1.1, 1.1), False, False),
-        ((1.1, -np.inf), True, False),  # theory alone has it there, whatever else is
-    ],
-)
-def test_a_member_that_no_law_may_replace_is_told_where_the_rest_may_have_no_name(
-    challenge: tuple[float, float], expected: bool, told: bool, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    bank = SimpleNamespace(candidates=[SimpleNamespace(expected=False), SimpleNamespace(expected=expected)])
-    both = SimpleNamespace(
-        members=(0, 1), entries=(0, 1), score=57.0, sufficient=True, p_members=(0.0, 0.0), bank=bank,
-        rivals=Rivals(challenge[:1], challenge, None), missed_share=0.0,
-    )  # fmt: skip
-    alone = SimpleNamespace(members=(1,), p_members=(0.0,))
-    monkeypatch.setattr(verdict, "_together", lambda shop, members: Proposal(tuple(members), (1,), 40.0))
-    monkeypatch.setattr(verdict, "judge", lambda shop, proposal: alone if proposal.members == (1,) else None)
-    shop = cast(Any, SimpleNamespace(options=QUICK))
-    found = verdict._conclude(shop, cast(Any, [both]), [], cast(Any, (None, None, 0.0, 0.0)))
-    assert found.chosen is cast(Any, both)
-    assert (found.verdict, found.because.why, found.admissible, found.confidence) == (
-        ("named_insufficient", Why.SURE, (alone,), (verdict.PARTLY,))
-        if told
-        else ("unexplained", Why.NOT_ALONE, (), ())
-    )
 
 
 def test_an_effect_divides_its_weight_among_kinds_of_places_and_each_among_its_own() -> None:

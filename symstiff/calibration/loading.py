@@ -48,14 +48,18 @@ def turn_of(table: Measurements) -> Array:
     On the way down that is the largest load of the pose to the same side; of the table, where the pose tells of no way
     up. Without a load it is 1: nothing tells which way it points.
     """
-    share, size = load_factor(table), np.linalg.norm(table.w, axis=1)
     turn = np.where(np.isnan(table.branch), np.nan, 1.0)
-    for rows in _by_pose(table):
-        for side in (-1.0, 1.0):
-            here = rows[np.sign(share[rows]) == side]
-            down = here[table.branch[here] < 0]
-            told = len(down) < len(here)
-            turn[down] = np.max(side * share[here]) / np.abs(share[down]) if told else size.max() / size[down]
+    if not np.any(table.branch < 0):
+        return turn
+    share, size = load_factor(table), np.linalg.norm(table.w, axis=1)
+    loaded, falls = share != 0, (share != 0) & (table.branch < 0)
+    way = 2 * table.pose + (share > 0)
+    top = np.zeros(way.max() + 1)
+    np.maximum.at(top, way, np.abs(share))
+    told = np.bincount(way, loaded & ~falls)[way] > 0
+    own, other = falls & told, falls & ~told
+    turn[own] = top[way[own]] / np.abs(share[own])
+    turn[other] = size.max() / size[other]
     return turn
 
 

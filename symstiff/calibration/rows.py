@@ -45,11 +45,11 @@ def context_of(model: StiffnessModel, table: Measurements) -> dict[str, np.ndarr
 
     Raises UserError for a row that lacks what the model follows.
     """
-    columns = {
-        "time": table.time, "temperature": table.temperature, "branch": table.branch, "turn": turn_of(table),
-    }  # fmt: skip
+    columns = {"time": table.time, "temperature": table.temperature, "branch": table.branch}
+    needed = [s.name for vector in context_vector(model.terms) for s in vector.symbols]
+    columns |= {"turn": turn_of(table)} if "turn" in needed else {}
     known = {k: np.isfinite(v) for k, v in columns.items()}
-    for name in (s.name for vector in context_vector(model.terms) for s in vector.symbols):
+    for name in needed:
         column = "branch" if name == "turn" else name
         if not known[name].any():
             raise UserError(

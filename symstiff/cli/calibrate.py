@@ -90,7 +90,7 @@ def run_compensate(model_file: Path, trajectory: Path, output: Path, json: str |
     from symstiff.calibration.soundness import of_levers, of_tool, outside_class, outside_fixed, usable_model
     from symstiff.calibration.table import read_trajectory
     from symstiff.compensation import compensate
-    from symstiff.discrepancy.speech import named
+    from symstiff.effects.places import named
 
     check_targets({"-o": output, "--json": json}, [model_file, trajectory])
     model = usable_model(model_file)

@@ -79,7 +79,7 @@ def _print(out: Console, finding: Finding, sentence: str) -> None:
     from rich.table import Table
 
     from symstiff.discrepancy.numbers import milli, p_text
-    from symstiff.discrepancy.speech import named
+    from symstiff.effects.places import named
     from symstiff.report.tables import step_rows
     from symstiff.report.words import headline, shape_text
 

@@ -77,7 +77,7 @@ def _report(out: Console, result: Generated) -> None:
     from rich.table import Table
 
     from symstiff.codegen.compiler import ignored
-    from symstiff.discrepancy.speech import named
+    from symstiff.effects.places import named
 
     table = Table(title="operations per call", title_justify="left")
     for column in ("function", "add", "mul", "sign changes", "sin/cos", "other"):

@@ -185,7 +185,7 @@ def show_targets(json: str | None) -> None:
 def show_effects(robot: str, loads: str, measure: str, data: str, json: str | None) -> None:
     """The catalogue on a robot: what a class of experiments can tell of each effect from the complete model."""
     from symstiff.discrepancy.distinguish import survey
-    from symstiff.discrepancy.speech import named
+    from symstiff.effects.places import named
     from symstiff.model import StiffnessModel
     from symstiff.reduction import reduce
 
@@ -210,7 +210,7 @@ def show_effects(robot: str, loads: str, measure: str, data: str, json: str | No
 def _print_effects(out: Console, title: str, found: dict[str, list[tuple[Where, Distinction]]]) -> None:
     from rich.table import Table
 
-    from symstiff.discrepancy.speech import spoken
+    from symstiff.effects.places import spoken
     from symstiff.effects.registry import catalogue
     from symstiff.report.words import places
 

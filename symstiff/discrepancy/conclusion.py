@@ -21,9 +21,9 @@ from symstiff.discrepancy.ranges import extent_of
 from symstiff.discrepancy.reasons import Reason, Why
 from symstiff.discrepancy.remarks import inconstant, remarked
 from symstiff.discrepancy.result import Diagnosis, Found, Quantity
-from symstiff.discrepancy.speech import named as named_at
 from symstiff.discrepancy.verdict import AMBIGUOUS, NAMED, NOTHING, UNEXPLAINED, UNTESTABLE
 from symstiff.display import few
+from symstiff.effects.places import named as named_at
 from symstiff.model import StiffnessModel
 from symstiff.reduction.structural import Couplings
 

@@ -28,7 +28,7 @@ from symstiff.discrepancy.prepare import Prepared, noise_told_anew, prepare
 from symstiff.discrepancy.problem import Candidate, Options, Problem, key_of
 from symstiff.discrepancy.proof import HeldOut, held_out, poses_of_their_own
 from symstiff.discrepancy.reasons import Reason, Why
-from symstiff.discrepancy.result import Diagnosis, Inconstancy, Name, Rms
+from symstiff.discrepancy.result import Diagnosis, Name, Rms
 from symstiff.discrepancy.rivals import AS_MUCH
 from symstiff.discrepancy.scan import Evidence, Scan, coefficients, column_space, one_sharing
 from symstiff.discrepancy.strata import Stratum, strata
@@ -100,18 +100,11 @@ def examine(
     if outcome.admissible:
         ready = noise_told_anew(problem, ready, outcome.admissible[0].entries)
     proof = _proof(problem, ready, allowed, outcome, options, tell)
-    outcome = against_sigma(
-        refuted(outcome) if proof is not None and proof.refutes else outcome, ready.report
-    )
-    changing = inconstancies(problem, ready, outcome.admissible[0].entries) if outcome.admissible else ()
-    unconfirmed = proof is not None and proof.after >= proof.before
-    outcome = outdone(outcome) if unconfirmed else outcome
+    outcome = against_sigma(outcome if proof is None else doubted(outcome, proof), ready.report)
     tell("place")
     place = localise(problem, ready.scan, outcome.found, ready.residual)
     place = place if outcome.because.why is not Why.ONE_STRATUM else replace(place, accused="")
-    return _written(
-        problem, candidates, ready, parts, allowed, outcome, place, proof, changing, options, tell
-    )
+    return _written(problem, candidates, ready, parts, allowed, outcome, place, proof, options, tell)
 
 
 def named_among(bank: Bank, names: Sequence[Name]) -> list[int]:
@@ -167,8 +160,8 @@ def against_sigma(outcome: Outcome, report: NoiseReport) -> Outcome:
 
 def _written(
     problem: Problem, candidates: Sequence[Candidate], ready: Prepared, parts: tuple[Stratum, ...],
-    allowed: Array, outcome: Outcome, place: Localisation, proof: HeldOut | None,
-    changing: tuple[Inconstancy, ...], options: Options, tell: Callable[[str], None],
+    allowed: Array, outcome: Outcome, place: Localisation, proof: HeldOut | None, options: Options,
+    tell: Callable[[str], None],
 ) -> Diagnosis:  # fmt: skip
     scan: Scan = ready.scan
     tell("growth")
@@ -184,7 +177,8 @@ def _written(
         outcome.p_named, outcome.p_unnamed, ready.report, parts, place, law, device, growth,
         Rms(growth[0].rms, growth[-1].rms, proof.before if proof else None, proof.after if proof else None,
             noise_floor(ready)),
-        proof, D, names, leading(problem, ready, outcome), alike(ready, outcome), changing,
+        proof, D, names, leading(problem, ready, outcome), alike(ready, outcome),
+        inconstancies(problem, ready, outcome.admissible[0].entries) if outcome.admissible else (),
     )  # fmt: skip
 
 
@@ -205,18 +199,18 @@ def _proof(
     return held_out(problem, ready.bank, noise, noise_floor(ready), sets, allowed, options)
 
 
-def refuted(outcome: Outcome) -> Outcome:
-    """The verdict where the poses that were left out speak against the name: it says no more than who leads."""
-    return _leader_alone(outcome, Why.REFUTED) if outcome.verdict in (NAMED, AMBIGUOUS) else outcome
+def doubted(outcome: Outcome, proof: HeldOut) -> Outcome:
+    """The verdict where poses that were left out speak against a name: it says no more than who leads.
 
-
-def outdone(outcome: Outcome) -> Outcome:
-    """The verdict where poses left out do not confirm a name: none, if a law that does the same explains more."""
+    Or where they do not confirm it, and a law without a name that does the same explains more.
+    """
     law = outcome.admissible[0].rivals.alike if outcome.verdict == NAMED else None
-    return _leader_alone(outcome, Why.AS_WELL) if law is not None and law.lead > AS_MUCH else outcome
-
-
-def _leader_alone(outcome: Outcome, why: Why) -> Outcome:
+    if proof.refutes and outcome.verdict in (NAMED, AMBIGUOUS):
+        why = Why.REFUTED
+    elif proof.after >= proof.before and law is not None and law.lead > AS_MUCH:
+        why = Why.AS_WELL
+    else:
+        return outcome
     even = tuple(min(c, EVEN) for c in outcome.confidence)
     return replace(
         outcome, verdict=INSUFFICIENT, because=Reason(why), admissible=outcome.admissible[:1], confidence=even

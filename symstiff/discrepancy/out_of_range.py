@@ -9,8 +9,8 @@ import numpy as np
 from symstiff.discrepancy.numbers import quantity
 from symstiff.discrepancy.ranges import CATALOGUE, Extent, at_size
 from symstiff.discrepancy.result import Found, Quantity
-from symstiff.discrepancy.speech import named as named_at
 from symstiff.effects.base import EffectParameter
+from symstiff.effects.places import named as named_at
 from symstiff.robot.schema import Robot
 
 _DOUBTS = 4.0

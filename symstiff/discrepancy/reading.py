@@ -5,9 +5,8 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from symstiff.discrepancy.numbers import percent, quantity
-from symstiff.discrepancy.speech import named, spoken
 from symstiff.display import html_table
-from symstiff.effects.places import place
+from symstiff.effects.places import named, place, spoken
 
 if TYPE_CHECKING:
     from symstiff.discrepancy.finding import Finding

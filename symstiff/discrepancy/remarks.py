@@ -19,11 +19,11 @@ from symstiff.discrepancy.result import Diagnosis, Inconstancy
 from symstiff.discrepancy.rivals import AS_MUCH
 from symstiff.discrepancy.sharing import JOINTS
 from symstiff.discrepancy.speech import joint_words, law_words
-from symstiff.discrepancy.speech import named as named_at
 from symstiff.discrepancy.verdict import INSUFFICIENT, NAMED, NOTHING, UNEXPLAINED, UNTESTABLE
 from symstiff.effects.arm import untold_weight
 from symstiff.effects.base import Effect
 from symstiff.effects.instance import EffectInstance
+from symstiff.effects.places import named as named_at
 from symstiff.effects.registry import find
 from symstiff.robot.schema import Robot
 

@@ -20,9 +20,9 @@ from symstiff.calibration.planning.measurement import BASELINE, Measurement
 from symstiff.calibration.writing import LOADS
 from symstiff.discrepancy.deciding import OFFERED, Choice, Rival, Setup, decide_poses, several_levels
 from symstiff.discrepancy.separation import Decider
-from symstiff.discrepancy.speech import named
 from symstiff.effects.base import Scales
 from symstiff.effects.instance import EffectInstance
+from symstiff.effects.places import named
 from symstiff.effects.registry import find
 from symstiff.errors import UserError
 from symstiff.model import StiffnessModel

@@ -1,11 +1,6 @@
-"""Effects and laws without a name in words."""
+"""Laws without a name in words."""
 
 from __future__ import annotations
-
-from collections.abc import Mapping
-from typing import Any
-
-from symstiff.effects.places import place
 
 _DEVICE = {
     "gain": "a gain error",
@@ -26,16 +21,6 @@ _JOINT = {
 }
 
 
-def spoken(effect: str) -> str:
-    """An effect's identifier as words."""
-    return effect.replace("_", " ")
-
-
-def named(effect: str, where: Mapping[str, Any]) -> str:
-    """An effect at its place: ``gravity compensator at joint 2``."""
-    return f"{spoken(effect)} {place(where)}".strip()
-
-
 def law_place(accused: str) -> str:
     """The place of a law without a name, with the article of things that have no number."""
     things = ("reading", "force", "load of", "measuring", "order", "foot", "flange", "robot")
@@ -51,8 +36,3 @@ def law_words(name: str) -> str:
 def joint_words(law: str) -> str:
     """A law of a joint's or link's load in words, as far as it has some."""
     return _JOINT.get(law, f"a law of {law.replace('*', '·')}")
-
-
-def sentence_case(text: str) -> str:
-    """A text as the first of its sentence."""
-    return text[:1].upper() + text[1:]

@@ -36,10 +36,10 @@ from symstiff.discrepancy.prepare import at_first
 from symstiff.discrepancy.problem import Options, key_of
 from symstiff.discrepancy.reasons import Reason
 from symstiff.discrepancy.result import Diagnosis, Found, Name, Quantity
-from symstiff.discrepancy.speech import named as named_at
 from symstiff.discrepancy.used import used
 from symstiff.discrepancy.verdict import AMBIGUOUS, NAMED, UNTESTABLE
 from symstiff.effects.instance import EffectInstance
+from symstiff.effects.places import named as named_at
 from symstiff.model import StiffnessModel
 from symstiff.reduction.remarks import reduction_remarks
 from symstiff.threads import one_thread

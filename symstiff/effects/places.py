@@ -1,4 +1,4 @@
-"""Places of effects: as parts of names, and in words."""
+"""Effects and their places in words, and places as parts of names."""
 
 from __future__ import annotations
 
@@ -36,3 +36,13 @@ def place(where: Mapping[str, Any]) -> str:
         shown = shown.replace("_", " ") if key in _THINGS else shown
         parts.append(_WORDS[key].format(shown) if key in _WORDS else f"{key} {shown}")
     return " ".join(p for p in parts if p)
+
+
+def spoken(effect: str) -> str:
+    """An effect's identifier as words."""
+    return effect.replace("_", " ")
+
+
+def named(effect: str, where: Mapping[str, Any]) -> str:
+    """An effect at its place: ``gravity compensator at joint 2``."""
+    return f"{spoken(effect)} {place(where)}".strip()

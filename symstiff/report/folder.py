@@ -18,8 +18,8 @@ from symstiff.calibration.writing import LOADS
 from symstiff.discrepancy.deciding import Choice, Rival, decide_by, setups_like
 from symstiff.discrepancy.finding import Finding
 from symstiff.discrepancy.separate import TAKEN
-from symstiff.discrepancy.speech import named
 from symstiff.discrepancy.verdict import AMBIGUOUS
+from symstiff.effects.places import named
 from symstiff.errors import UserError
 from symstiff.files import DIAGNOSIS, new_folder
 from symstiff.model import StiffnessModel

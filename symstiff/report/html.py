@@ -16,9 +16,10 @@ from symstiff.discrepancy.finding import Finding
 from symstiff.discrepancy.noise import off
 from symstiff.discrepancy.result import CandidateResult, Found, Name, Quantity
 from symstiff.discrepancy.sharing import JOINTS
-from symstiff.discrepancy.speech import law_place, named, spoken
+from symstiff.discrepancy.speech import law_place
 from symstiff.discrepancy.verdict import AMBIGUOUS, INSUFFICIENT, NOTHING, UNEXPLAINED, UNTESTABLE
 from symstiff.display import few
+from symstiff.effects.places import named, spoken
 from symstiff.effects.registry import catalogue
 from symstiff.report import law_plots, plots, unnamed, words
 from symstiff.report.code import Line, formulas

@@ -9,8 +9,8 @@ from symstiff.discrepancy.finding import Finding
 from symstiff.discrepancy.numbers import number
 from symstiff.discrepancy.result import Found, Instead
 from symstiff.discrepancy.rivals import AS_MUCH
-from symstiff.discrepancy.speech import named, sentence_case
-from symstiff.display import counted
+from symstiff.display import counted, sentence_case
+from symstiff.effects.places import named
 
 _PLACED = 2
 """Others at most that are told in the place of a named effect."""

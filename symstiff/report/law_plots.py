@@ -15,7 +15,8 @@ from symstiff.calibration.measurements import COMPONENTS
 from symstiff.discrepancy.finding import Finding
 from symstiff.discrepancy.localise import back_project
 from symstiff.discrepancy.result import Found
-from symstiff.discrepancy.speech import named, sentence_case
+from symstiff.display import sentence_case
+from symstiff.effects.places import named
 from symstiff.report.plots import AFTER, LAW, Picture, drawing
 from symstiff.report.tables import rotates, shift, weights
 from symstiff.report.unnamed import law_text

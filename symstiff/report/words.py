@@ -13,10 +13,10 @@ from symstiff.discrepancy.numbers import decimals_between, milli, p_equals, quan
 from symstiff.discrepancy.reasons import Why
 from symstiff.discrepancy.remarks import FEW, hiding
 from symstiff.discrepancy.result import Found, Name, Quantity
-from symstiff.discrepancy.speech import law_place, named, sentence_case, spoken
+from symstiff.discrepancy.speech import law_place
 from symstiff.discrepancy.verdict import AMBIGUOUS, INSUFFICIENT, NAMED, NOTHING, UNEXPLAINED
-from symstiff.display import few, listing
-from symstiff.effects.places import DETAILS, place, site
+from symstiff.display import few, listing, sentence_case
+from symstiff.effects.places import DETAILS, named, place, site, spoken
 from symstiff.report.deciding import deciding
 from symstiff.report.instead import as_well
 from symstiff.report.tables import shift
@@ -381,7 +381,7 @@ def _unexplained(finding: Finding) -> str:
     accused = finding.last.localisation.accused if finding.last.localisation else ""
     text = "No effect of the catalogue accounts for the data"
     if finding.because.why is Why.NOT_ALONE:
-        text = f"{sentence_case(_not_alone(_leading(finding)))}"
+        text = sentence_case(_not_alone(_leading(finding)))
     text += f"; the evidence is strongest at {law_place(accused)}" if accused else ""
     if finding.last.device_law is not None:
         text += f", where {device_text(finding.last.device_law)}"
