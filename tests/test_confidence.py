@@ -11,7 +11,7 @@ import pytest
 
 from symstiff.discrepancy.prepare import prepare
 from symstiff.discrepancy.problem import Options
-from symstiff.discrepancy.rivals import Rivals
+from symstiff.discrepancy.rivals import Rival, Rivals
 from symstiff.discrepancy.verdict import _named, _nearly, decide
 from symstiff.discrepancy.workshop import Proposal
 from tests.test_discrepancy_engine import QUICK, arm, measured, saturating, scaled
@@ -50,6 +50,6 @@ def test_a_set_that_a_law_without_a_name_equals_keeps_its_weight_beside_one_that
 ) -> None:
     """Refused for that law alone it is still an explanation; behind it, or insufficient, or idle, it is none."""
     judged = SimpleNamespace(
-        sufficient=sufficient, p_members=(p,), rivals=Rivals((rival,), (rival,), None), score=20.0
+        sufficient=sufficient, p_members=(p,), rivals=Rivals((Rival(9, rival),), (rival,), None), score=20.0
     )
     assert _nearly(cast(Any, judged), Options()) == nearly

@@ -15,7 +15,7 @@ import sympy as sp
 from symstiff.calibration.table import read_poses
 from symstiff.discrepancy.finding import Finding, Task
 from symstiff.discrepancy.reasons import Reason, Why
-from symstiff.discrepancy.result import Found, Name, Quantity
+from symstiff.discrepancy.result import Found, Name, Quantity, RivalLaw
 from symstiff.discrepancy.workflow import diagnose
 from symstiff.effects import EffectInstance
 from symstiff.report.code import _abridged, core, difference, formulas
@@ -323,7 +323,8 @@ def test_what_is_less_likely_and_not_excluded_is_in_the_sentence(named: Finding)
 def test_what_is_sure_is_told_apart_from_what_may_have_no_name(named: Finding) -> None:
     both = (*named.last.leading, (Name("payload_error", {"load": "payload"}), {}, {}))
     partly = replace(
-        named, verdict="named_insufficient", because=Reason(Why.SURE), last=replace(named.last, leading=both),
+        named, verdict="named_insufficient", because=Reason(Why.SURE),
+        last=replace(named.last, leading=both, rival=RivalLaw("force sensor axis 3", "gain*load", 1.1)),
         effects=tuple(replace(e, confidence=0.75) for e in named.effects),
     )  # fmt: skip
     assert headline(partly) == "Missing, but not all of it: nonlinear stiffness at joint 2"
@@ -331,8 +332,10 @@ def test_what_is_sure_is_told_apart_from_what_may_have_no_name(named: Finding) -
     assert text.startswith("What is missing is sure in part: nonlinear stiffness at joint 2 (")
     assert "confidence 75 %" in text
     assert (
-        "for the rest, payload error (payload) accounts for the data, but a law without a name does" in text
+        "for the rest, payload error (payload) accounts for the data, but a law without a name does so"
+        in text
     )
+    assert "as well: a gain error that grows with the load (force sensor axis 3); the residual" in text
     assert "an even bet" not in text + render(partly, {"code": CODE, "decide": None}, [])
 
 

@@ -38,7 +38,7 @@ def test_a_law_without_a_name_may_take_the_place_of_one_member_or_of_all(
     """Wherever it comes closest it is the set's rival, and of whom it replaces: here it trails a set of two by 1.5."""
     monkeypatch.setattr(rivals, "_inside", lambda *_: (0.0, True))
     found = rivals.rivals(shop_of(kept, score), Proposal((0, 1), (0, 1), 20.0))
-    assert (found.leads, found.alike) == (pytest.approx((-1.5,)), None)
+    assert (found.found, found.alike) == ((rivals.Rival(2, pytest.approx(-1.5)),), None)
     assert found.best == pytest.approx(-1.5)
     assert [c == pytest.approx(-1.5) for c in found.challenge] == [*challenged]
 
@@ -60,7 +60,7 @@ def test_a_law_that_describes_what_a_member_does_is_a_rival_where_it_does_so_far
 ) -> None:  # fmt: skip
     monkeypatch.setattr(rivals, "_inside", lambda *_: (share, narrow))
     found = rivals.rivals(shop_of((), 20.0 + lead, shape), Proposal((0,), (0,), 20.0))
-    assert found.leads == ((pytest.approx(lead),) if rival else ())
+    assert found.found == ((rivals.Rival(2, pytest.approx(lead)),) if rival else ())
     assert (found.alike is not None and found.alike.lead == pytest.approx(lead)) == alike
 
 

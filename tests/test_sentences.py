@@ -15,7 +15,7 @@ from symstiff.calibration.simulation.truth import truth_from_table
 from symstiff.discrepancy.conclusion import _beyond_code
 from symstiff.discrepancy.finding import Finding, Task
 from symstiff.discrepancy.result import Instead, Name
-from symstiff.discrepancy.speech import joint_words
+from symstiff.discrepancy.speech import law_at
 from symstiff.discrepancy.strata import Stratum
 from symstiff.discrepancy.workflow import diagnose
 from symstiff.effects.instance import EffectInstance
@@ -135,5 +135,10 @@ def test_what_the_code_leaves_of_a_large_deflection_is_told_in_millimetres() -> 
 
 
 def test_laws_of_loads_are_told_in_words_where_they_have_some() -> None:
-    assert joint_words("tau, late") == "a load that is followed late, as what creeps follows it"
-    assert joint_words("tau*sin(q2)") == "a law of tau·sin(q2)"
+    assert (
+        law_at("tau, late", "joint 2") == "a load that is followed late, as what creeps follows it (joint 2)"
+    )
+    assert law_at("tau*sin(q2)", "link 3 axis 5") == "a law of tau·sin(q2) (link 3 axis 5)"
+    assert law_at("gain*load", "force sensor axis 3") == (
+        "a gain error that grows with the load (force sensor axis 3)"
+    )

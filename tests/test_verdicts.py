@@ -12,7 +12,7 @@ from symstiff.discrepancy import verdict
 from symstiff.discrepancy.examine import doubted
 from symstiff.discrepancy.proof import HeldOut
 from symstiff.discrepancy.reasons import Reason, Why
-from symstiff.discrepancy.rivals import Alike, Rivals
+from symstiff.discrepancy.rivals import Rival, Rivals
 from symstiff.discrepancy.search import Judged
 from symstiff.discrepancy.verdict import Outcome
 from symstiff.discrepancy.workshop import Proposal
@@ -24,7 +24,7 @@ def judged(score: float, leads: tuple[float, ...], challenge: tuple[float, ...],
     members = tuple(range(len(challenge)))
     return cast(Judged, SimpleNamespace(
         members=members, entries=members, score=score, sufficient=True, p_members=(0.0,) * len(members), bank=bank,
-        rivals=Rivals(leads, challenge, None), missed_share=0.0,
+        rivals=Rivals(tuple(Rival(9, lead) for lead in leads), challenge, None), missed_share=0.0,
     ))  # fmt: skip
 
 
@@ -98,7 +98,7 @@ def test_a_doubted_name_is_none_where_a_law_that_does_the_same_explains_more(
     found: str, lead: float | None, after: float, told: str
 ) -> None:
     """Poses that were left out do not confirm it: a gear that creeps was hysteresis with 0.67."""
-    same = None if lead is None else Alike(3, lead)
+    same = None if lead is None else Rival(3, lead)
     leader = cast(Judged, SimpleNamespace(rivals=Rivals((), (-np.inf,), same)))
     none = cast(Any, None)
     before = Outcome(found, Reason(Why.AHEAD), none, none, 0.0, 0.0, leader, (leader,), (0.9,), (leader,))

@@ -39,6 +39,7 @@ from symstiff.discrepancy.tables import (
     leading,
     named_effects,
     noise_floor,
+    rival,
     steps,
     unavailable,
 )
@@ -179,6 +180,7 @@ def _written(
             noise_floor(ready)),
         proof, D, names, leading(problem, ready, outcome), alike(ready, outcome),
         inconstancies(problem, ready, outcome.admissible[0].entries) if outcome.admissible else (),
+        rival(ready, outcome),
     )  # fmt: skip
 
 

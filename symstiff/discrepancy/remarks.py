@@ -18,7 +18,7 @@ from symstiff.discrepancy.ranges import at_size, extent_of
 from symstiff.discrepancy.result import Diagnosis, Inconstancy
 from symstiff.discrepancy.rivals import AS_MUCH
 from symstiff.discrepancy.sharing import JOINTS
-from symstiff.discrepancy.speech import joint_words, law_words
+from symstiff.discrepancy.speech import law_at
 from symstiff.discrepancy.verdict import INSUFFICIENT, NAMED, NOTHING, UNEXPLAINED, UNTESTABLE
 from symstiff.effects.arm import untold_weight
 from symstiff.effects.base import Effect
@@ -187,11 +187,10 @@ def _of_alike(last: Diagnosis) -> list[str]:
     """A law without a name elsewhere that describes what was named."""
     if last.alike is None:
         return []
-    law, place, lead = last.alike.law, last.alike.place, last.alike.lead
-    told = joint_words(law) if place.startswith(("joint", "link")) else law_words(law)
+    told, lead = law_at(last.alike.law, last.alike.place), last.alike.lead
     well = "better" if lead > AS_MUCH else "as well" if lead > -AS_MUCH else "nearly as well"
     return [
-        f"what was named may be another thing: {told} ({place}), which the catalogue does not hold, explains these "
+        f"what was named may be another thing: {told}, which the catalogue does not hold, explains these "
         f"data {well}: look there before relying on the name"
     ]
 

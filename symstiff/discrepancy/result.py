@@ -100,8 +100,8 @@ class CandidateResult:
 
 
 @dataclass(frozen=True)
-class LawAlike:
-    """A law without a name that describes what a named effect does, elsewhere."""
+class RivalLaw:
+    """A law without a name that competes with a named effect."""
 
     place: str
     law: str
@@ -202,10 +202,12 @@ class Diagnosis:
     confusability_names: tuple[Name, ...]
     leading: tuple[tuple[Name, Shape, Mapping[str, Quantity]], ...] = ()
     """The effects of the set that explains most, whether the verdict names it or not."""
-    alike: LawAlike | None = None
+    alike: RivalLaw | None = None
     """What does as well as the leading set of those that are named, or nearly."""
     inconstant: tuple[Inconstancy, ...] = ()
     """What the sizes of the leading set's effects follow, surest first."""
+    rival: RivalLaw | None = None
+    """What does most in the place of a member of the leading set, named or not."""
 
     @property
     def reason(self) -> str:

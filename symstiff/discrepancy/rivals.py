@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -27,57 +27,66 @@ _CLEARLY = 0.1
 
 
 @dataclass(frozen=True)
-class Alike:
-    """An unnamed law elsewhere whose signal lies in a set's space."""
+class Rival:
+    """An unnamed law in the place of one member of a set, or of all."""
 
     candidate: int
     lead: float
-    """Score of the best set in which it takes a member's place, minus that of the set."""
+    """Score of the set with the law, minus that of the set."""
 
 
 @dataclass(frozen=True)
 class Rivals:
-    """Sets in which an unnamed law takes the place of one member of a set, or of all: their scores over the set's."""
+    """What unnamed laws do in the places of a set's members."""
 
-    leads: tuple[float, ...]
-    """Those that are not far behind; the set is ahead where all are negative."""
+    found: tuple[Rival, ...]
+    """Those that are not far behind; the set is ahead where all leads are negative."""
     challenge: tuple[float, ...]
-    """Of each member the largest among those in which its place is taken."""
-    alike: Alike | None
-    """What explains most of the unnamed laws that describe what a member does."""
+    """Of each member the largest lead among those that take its place."""
+    alike: Rival | None
+    """What explains most of the laws elsewhere that describe what a member does."""
+
+    @property
+    def first(self) -> Rival | None:
+        """The one that leads by most."""
+        return _first(self.found)
 
     @property
     def best(self) -> float:
         """The largest lead."""
-        return max(self.leads, default=-np.inf)
+        return -np.inf if self.first is None else self.first.lead
 
     @property
     def together(self) -> float:
         """Log evidence of all of them together, over the set's."""
-        return float(np.logaddexp.reduce(self.leads, initial=-np.inf))
+        return float(np.logaddexp.reduce([rival.lead for rival in self.found], initial=-np.inf))
 
 
 def rivals(shop: Workshop, proposal: Proposal) -> Rivals:
     """What unnamed laws of another form do in the place of a set's members, and the law alike that leads."""
-    out, alike = list[float](), list[Alike]()
+    out, alike = list[Rival](), list[Rival]()
     challenge = [-np.inf] * len(proposal.members)
     for replaced, kept in _replaced(proposal):
-        leads, same = _in_place(shop, proposal, replaced, kept)
-        out, alike = [*out, *leads], [*alike, *same]
+        others, same = _in_place(shop, proposal, replaced, kept)
+        out, alike = [*out, *others], [*alike, *same]
         for k in replaced:
-            challenge[k] = max(challenge[k], *leads, -np.inf)
-    return Rivals(tuple(out), tuple(challenge), max(alike, key=lambda one: one.lead, default=None))
+            challenge[k] = max(challenge[k], *(rival.lead for rival in others), -np.inf)
+    return Rivals(tuple(out), tuple(challenge), _first(alike))
+
+
+def _first(some: Sequence[Rival]) -> Rival | None:
+    return max(some, key=lambda rival: rival.lead, default=None)
 
 
 def _in_place(
     shop: Workshop, proposal: Proposal, replaced: tuple[int, ...], kept: tuple[int, ...]
-) -> tuple[list[float], list[Alike]]:
-    """Leads of the laws that take some members' places, and those that describe the same as what they replace."""
+) -> tuple[list[Rival], list[Rival]]:
+    """The laws that take some members' places, and those that describe the same as what they replace."""
     entries = tuple(proposal.entries[k] for k in kept)
     old = tuple(proposal.entries[k] for k in replaced)
     found, scan = shop.evidence(entries), shop.scan(entries)
     score = _instead(shop, proposal, replaced, kept)
-    leads, alike = list[float](), list[Alike]()
+    others, alike = list[Rival](), list[Rival]()
     for candidate in np.argsort(score)[::-1][:_RIVALS]:
         lead, law = float(score[candidate]), int(found.best_entry[candidate])
         if not lead > -_FAR:
@@ -88,10 +97,10 @@ def _in_place(
             continue
         same = share > SAME_SIGNAL and narrow
         if same:
-            alike.append(Alike(int(candidate), lead))
+            alike.append(Rival(int(candidate), lead))
         if not same or lead > _AHEAD:
-            leads.append(lead)
-    return leads, alike
+            others.append(Rival(int(candidate), lead))
+    return others, alike
 
 
 def _replaced(proposal: Proposal) -> Iterator[tuple[tuple[int, ...], tuple[int, ...]]]:

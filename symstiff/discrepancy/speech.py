@@ -33,6 +33,8 @@ def law_words(name: str) -> str:
     return _DEVICE.get(name, f"{article} {name.removesuffix('^1')}")
 
 
-def joint_words(law: str) -> str:
-    """A law of a joint's or link's load in words, as far as it has some."""
-    return _JOINT.get(law, f"a law of {law.replace('*', '·')}")
+def law_at(law: str, place: str) -> str:
+    """A law without a name in words, as far as it has some, and its place."""
+    loaded = place.startswith(("joint", "link"))
+    told = _JOINT.get(law, f"a law of {law.replace('*', '·')}") if loaded else law_words(law)
+    return f"{told} ({place})"

@@ -15,7 +15,8 @@ from symstiff.discrepancy.null import critical
 from symstiff.discrepancy.power import visible
 from symstiff.discrepancy.prepare import Prepared
 from symstiff.discrepancy.problem import Candidate, Options, Problem
-from symstiff.discrepancy.result import CandidateResult, Found, LawAlike, Name, Quantity, Step
+from symstiff.discrepancy.result import CandidateResult, Found, Name, Quantity, RivalLaw, Step
+from symstiff.discrepancy.rivals import Rival
 from symstiff.discrepancy.scan import (
     Scan,
     at_sharing,
@@ -105,13 +106,21 @@ def leading(
     )
 
 
-def alike(ready: Prepared, outcome: Outcome) -> LawAlike | None:
+def alike(ready: Prepared, outcome: Outcome) -> RivalLaw | None:
     """The law without a name that describes what the leading set does, and explains nearly as much."""
     law = outcome.admissible[0].rivals.alike if outcome.admissible else None
-    if law is None or law.lead < -_NEARLY:
-        return None
+    return None if law is None or law.lead < -_NEARLY else _law(ready, law)
+
+
+def rival(ready: Prepared, outcome: Outcome) -> RivalLaw | None:
+    """The law without a name that does most in the place of a member of the leading set."""
+    law = None if outcome.chosen is None else outcome.chosen.rivals.first
+    return None if law is None else _law(ready, law)
+
+
+def _law(ready: Prepared, law: Rival) -> RivalLaw:
     where = ready.bank.candidates[law.candidate].where
-    return LawAlike(str(where["at"]), str(where["law"]), law.lead)
+    return RivalLaw(str(where["at"]), str(where["law"]), law.lead)
 
 
 def _confidences(outcome: Outcome) -> list[Mapping[int, float]]:

@@ -13,7 +13,7 @@ from symstiff.discrepancy.numbers import decimals_between, milli, p_equals, quan
 from symstiff.discrepancy.reasons import Why
 from symstiff.discrepancy.remarks import FEW, hiding
 from symstiff.discrepancy.result import Found, Name, Quantity
-from symstiff.discrepancy.speech import law_place
+from symstiff.discrepancy.speech import law_at, law_place
 from symstiff.discrepancy.verdict import AMBIGUOUS, INSUFFICIENT, NAMED, NOTHING, UNEXPLAINED
 from symstiff.display import few, listing, sentence_case
 from symstiff.effects.places import DETAILS, named, place, site, spoken
@@ -331,8 +331,10 @@ def _insufficient(finding: Finding) -> str:
     if finding.because.why is Why.SURE:
         known = {named(e.effect, e.where) for e in finding.named}
         rest = [text for text in _leading(finding) if text not in known]
+        rival = finding.last.rival
+        law = "" if rival is None else f": {law_at(rival.law, rival.place)}"
         return (
-            f"What is missing is sure in part: {listed(finding)}; for the rest, {_not_alone(rest)}; "
+            f"What is missing is sure in part: {listed(finding)}; for the rest, {_not_alone(rest)}{law}; "
             f"{gap(finding)}."
         )
     why = (
