@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from itertools import permutations
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -12,7 +13,7 @@ import pytest
 
 from symstiff.calibration.experiment.placement import closest
 from symstiff.calibration.experiment.situation import Situation, look
-from symstiff.calibration.measurements import concatenate
+from symstiff.calibration.measurements import Measurements, concatenate
 from symstiff.calibration.simulation import Device, Truth, nominal_truth
 from symstiff.discrepancy import numbers
 from symstiff.discrepancy.assemble import assemble
@@ -81,14 +82,36 @@ def test_lateness_is_not_looked_for_where_it_is_a_constant() -> None:
     assert "order of the loads" not in places(measured(levels=(0.25, 0.5, 0.75, 1.0)))
 
 
-@pytest.mark.slow
-def test_swapped_labels_are_told_by_the_poses_that_hold_what_is_left() -> None:
-    table = measured(poses=16)
+def swapped(table: Measurements, *poses: int) -> Measurements:
+    """The table with the readings of two poses exchanged."""
     values = table.values.copy()
-    first, second = (np.flatnonzero(table.pose == p) for p in (3, 11))
+    first, second = (np.flatnonzero(table.pose == p) for p in poses)
     values[first], values[second] = table.values[second], table.values[first]
-    found = diagnose(Task(load(ROBOT), replace(table, values=values)))
+    return replace(table, values=values)
+
+
+@pytest.mark.slow
+def test_swapped_labels_are_told_as_the_poses_without_which_nothing_is_missing() -> None:
+    table = swapped(measured(poses=16), 3, 11)
+    found = diagnose(Task(load(ROBOT), table))
+    assert (found.verdict, found.effects) == ("unexplained", ())
+    assert sorted(found.because.told) == sorted(str(table.labels[p]) for p in (3, 11))
+    assert len(found.table) == len(table) * 14 // 16
+    assert any(
+        r.startswith(f"{len(table) // 8} rows are left out, of {found.accused}:") for r in found.remarks
+    )
+    assert found.accused in (f"poses {a} and {b}" for a, b in permutations(found.because.told))
+    assert all(
+        name in part for part in (words.headline(found), words.sentence(found)) for name in found.because.told
+    )
+
+
+@pytest.mark.slow
+def test_where_more_is_missing_than_swapped_labels_they_are_a_remark() -> None:
+    table = swapped(measured({**HARDENING, "a": 1.5e-3}, poses=16), 3, 11)
+    found = diagnose(Task(load(ROBOT), table))
     assert found.verdict in ("unexplained", "named_insufficient")
+    assert len(found.table) == len(table)
     remark = next(r for r in found.remarks if "few poses" in r)
     assert all(table.labels[p] in remark for p in (3, 11))
 

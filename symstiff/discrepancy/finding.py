@@ -9,9 +9,10 @@ from symstiff.calibration.kept import completed
 from symstiff.calibration.measurements import Measurements
 from symstiff.discrepancy.assemble import Assembly
 from symstiff.discrepancy.growth import JointFit, contribution
-from symstiff.discrepancy.reasons import Reason
+from symstiff.discrepancy.reasons import Reason, Why
 from symstiff.discrepancy.result import CandidateResult, Diagnosis, Found, Rms
 from symstiff.discrepancy.strata import Stratum
+from symstiff.display import listing
 from symstiff.model import StiffnessModel
 from symstiff.robot.schema import Robot
 
@@ -80,6 +81,13 @@ class Finding:
     def model(self) -> StiffnessModel:
         """The grown model, with what the data cannot show as it was told."""
         return completed(self.grown.model, self.told, self.task.table.kind)
+
+    @property
+    def accused(self) -> str:
+        """Where what has no name comes from; empty where nothing tells."""
+        if self.because.why is Why.POSES:
+            return f"pose{'s' * (len(self.because.told) > 1)} {listing(self.because.told)}"
+        return self.last.localisation.accused if self.last.localisation else ""
 
     @property
     def named(self) -> tuple[Found, ...]:

@@ -1,4 +1,7 @@
-"""Gross errors: single readings far beside the others of their pose. They hide what is missing, and look like it."""
+"""Gross errors: single readings far beside the others of their pose, and poses that are unlike all others.
+
+They hide what is missing, and look like it.
+"""
 
 from __future__ import annotations
 
@@ -7,7 +10,12 @@ import numpy as np
 from symstiff.arrays import Array, Index
 from symstiff.calibration.experiment.current import sigma_of
 from symstiff.calibration.experiment.situation import View
+from symstiff.calibration.measurements import Measurements
+from symstiff.calibration.rows import predict
 from symstiff.discrepancy.finding import Finding
+from symstiff.discrepancy.numbers import milli
+from symstiff.discrepancy.result import Diagnosis
+from symstiff.discrepancy.verdict import INSUFFICIENT, UNEXPLAINED
 
 FAR = 6.0
 """Usual residuals by which a reading is beside the others of its pose; of normal noise two in a billion are."""
@@ -19,6 +27,17 @@ _OF_MEDIAN = 0.6745
 """Median of normal noise's size, in standard deviations."""
 MOST = 0.01
 """Share of the rows that may be gross errors, two at least: more are something else."""
+
+_MOSTLY = 0.5
+"""Share of what is left that few poses bring from which they are spoken of."""
+
+
+def unlike(table: Measurements, last: Diagnosis) -> list[int]:
+    """Numbers of the few poses that bring most of what the effects leave, worst first; none where nothing is left."""
+    where = last.localisation
+    if where is None or last.verdict not in (UNEXPLAINED, INSUFFICIENT) or where.suspected < _MOSTLY:
+        return []
+    return [int(np.unique(table.pose)[p]) for p in where.suspects]
 
 
 def gross(finding: Finding) -> Index:
@@ -82,3 +101,15 @@ def remark(finding: Finding, rows: Index) -> str:
         f"{len(rows)} readings lie up to {far.max():.0f} times the usual residual beside the others of their poses "
         f"({places}): slips, or readings that changed places. They are left out; look at them, or measure them again"
     )
+
+
+def far_beside(finding: Finding, left_out: Measurements) -> list[str]:
+    """A remark on how far deflections that were left out are beside the model of the others."""
+    measured = left_out.measured[:, :3]
+    if left_out.kind != "deflection" or not measured.any():
+        return []
+    apart = (left_out.values - predict(finding.model, left_out))[:, :3][measured]
+    return [
+        f"{len(left_out)} rows are left out, of {finding.accused}: their readings are "
+        f"{milli(float(np.sqrt(np.mean(apart**2))))} mm rms per coordinate beside what the model of the others predicts"
+    ]

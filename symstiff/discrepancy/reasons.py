@@ -37,6 +37,8 @@ class Why(Enum):
         "names"
     )
     """The verdict rests on the stated sigma alone."""
+    POSES = "without the poses that are unlike all others nothing is missing"
+    """The poses that bring what the catalogue has no name for."""
     DOUBTED = "{}: correct the {}"
     """What is wrong with the table, and what has to be corrected."""
     UNTESTABLE = "{}"

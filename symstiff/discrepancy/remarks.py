@@ -9,7 +9,7 @@ from symstiff.calibration.experiment.situation import View
 from symstiff.calibration.measurements import Measurements
 from symstiff.calibration.remarks import of_sag
 from symstiff.discrepancy.drawing import DRAWING
-from symstiff.discrepancy.gross import in_usual
+from symstiff.discrepancy.gross import in_usual, unlike
 from symstiff.discrepancy.noise import CONTRADICTED, NoiseReport
 from symstiff.discrepancy.numbers import p_equals, quantity
 from symstiff.discrepancy.out_of_range import beyond, outside
@@ -49,7 +49,7 @@ _FOLLOWED = {
 _DOUBTS = 2.0
 """Standard deviations by which a size that is spoken of is out of its physical range."""
 _MOSTLY = 0.5
-"""Share of a variance from which few poses, or repeats, are said to bring most of it."""
+"""Share of a variance from which repeats are said to bring most of it."""
 
 
 def remarked(view: View, last: Diagnosis) -> list[str]:
@@ -144,14 +144,12 @@ def _of_markers(noise: NoiseReport) -> list[str]:
 
 
 def _of_poses(table: Measurements, last: Diagnosis) -> list[str]:
-    where = last.localisation
-    if where is None or last.verdict not in (UNEXPLAINED, INSUFFICIENT) or where.suspected < _MOSTLY:
+    poses, where = unlike(table, last), last.localisation
+    if not poses or where is None:
         return []
-    numbers = np.unique(table.pose)
-    names = ", ".join(table.labels[int(numbers[p])] for p in where.suspects)
     return [
-        f"most of what is left ({100 * where.suspected:.0f} % of its variance) comes with few poses ({names}): "
-        "look at their labels and joint readings, or measure them again"
+        f"most of what is left ({100 * where.suspected:.0f} % of its variance) comes with few poses "
+        f"({', '.join(table.labels[p] for p in poses)}): look at their labels and joint readings, or measure them again"
     ]
 
 

@@ -30,14 +30,14 @@ from symstiff.discrepancy.conclusion import Course, finding_of
 from symstiff.discrepancy.doubts import doubted
 from symstiff.discrepancy.examine import examine
 from symstiff.discrepancy.finding import Finding, Task
-from symstiff.discrepancy.gross import gross, remark
+from symstiff.discrepancy.gross import far_beside, gross, remark, unlike
 from symstiff.discrepancy.growth import fit, grow
 from symstiff.discrepancy.prepare import at_first
 from symstiff.discrepancy.problem import Options, key_of
-from symstiff.discrepancy.reasons import Reason
+from symstiff.discrepancy.reasons import Reason, Why
 from symstiff.discrepancy.result import Diagnosis, Found, Name, Quantity
 from symstiff.discrepancy.used import used
-from symstiff.discrepancy.verdict import AMBIGUOUS, NAMED, UNTESTABLE
+from symstiff.discrepancy.verdict import AMBIGUOUS, NAMED, NOTHING, UNEXPLAINED, UNTESTABLE
 from symstiff.effects.instance import EffectInstance
 from symstiff.effects.places import named as named_at
 from symstiff.model import StiffnessModel
@@ -74,7 +74,22 @@ def diagnose(task: Task, tell: Tell = lambda stage: None) -> Finding:
         table = table.select(np.setdiff1d(np.arange(len(table)), rows))
         tell("without gross errors")
         finding = _of_table(task, table, remarks, tell)
-    return finding
+    return _but_suspects(finding, remarks, tell)
+
+
+def _but_suspects(finding: Finding, remarks: Sequence[str], tell: Tell) -> Finding:
+    """What few poses unlike all others bring, as what is wrong with these, if nothing is missing without them."""
+    poses = unlike(finding.table, finding.last)
+    if not poses:
+        return finding
+    tell("without the poses unlike the others")
+    table, theirs = finding.table, np.isin(finding.table.pose, poses)
+    rest = _of_table(finding.task, table.select(np.flatnonzero(~theirs)), remarks, tell)
+    if rest.verdict != NOTHING:
+        return finding
+    names = tuple(str(table.labels[p]) for p in poses)
+    rest = replace(rest, verdict=UNEXPLAINED, because=Reason(Why.POSES, names))
+    return replace(rest, remarks=(*rest.remarks, *far_beside(rest, table.select(np.flatnonzero(theirs)))))
 
 
 def _of_table(task: Task, table: Measurements, remarks: Sequence[str], tell: Tell) -> Finding:

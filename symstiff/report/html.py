@@ -14,6 +14,7 @@ from symstiff.codegen.emit import environment
 from symstiff.discrepancy import numbers
 from symstiff.discrepancy.finding import Finding
 from symstiff.discrepancy.noise import off
+from symstiff.discrepancy.reasons import Why
 from symstiff.discrepancy.result import CandidateResult, Found, Name, Quantity
 from symstiff.discrepancy.sharing import JOINTS
 from symstiff.discrepancy.speech import law_place
@@ -246,7 +247,7 @@ def _laws(finding: Finding) -> list[dict[str, Any]]:
 
 
 def _unnamed(finding: Finding) -> dict[str, Any] | None:
-    known = finding.verdict not in (UNEXPLAINED, INSUFFICIENT)
+    known = finding.verdict not in (UNEXPLAINED, INSUFFICIENT) or finding.because.why is Why.POSES
     if known or not finding.testable or finding.last.against_sigma or finding.last.stratum_alone is not None:
         return None
     where, law, device = finding.last.localisation, finding.last.law, finding.last.device_law
@@ -254,7 +255,7 @@ def _unnamed(finding: Finding) -> dict[str, Any] | None:
         (b.virtual_joint, f"{100 * b.explained:.0f} %") for b in where.back_projections[:6]
     ]  # fmt: skip
     return {
-        "accused": law_place(where.accused) if where else "",
+        "accused": law_place(finding.accused),
         "picture": _marked(law_plots.draw_unnamed(finding)),
         "device": device and unnamed.device_text(device),
         "law": None

@@ -45,7 +45,7 @@ def verdict_table(finding: Finding, decide: Mapping[str, Any] | None = None) -> 
         "strata": [_stratum(s) for s in finding.steps[0].strata],
         "strata_left": [_stratum(s) for s in finding.steps[-1].strata],
         "steps": [_step(finding, s) for s in finding.steps],
-        "accused": (last.localisation.accused or None) if last.localisation else None,
+        "accused": finding.accused or None,
         "law": _law(finding),
         "device_law": _device_law(finding),
         "inconstant": [_inconstant(o) for o in last.inconstant],

@@ -67,6 +67,8 @@ def headline(finding: Finding) -> str:
     """The verdict in a few words."""
     if not finding.testable:
         return "Nothing can be tested with these data"
+    if finding.because.why is Why.POSES:
+        return f"Something is wrong with {finding.accused}; without that nothing is missing"
     if finding.because.why is Why.NOT_ALONE:
         return "Something is missing, and the data do not tell whether the catalogue has a name for it"
     if finding.last.against_sigma:
@@ -292,6 +294,15 @@ def _instead(members: list[Found], finding: Finding) -> str:
     return f"{own} instead of {gone}" if gone and len(finding.named) > 1 else own
 
 
+def _nothing_but_poses(finding: Finding) -> str:
+    them = "them" if len(finding.because.told) > 1 else "it"
+    return (
+        f"What is missing comes with {finding.accused}, unlike all others, and no effect of the catalogue accounts for "
+        f"that: look at labels, loads and joint readings there, or measure {them} again. Without {them} the model "
+        f"accounts for the data: {size(finding.rms.after, finding)} rms per coordinate is left, {_noise(finding)}."
+    )
+
+
 def _nothing(finding: Finding) -> str:
     r = finding.rms
     tested = sum(c.testable for c in finding.candidates)
@@ -380,7 +391,9 @@ def _unexplained(finding: Finding) -> str:
             "place is seen there: it may be noise that follows itself from reading to reading (residual "
             f"{size(finding.rms.after, finding)} rms per coordinate, {_noise(finding)})."
         )
-    accused = finding.last.localisation.accused if finding.last.localisation else ""
+    if finding.because.why is Why.POSES:
+        return _nothing_but_poses(finding)
+    accused = finding.accused
     text = "No effect of the catalogue accounts for the data"
     if finding.because.why is Why.NOT_ALONE:
         text = sentence_case(_not_alone(_leading(finding)))
