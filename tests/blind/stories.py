@@ -108,7 +108,9 @@ def block(effect: str, link: Callable[[Draw], int]) -> Maker:
             r, c = str(pair)
             size = np.sqrt(d.values[f"k{i}_{r}{r}"] * d.values[f"k{i}_{c}{c}"])
             entries[f"{r}{c}"] = float(d.uniform(0.5, 0.9) * d.sign() * size)
-        return Effect(effect, {"link": i}, "entries", {"entries": entries}), {"link": i}
+        return Effect(
+            effect, {"link": i} if effect == "link_asymmetry" else None, "entries", {"entries": entries}
+        ), {"link": i}
 
     return make
 
@@ -224,7 +226,7 @@ def link_weight(d: Draw) -> Made:
     i = d.link(2)
     mass = 0.6 * d.force / 9.81
     return (
-        Effect("link_weight", {"link": i}, "behind_springs", {"mass": mass, "com": d.vector(0.15)}),
+        Effect("link_weight", {"link": i}, "lumped", {"mass": mass, "com": d.vector(0.15)}),
         {"link": i},
     )
 
