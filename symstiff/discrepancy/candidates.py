@@ -239,7 +239,10 @@ def _noncentrality(signal: Array, problem: Problem, noise: Noise | None) -> floa
 
 
 def grouped(problem: Problem, candidates: Sequence[Candidate]) -> tuple[Candidate, ...]:
-    """Name the groups of candidates that add the same spaces to the model, whatever their shape."""
+    """Name the groups of candidates that add the same spaces to the model, whatever their shape.
+
+    A shape whose space is a part of another one's does not count: that takes in all it does.
+    """
     basis = column_space(problem.A)
     probe = np.random.default_rng(0).standard_normal(problem.rows)
     known: list[tuple[str, Array, float]] = []
@@ -248,7 +251,8 @@ def grouped(problem: Problem, candidates: Sequence[Candidate]) -> tuple[Candidat
         if candidate.unavailable or len(candidate.shapes) > _MOST_SHAPES:
             out.append(candidate)
             continue
-        shadow = np.concatenate([_shadow(candidate.block(s), basis, probe) for s in candidate.shapes])
+        spaces = [_own_space(candidate.block(s), basis) for s in candidate.shapes]
+        shadow = np.concatenate([own @ (own.T @ probe) for own in spaces if not _within(own, spaces)])
         size = float(np.linalg.norm(shadow))
         alike = (n for n, other, s in known if abs(s - size) <= _SAME * size and _equal(other, shadow))
         name = next(alike, candidate.key)
@@ -293,12 +297,20 @@ def _elsewhere(robot: Robot, situation: Situation) -> Situation:
     return Situation(moved, replace(situation.laws, view=moved))
 
 
-def _shadow(block: Array, basis: Array, probe: Array) -> Array:
-    """One random vector projected (M,) on what a block adds to the model: equal spaces, equal shadows."""
+def _own_space(block: Array, basis: Array) -> Array:
+    """Orthonormal basis (M, r) of what a block adds to the model."""
     length = np.linalg.norm(block, axis=0)
     block = block[:, length > 0] / length[length > 0]
-    own = column_space(block - basis @ (basis.T @ block), OWN)
-    return np.asarray(own @ (own.T @ probe))
+    return column_space(block - basis @ (basis.T @ block), OWN)
+
+
+def _within(own: Array, spaces: Sequence[Array]) -> bool:
+    """Whether a space is a part of a larger one among some."""
+    return any(
+        other.shape[1] > own.shape[1]
+        and bool(np.linalg.norm(own - other @ (other.T @ own)) < _SAME * np.sqrt(own.shape[1]))
+        for other in spaces
+    )
 
 
 def _equal(a: Array, b: Array) -> bool:

@@ -1,8 +1,11 @@
-"""The weight of a link as a load on every virtual joint before its DH frame: mass and first moment."""
+"""The weight of a link as a load on every virtual joint before its DH frame: mass and first moment.
+
+With ``centred = 1`` in the shape the centre of mass is where the robot file tells it, and the mass alone is another.
+"""
 
 from __future__ import annotations
 
-from symstiff.effects.base import Effect, Realisation, Shape, Where
+from symstiff.effects.base import Effect, Realisation, Scales, Shape, Where
 from symstiff.effects.common import ABSOLUTE
 from symstiff.effects.weights import weight
 from symstiff.robot.schema import Robot
@@ -12,8 +15,12 @@ NAME = "link_weight"
 
 def _realise(robot: Robot, where: Where, shape: Shape) -> Realisation:
     link = int(where["link"])
-    low = -robot.links[link].mass if robot.links[link].mass else 0.0
-    return weight(NAME, where, robot, link, low)
+    own = robot.links[link]
+    return weight(NAME, where, robot, link, -own.mass, own.com if shape.get("centred") else None)
+
+
+def _shapes(robot: Robot, where: Where, scales: Scales) -> tuple[Shape, ...]:
+    return ({}, {"centred": 1.0}) if robot.links[int(where["link"])].mass else ({},)
 
 
 EFFECT = Effect(
@@ -24,6 +31,8 @@ EFFECT = Effect(
     seen_in=ABSOLUTE,
     places=lambda robot: tuple({"link": i} for i in range(1, robot.dof + 1)),
     realise=_realise,
+    shapes=_shapes,
+    told={"centred": "its centre of mass where the robot file tells it"},
     confused_with=("payload_error", "geometric_error", "joint_offset"),
     separated_by="several payloads, and poses near and far from the axis",
 )
