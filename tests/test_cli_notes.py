@@ -105,13 +105,30 @@ def test_a_sigma_that_is_far_too_large_is_told(run: Run) -> None:
         ) == told
 
 
-def test_negated_deflections_look_swapped(run: Run) -> None:
-    measured(Path("data.csv"))
+def rewritten(signs: dict[str, float], names: dict[str, str]) -> None:
+    """Signs of some columns of the table changed, and some columns under other names."""
     rows = list(csv.reader(Path("data.csv").read_text().splitlines()))
-    signed = [k for k, header in enumerate(rows[0]) if header[:2] in ("dx", "dy", "dz")]
-    negated = [[str(-float(c)) if k in signed else c for k, c in enumerate(row)] for row in rows[1:]]
-    Path("data.csv").write_text("".join(",".join(row) + "\n" for row in (rows[0], *negated)))
-    assert "axes look swapped" in notes(run, *IDENTIFY)
+    factor = [signs.get(header[:2], 1.0) for header in rows[0]]
+    told = [names.get(header[:2], header[:2]) + header[2:] for header in rows[0]]
+    changed = [[c if f > 0 else str(-float(c)) for c, f in zip(row, factor, strict=True)] for row in rows[1:]]
+    Path("data.csv").write_text("".join(",".join(row) + "\n" for row in (told, *changed)))
+
+
+def test_no_model_is_written_of_deflections_that_point_against_their_loads(run: Run) -> None:
+    measured(Path("data.csv"))
+    rewritten({"dx": -1.0, "dy": -1.0, "dz": -1.0}, {})
+    done = run(*IDENTIFY, "-o", "m.toml")
+    assert_users_mistake(done, "the deflections point against their loads", "the sign of the loads")
+    assert not Path("m.toml").exists()
+
+
+def test_swapped_axes_are_a_note_and_come_first_where_the_model_is_not_determined(run: Run) -> None:
+    measured(Path("data.csv"))
+    rewritten({}, {"dx": "dy", "dy": "dx"})
+    assert "axes look swapped: x = y, y = x" in notes(run, *IDENTIFY)
+    complete = run("identify", "planar2r", "data.csv", "-o", "m.toml")
+    assert_users_mistake(complete, "axes look swapped: x = y, y = x")
+    assert complete.err.index("look swapped") < complete.err.index("do not determine the model")
 
 
 def test_compliances_far_from_the_robot_files_question_the_units(run: Run) -> None:

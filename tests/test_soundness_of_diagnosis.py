@@ -180,11 +180,12 @@ def test_shapes_are_told_with_units() -> None:
     assert numbers.percent(0.034) == "3.4 %"
 
 
-def test_deflections_of_the_wrong_sign_are_a_matter_of_the_table(tmp_path: Path) -> None:
+@pytest.mark.parametrize("start", ["complete", "joints"])
+def test_deflections_of_the_wrong_sign_are_a_matter_of_the_table(tmp_path: Path, start: str) -> None:
     table = measured(HARDENING)
-    found = diagnose(Task(load(ROBOT), replace(table, values=-table.values)))
+    found = diagnose(Task(load(ROBOT), replace(table, values=-table.values), start))
     assert (found.verdict, found.testable) == ("unexplained", False)
-    assert "the deflection axes look swapped: x = -x, y = -y" in found.reason
+    assert "the deflections point against their loads" in found.reason
     assert not found.effects
     code = write_report(found, tmp_path / "out").verdict["code"]
     assert code["text"] == "no code was written: model.toml is of a table that has to be corrected"
@@ -253,9 +254,11 @@ def test_absolute_positions_of_another_robot_are_doubted() -> None:
     values = readings(Truth(load("ur10"), nominal_truth(load("ur10")), (), device=Device()), table)
     values[:, 3:] = np.nan
     model = StiffnessModel.of(reduce(load("ur10")))
-    assert doubted(model, replace(table, values=values)) is None
+    assert doubted(model, replace(table, values=values), model) is None
     swapped = table.q[:, [0, 1, 2, 4, 3, 5]]
-    assert "misses the measured positions by" in str(doubted(model, replace(table, values=values, q=swapped)))
+    assert "misses the measured positions by" in str(
+        doubted(model, replace(table, values=values, q=swapped), model)
+    )
 
 
 def test_two_axes_of_a_position_do_not_say_where_the_device_stands() -> None:

@@ -32,7 +32,17 @@ class AxisHint:
     best: float
     rivals: int
 
+    @property
+    def reversed(self) -> bool:
+        """Whether everything measured points the other way."""
+        return bool(np.all(self.signed == -np.eye(3)))
+
     def __str__(self) -> str:
+        if self.reversed:
+            return (
+                "the deflections point against their loads, which no robot gives way to: the sign of the loads is "
+                "another one, or unloaded positions were taken minus loaded ones"
+            )
         text = (
             f"the deflection axes look swapped: {assignment(self.signed)} would leave {self.best:.1%} "
             f"of the squared deflection unexplained instead of {self.unexplained:.1%}"
@@ -99,12 +109,17 @@ def axis_hint_refit(
 
 
 def _judge(left: Sequence[float]) -> AxisHint | None:
-    """The best change if it is far better than none; `left` in the order of `signed_permutations`."""
+    """The best change if it is far better than none; `left` in the order of `signed_permutations`.
+
+    Of those that do as well the one that reverses everything, if it is among them, else the one that changes least.
+    """
     best = int(np.argmin(left))
     close = [i for i, value in enumerate(left) if value <= left[best] * _SAME + 1e-9]
     if 0 in close or left[0] < _WORTH_A_WORD or left[best] > _FAR_BETTER * left[0]:
         return None
-    return AxisHint(signed_permutations()[close[0]], left[0], left[close[0]], len(close) - 1)
+    changes = signed_permutations()
+    found = next((i for i in close if np.all(changes[i] == -np.eye(3))), close[0])
+    return AxisHint(changes[found], left[0], left[found], len(close) - 1)
 
 
 def _triples(values: Array) -> Array:

@@ -195,7 +195,7 @@ def check_robot(table: Measurements, robot: Robot) -> list[str]:
                 f"{table.place(int(rows[0]))}: robot {robot.name} has no marker {printable(name, SHOWN)!r}: "
                 f"use one of {', '.join(sorted(known))}, or add a [[marker]] to the robot file"
             )
-    return _outside_limits(table, robot) + _tiny_angles(table) + _of_units(table) + _half_stated(table)
+    return _outside_limits(table, robot) + _tiny_angles(table) + of_units(table) + _half_stated(table)
 
 
 def _outside_limits(table: Measurements, robot: Robot) -> list[str]:
@@ -227,7 +227,7 @@ def _tiny_angles(table: Measurements) -> list[str]:
     ]
 
 
-def _of_units(table: Measurements) -> list[str]:
+def of_units(table: Measurements) -> list[str]:
     """Deflections or forces in another unit than the header says: metres under mm, newtons under kN, kN under N."""
     loads = np.linalg.norm(table.w, axis=1)  # moments as of a lever of a metre
     loaded = table.w[:, :3].any(axis=1)

@@ -23,7 +23,7 @@ from symstiff.calibration.measurements import Measurements
 from symstiff.calibration.point import find_point
 from symstiff.calibration.redundant import redundant
 from symstiff.calibration.remarks import (
-    axis_remarks,
+    axis_hint,
     below_zero,
     beside_geometry,
     explained,
@@ -231,24 +231,35 @@ def _from_deflections(
     found, held = _fit(model, train, robust=robust, physical=physical, reduced=reduction is not None)
     remarks = [*remarks, *([of_redundant(held, model)] if held else [])]
     fitted, e = found.estimate, found.equations
-    slipped, _ = slip(model, train, left_by)
-    remarks += [slipped] if slipped else axis_remarks(fitted.names, train, e)
+    hints = _misread(model, train, found)
+    remarks += hints
     slides = [i for i, joint in enumerate(robot.joint, start=1) if joint.prismatic]
     unread = [name for k, name in enumerate(("dx", "dy", "dz")) if not train.measured[:, k].any()]
     kept = [] if validation is None else [_left_to_fit(train, validation)]
-    check_determined(fitted.rank, fitted.names, len(e.y), [*kept, *begin.doubts], slides, unread)
+    check_determined(fitted.rank, fitted.names, len(e.y), [*hints, *kept, *begin.doubts], slides, unread)
     behind = _reduced_to(model, begin.experiment) if physical and reduction is None else reduction
     values, constrained = _values(fitted, behind, physical)
     values |= {n: model.values.get(n, 0.0) for n in held}
     model = model.with_values(values, _finite(dict(zip(fitted.names, fitted.std.tolist(), strict=True))))
     training = residual_table(train.values, predict(model, train))
     remarks += [*unsettled(found), *explained(training), *fits(fitted, e), *unlike_file(model, robot)]
-    remarks += [] if physical or reduction is None else below_zero(values, reduction)
+    remarks += [] if physical or reduction is None or hints else below_zero(values, reduction)
     fresh = residual_table(validation.values, predict(model, validation)) if validation is not None else None
     return Identification(
         completed(model, begin.told, train.kind), reduction, fitted, e, training, fresh, found.robust, constrained,
         tuple(remarks), train, validation,
     )  # fmt: skip
+
+
+def _misread(model: StiffnessModel, table: Measurements, found: Fitted) -> list[str]:
+    """What of the table looks exchanged or read in another way. Raises UserError where all of it is reversed."""
+    slipped, _ = slip(model, table, left_by)
+    if slipped:
+        return [slipped]
+    hint = axis_hint(found.estimate.names, table, found.equations)
+    if hint is not None and hint.reversed:
+        raise UserError(str(hint))
+    return [str(hint)] if hint is not None else []
 
 
 def _from_absolute(begin: _Begin, table: Measurements, remarks: list[str]) -> Identification:

@@ -8,7 +8,7 @@ import numpy as np
 import scipy.stats
 
 from symstiff.calibration.absolute import AbsoluteFit
-from symstiff.calibration.axes import axis_hint_refit
+from symstiff.calibration.axes import AxisHint, axis_hint_refit
 from symstiff.calibration.estimate import Estimate
 from symstiff.calibration.fitting import Fitted
 from symstiff.calibration.measurements import Measurements
@@ -179,18 +179,17 @@ def of_redundant(held: Collection[str], model: StiffnessModel) -> str:
     return f"{shown} {be} kept: no poses and loads of this kind tell {them} from the model's other parameters"
 
 
-def axis_remarks(names: Sequence[str], table: Measurements, e: Equations) -> list[str]:
+def axis_hint(names: Sequence[str], table: Measurements, e: Equations) -> AxisHint | None:
     """A hint where another assignment of the measured axes would fit far better."""
     whole: np.ndarray = np.all(table.measured[:, :3], axis=1)
     if not whole.any():
-        return []
+        return None
     thin = max(1, int(whole.sum()) // _HINT_ROWS)  # a swapped axis shows in any few hundred rows
     whole &= np.cumsum(whole) % thin == 0
     keep = np.flatnonzero(whole[e.row] & (e.component < 3))
     order = keep[np.lexsort((e.component[keep], e.row[keep]))]
     positive = [_cannot_be_negative(name) for name in names]
-    hint = axis_hint_refit(e.A[order], table.values[whole][:, :3], None, positive, table.w[whole][:, :3])
-    return [str(hint)] if hint is not None else []
+    return axis_hint_refit(e.A[order], table.values[whole][:, :3], None, positive, table.w[whole][:, :3])
 
 
 def _cannot_be_negative(name: str) -> bool:

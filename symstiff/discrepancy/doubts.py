@@ -8,7 +8,7 @@ from symstiff.calibration.experiment.arm import drawn
 from symstiff.calibration.experiment.placement import placed
 from symstiff.calibration.experiment.situation import Laws, look
 from symstiff.calibration.measurements import Measurements
-from symstiff.calibration.remarks import axis_remarks
+from symstiff.calibration.remarks import axis_hint
 from symstiff.calibration.rows import equations
 from symstiff.calibration.slips import left_by, slip
 from symstiff.discrepancy.reasons import Reason, Why
@@ -20,18 +20,19 @@ _AWAY = 0.03
 """Distance from the measured positions, in reaches, that no uncalibrated robot has."""
 
 
-def doubted(model: StiffnessModel, table: Measurements) -> Reason | None:
-    """Why the table is to be looked at first: axes or places that cannot be as they are told."""
+def doubted(model: StiffnessModel, table: Measurements, whole: StiffnessModel) -> Reason | None:
+    """Why the table is to be looked at first: axes or places that cannot be as they are told.
+
+    ``whole`` is what deflections are explained by whichever way their axes are: a model in which links give way too.
+    """
     absolute = table.kind == "absolute"
-    hint, wrong = slip(model, table, _excess if absolute else left_by)
-    if hint:
-        return Reason(Why.DOUBTED, (hint, wrong))
+    slipped, wrong = slip(model, table, _excess if absolute else left_by)
+    if slipped:
+        return Reason(Why.DOUBTED, (slipped, wrong))
     if absolute:
         return _misplaced(model, table)
-    if not any(not p.is_joint for p in model.compliances):
-        return None
-    hints = axis_remarks(model.parameters, table, equations(model, table))
-    return Reason(Why.DOUBTED, (hints[0], "table, or the signs of its loads")) if hints else None
+    hint = axis_hint(whole.parameters, table, equations(whole, table))
+    return Reason(Why.DOUBTED, (str(hint), "table, or the signs of its loads")) if hint is not None else None
 
 
 def _excess(model: StiffnessModel, table: Measurements) -> tuple[float, int]:

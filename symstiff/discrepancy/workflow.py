@@ -16,7 +16,7 @@ import numpy as np
 
 from symstiff.arguments import require, whole
 from symstiff.calibration.checks import check_measured, check_robot
-from symstiff.calibration.experiment.readings import experiment_of
+from symstiff.calibration.experiment.readings import ExperimentClass, experiment_of
 from symstiff.calibration.experiment.situation import Laws
 from symstiff.calibration.identify import start_model
 from symstiff.calibration.kept import seen_in
@@ -105,7 +105,8 @@ def _of_table(task: Task, table: Measurements, remarks: Sequence[str], tell: Tel
     remarks += unseen
     model, of_point = find_point(model, table, task.robot)
     remarks += [of_point] if of_point else []
-    assembly, first = _diagnosed(model, table, _options(task), tell, doubted(model, table))
+    whole = _with_links(model, task, table, experiment)
+    assembly, first = _diagnosed(model, table, _options(task), tell, doubted(model, table, whole))
     course = Course(task, table, told, Ladder(model), assembly, first, first)
     while (wider := wider_model(course.ladder.base, course.last, task, experiment)) is not None:
         climbed = _climbed(course, wider, tell)
@@ -113,6 +114,15 @@ def _of_table(task: Task, table: Measurements, remarks: Sequence[str], tell: Tel
             break
         course = climbed
     return finding_of(course, remarks, tell, lambda course, found: _without(course, found, tell))
+
+
+def _with_links(
+    model: StiffnessModel, task: Task, table: Measurements, experiment: ExperimentClass
+) -> StiffnessModel:
+    """A model in which links give way: the complete one where this one takes them for rigid."""
+    if table.kind == "absolute" or any(not p.is_joint for p in model.compliances):
+        return model
+    return seen_in(start_model(task.robot, "complete", experiment)[0], table.kind)[0]
 
 
 def _without(course: Course, found: Sequence[Found], tell: Tell) -> Course | None:

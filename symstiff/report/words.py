@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from symstiff.calibration.checks import of_units
 from symstiff.discrepancy.finding import Finding
 from symstiff.discrepancy.numbers import decimals_between, milli, p_equals, quantity
 from symstiff.discrepancy.reasons import Why
@@ -67,6 +68,10 @@ def headline(finding: Finding) -> str:
     """The verdict in a few words."""
     if not finding.testable:
         return "Nothing can be tested with these data"
+    return _headline(finding) + (", if the units are right" if of_units(finding.table) else "")
+
+
+def _headline(finding: Finding) -> str:
     if finding.because.why is Why.POSES:
         return f"Something is wrong with {finding.accused}; without that nothing is missing"
     if finding.because.why is Why.NOT_ALONE:
@@ -152,6 +157,7 @@ def sentence(finding: Finding, decide: Mapping[str, Any] | None = None) -> str:
         INSUFFICIENT: _insufficient,
         UNEXPLAINED: _unexplained,
     }[finding.verdict](finding)
+    text = " ".join([*(f"{sentence_case(doubt)}." for doubt in of_units(finding.table)), text])
     return text if decide is None else f"{text} {deciding(decide)}"
 
 
