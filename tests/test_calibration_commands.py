@@ -71,6 +71,8 @@ def test_a_planned_load_comes_in_steps_and_a_sliding_joint_stays_in_metres(folde
         (-20.0, 1, "p1"), (-20.0, 1, "p2"), (-40.0, 2, "p1"), (-40.0, 2, "p2"), (-60.0, 3, "p1"), (-60.0, 3, "p2"),
     ]  # fmt: skip
     assert "q3[m]" in rows[0]
+    done = symstiff(folder, "plan", "scara", "--poses", "4", "--margin", "50", "-o", "none.csv")
+    assert (done.returncode, "--margin 50: a part of a joint's range" in done.stderr) == (2, True)
     done = symstiff(folder, "plan", "scara", "--poses", "4", "--steps", "0", "-o", "none.csv")
     assert (done.returncode, "--steps 0" in done.stderr) == (2, True)
 

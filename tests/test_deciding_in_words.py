@@ -27,9 +27,9 @@ def named() -> Finding:
     [
         (
             (2.0, 5.22),
-            "they reach a separation of 5.22, which will not decide: more readings, other loads or another way to "
-            "measure have to.",
-            ", decide.csv (poses that reach a separation of 5.22, which will not decide), "
+            "they reach a separation of 5.22, which may not decide (9 does): repeated readings, more poses, other "
+            "loads or another way to measure would.",
+            ", decide.csv (poses that reach a separation of 5.22, which may not decide (9 does)), "
             "taken.csv (those of the data)",
         ),
         (

@@ -49,3 +49,14 @@ def test_loads_that_the_code_is_not_for_are_told_where_it_is_called(loads: str) 
     written = emit_c(Functions(StiffnessModel.of(reduce(load("planar2r"), loads))), Options(targets=("c",)))
     told = f"pass only those of the class *{loads}*" in written["README.md"].decode()
     assert told == (loads != "wrench")
+
+
+def test_every_file_of_a_target_is_told() -> None:
+    f = Functions(StiffnessModel.of(reduce(load("planar2r"))))
+    options = Options(targets=tuple(TARGETS))
+    readme, plain = (emit_c(f, o)["README.md"].decode() for o in (options, Options()))
+    for name in ("cpp", "python", "fmi2", "fmi3", "st", "params", "rls"):
+        for file in TARGETS[name].emitter()(f, options):
+            told = file if name not in ("params", "rls") else file.replace(".h", ".c")
+            assert f"`{told}`" in readme
+            assert f"`{told}`" not in plain

@@ -118,6 +118,19 @@ def test_poses_keep_limits_keep_out_fixed_joints_and_levels_through_refinement(s
     assert np.linalg.norm(points[:, -1], axis=1).max() <= 1.2 + 1e-6
 
 
+@pytest.mark.parametrize("levels", [{}, {2: 3}])
+def test_a_margin_is_kept_from_both_limits_through_refinement(levels: dict[int, int]):
+    low, high = np.array(LIMITS).T
+    for margin in (0.0, 0.04):
+        space = {"region": Region(margin=margin), "levels": levels}
+        q = small_plan(space=space, search={"refine": True, "candidates": 400}).q
+        kept = np.minimum(q - low, high - q) / (high - low)
+        assert kept.min() > margin - 1e-9
+        assert (kept.min() < 0.03) == (margin == 0.0)
+    with pytest.raises(UserError, match=r"margin 0\.5: a share of a joint's range"):
+        Region(margin=0.5)
+
+
 def casadi_three_axes(q, w):
     """The same small chain in CasADi: its columns by J_a (J_b·w)."""
     import casadi as ca
@@ -234,8 +247,12 @@ def test_what_cannot_be_planned_is_said_in_one_line():
     with pytest.raises(UserError, match=r"no plan tells c3, k2_66 apart"):
         plan_poses(Space(THREE, FORCES), twice, twice.names, Goal(6), search=Search(300))
     walls = Region((Box((-9, -9, -9), (9, 9, 9)),))
-    with pytest.raises(UserError, match=r"none of .* keeps the region"):
+    with pytest.raises(
+        UserError, match=r"none of .* keeps the region: relax the keep-out boxes; a box that holds the base"
+    ):
         small_plan(space={"region": walls})
+    with pytest.raises(UserError, match=r"none of .* keeps the region: relax the floor$"):
+        small_plan(space={"region": Region((), (above_floor(9.0),))})
     with pytest.raises(UserError, match=r"cannot show 9 values of q2"):
         small_plan(space={"levels": {2: 9}})
     with pytest.raises(UserError, match=r"outside its limits"):

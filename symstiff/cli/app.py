@@ -187,6 +187,9 @@ def plan(
         typer.Option(help="Box \\[m], world axes, that no line between frames enters: x1,y1,z1,x2,y2,z2."),
     ] = None,
     floor: Annotated[float | None, typer.Option(help="Nothing of the robot below this height \\[m].")] = None,
+    margin: Annotated[
+        float, typer.Option(help="Part of its range \\[%] that every joint keeps from either limit.")
+    ] = 0.0,
     separate: Annotated[
         Path | None,
         typer.Option(
@@ -208,7 +211,7 @@ def plan(
         PlanRequest(
             robot, poses, output, loads, measure, criterion, test_poses, force, moment, steps, candidates,
             sigma, levels,
-            _list(markers), fixed, keep_out, floor, separate, seed, refine,
+            _list(markers), fixed, keep_out, floor, margin, separate, seed, refine,
             cluster, plot, json,
         )
     )  # fmt: skip

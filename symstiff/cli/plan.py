@@ -29,6 +29,8 @@ if TYPE_CHECKING:
 CANDIDATES, LOADS, MEASURE = 20_000, "wrench", "pose"
 """What is taken where nobody says; for a verdict it is what its data had."""
 MOST_CANDIDATES, MOST_STEPS = 1_000_000, 1000
+_AT_LIMIT = 1e-3
+"""Share of its range within which a joint is at its limit."""
 
 
 @dataclass(frozen=True)
@@ -52,6 +54,7 @@ class PlanRequest:
     fixed: str | None
     keep_out: str | None
     floor: float | None
+    margin: float
     separate: Path | None
     seed: int
     refine: bool
@@ -107,6 +110,7 @@ def run_plan(request: PlanRequest) -> None:
     write_json(request.json, _record(request, asked, plan, applied, doubts))
     warn_of(out, reduction)
     _print_plan(out, plan, model.units)
+    _note_limits(out, plan, robot, request.margin)
     if doubts:
         _note_doubts(out, doubts, request.criterion)
     out.print(_applied(applied))
@@ -183,6 +187,21 @@ def _record(
     }  # fmt: skip
     loads = {"class": applied.kind, "force": applied.force, "moment": applied.moment}
     return {**plan.to_dict(), "load": loads, "doubtful": list(doubts), "measured": measured}
+
+
+def _note_limits(out: Console, plan: Plan, robot: Robot, margin: float) -> None:
+    """Say how many poses stand where a controller may refuse them."""
+    import numpy as np
+
+    low, high = np.array([joint.range for joint in robot.joint], dtype=float).T
+    near = _AT_LIMIT * (high - low)
+    count = int(np.sum(np.any((plan.q < low + near) | (plan.q > high - near), axis=1)))
+    if count and not margin:
+        note(
+            out,
+            f"{count} of {len(plan)} poses have a joint at its limit, where most is seen and a controller may refuse "
+            "it: --margin 2 keeps 2 % of every range free",
+        )
 
 
 def _note_doubts(out: Console, doubts: tuple[str, ...], criterion: str) -> None:
@@ -362,8 +381,12 @@ def _region(request: PlanRequest) -> Region | None:
         boxes = (Box(low, high),)  # type: ignore[arg-type]
     if request.floor is not None and not np.isfinite(request.floor):
         raise UserError(f"--floor {request.floor}: a height in metres")
+    if not 0 <= request.margin < 50:
+        raise UserError(
+            f"--margin {request.margin:g}: a part of a joint's range in per cent, from 0 to below 50"
+        )
     spaces = () if request.floor is None else (above_floor(request.floor),)
-    return Region(boxes, spaces) if boxes or spaces else None
+    return Region(boxes, spaces, margin=request.margin / 100)
 
 
 def _print_plan(out: Console, plan: Plan, units: dict[str, str]) -> None:

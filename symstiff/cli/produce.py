@@ -57,6 +57,12 @@ def run_generate(
         print_stages(out, reduction)
     for remark in of_tool(model):
         note(out, remark)
+    if not any(model.values.values()):
+        note(
+            out,
+            "all parameters are zero, so that this code corrects nothing by itself: give an identified --model, or set "
+            "them in the controller",
+        )
     _report(out, result)
 
 

@@ -139,6 +139,7 @@ def _identity(functions: Functions, options: Options) -> dict[str, Any]:
         "structure_hash": model.structure_hash,
         "model_hash": options.model_hash(model.structure_hash, _defaults(model)),
         "casadi": "casadi" in options.targets,
+        "targets": options.targets,
         "headers": [
             f"{robot.name}.h",
             *(h for t in options.targets for h in TARGETS[t].files(robot.name, ".h")),

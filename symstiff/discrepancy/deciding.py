@@ -286,7 +286,7 @@ def _on_offer(model: StiffnessModel, setup: Setup, choice: Choice) -> Measuremen
     from symstiff.calibration.planning.region import Region
 
     space = Space(geometry(model.robot), Load(), choice.region or Region())
-    q = _round(model, draw(space, choice.offered, choice.seed).q)
+    q = _round(model, space.limits, draw(space, choice.offered, choice.seed).q)
     cases = [(w, b, p) for w in setup.loads for b in setup.branches for p in range(len(setup.points))]
     values = np.full((len(cases), 6), np.nan)
     values[:, list(setup.components)] = 0.0
@@ -304,10 +304,10 @@ def _on_offer(model: StiffnessModel, setup: Setup, choice: Choice) -> Measuremen
     )
 
 
-def _round(model: StiffnessModel, q: Array) -> Array:
+def _round(model: StiffnessModel, limits: Sequence[tuple[float, float]], q: Array) -> Array:
     """Joint variables that a person can type: tenths of degrees and of millimetres, within the limits."""
     step = np.array([_STEPS[j.prismatic] for j in model.robot.joint])
-    low, high = np.array([j.range for j in model.robot.joint], dtype=float).T
+    low, high = np.array(limits).T
     rounded = np.round(q / step) * step
     return np.asarray(np.where((rounded >= low) & (rounded <= high), rounded, q))
 

@@ -15,8 +15,8 @@ DECIDES = 9.0
 
 
 NOWHERE = "No pose tells them apart under these loads: others may, unless both are the same to the tool."
-OTHERWISE = "more readings, other loads or another way to measure have to"
-"""What has to decide where the poses of decide.csv will not."""
+OTHERWISE = "repeated readings, more poses, other loads or another way to measure would"
+"""What decides where the poses of decide.csv may not."""
 
 
 def separation_text(separation: float) -> str:
@@ -26,7 +26,7 @@ def separation_text(separation: float) -> str:
 
 def reach(separation: float) -> str:
     """How far some poses tell explanations apart, and whether that will do."""
-    verdict = " (20 is ample)" if separation >= DECIDES else ", which will not decide"
+    verdict = " (20 is ample)" if separation >= DECIDES else f", which may not decide ({DECIDES:.0f} does)"
     return f"a separation of {separation_text(separation)}{verdict}"
 
 

@@ -18,6 +18,7 @@ from symstiff.discrepancy.speech import law_at, law_place
 from symstiff.discrepancy.verdict import AMBIGUOUS, INSUFFICIENT, NAMED, NOTHING, UNEXPLAINED
 from symstiff.display import few, listing, sentence_case
 from symstiff.effects.places import DETAILS, named, place, site, spoken
+from symstiff.effects.registry import find
 from symstiff.report.deciding import deciding
 from symstiff.report.instead import as_well
 from symstiff.report.tables import shift
@@ -311,11 +312,15 @@ def _nothing_but_poses(finding: Finding) -> str:
 
 def _nothing(finding: Finding) -> str:
     r = finding.rms
-    tested = sum(c.testable for c in finding.candidates)
+    kind, data = finding.table.kind, "positions" if finding.table.kind == "absolute" else "deflections"
+    shown = [
+        c for c in finding.candidates if kind in find(c.effect).seen_in and find(c.effect).places_in is None
+    ]
     return (
         f"The model accounts for the data: {size(r.after, finding)} rms per coordinate is left, the noise is "
         f"{size(r.noise, finding)} ({p_equals(finding.first.p_missing)} that anything of the catalogue is missing; "
-        f"{tested} of {len(finding.candidates)} effects at their places could be tested)."
+        f"{sum(c.testable for c in shown)} of {len(shown)} effects at their places that {data} can show could be "
+        f"tested)."
     )
 
 

@@ -17,6 +17,7 @@ from symstiff.errors import UserError
 
 BLOCK = 2048  # candidates a block; part of the result's definition, so never a function of the workers
 _GIVE_UP = 64  # draws per wanted candidate
+_SURE = 4  # batches from which a share of allowed draws so many times too small is no chance
 _SAME = 0.02  # of half a turn, within which two levels of a joint count as half a turn apart
 Observation = Callable[[np.ndarray, np.ndarray], np.ndarray]
 
@@ -50,6 +51,14 @@ class Space:
                 raise UserError(f"levels: q{joint}: {count}: use at least one value")
 
     @property
+    def limits(self) -> tuple[tuple[float, float], ...]:
+        """Of the joints that vary, the region's margin kept from them."""
+        kept = self.region.margin
+        return tuple(
+            (low + kept * (high - low), high - kept * (high - low)) for low, high in self.robot.limits
+        )
+
+    @property
     def free(self) -> tuple[int, ...]:
         """Joints that vary, 0-based."""
         return tuple(j for j in range(self.robot.dof) if j + 1 not in self.fixed)
@@ -59,7 +68,7 @@ class Space:
 
         Where some are half a turn apart, or whole turns, they tell the same but for signs: their steps are wider then.
         """
-        low, high = self.robot.limits[joint - 1]
+        low, high = self.limits[joint - 1]
         count = self.levels[joint]
         cell, width = np.arange(count), (high - low) / count
         half_turns = width * cell[1:] / np.pi
@@ -100,23 +109,31 @@ def draw(space: Space, count: int, seed: int) -> Candidates:
         keep = allowed(space.region, space.robot, q)
         found.append((q[keep], draw_loads(load, uniform[:, len(free) :])[keep], labels[keep]))
         total, drawn = total + int(keep.sum()), drawn + batch
+        if drawn >= _SURE * batch and total * _GIVE_UP * _SURE < drawn:
+            break  # no further draws would make up for that
     if total == 0:
         raise UserError(
-            f"none of {drawn} configurations drawn within the joint limits keeps the region: relax the keep-out "
-            "region, the floor or the reach"
+            f"none of {drawn} configurations drawn within the joint limits keeps the region: relax "
+            f"{_relax(space.region)}{'; a box that holds the base lets none pass' * bool(space.region.boxes)}"
         )
     if total < count:
         raise UserError(
             f"only {total} of {drawn} configurations drawn within the joint limits keep the region; {count} "
-            "are wanted: relax the keep-out region or the reach, or ask for fewer candidates"
+            f"are wanted: relax {_relax(space.region)}, or ask for fewer candidates"
         )
     q, w, labels = (np.concatenate(parts)[:count] for parts in zip(*found, strict=True))
     _check_levels(space, labels)
     return Candidates(q, w, labels)
 
 
+def _relax(region: Region) -> str:
+    """What a region asks for, in words."""
+    asked = {"the keep-out boxes": region.boxes, "the floor": region.half_spaces, "the reach": region.reach}
+    return " or ".join(what for what, given in asked.items() if given) or "the region"
+
+
 def _configurations(space: Space, uniform: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    limits = np.array(space.robot.limits)
+    limits = np.array(space.limits)
     q = np.empty((len(uniform), space.robot.dof))
     for joint, value in space.fixed.items():
         q[:, joint - 1] = value

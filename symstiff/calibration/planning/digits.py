@@ -22,7 +22,7 @@ def in_few_digits(space: Space, q: np.ndarray, w: np.ndarray) -> tuple[np.ndarra
     rounded = np.array(q)
     for j in space.free:
         unit = 10.0**-_LENGTH if space.robot.rows[j][0] else np.radians(10.0**-_ANGLE)
-        low, high = space.robot.limits[j]
+        low, high = space.limits[j]
         steps = np.clip(
             np.round(q[:, j] / unit), np.ceil(low / unit - _ROUNDING), np.floor(high / unit + _ROUNDING)
         )

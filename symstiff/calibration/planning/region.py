@@ -45,14 +45,18 @@ class Region:
     """What the tool centre point, the origins of DH frames 1 to n and the lines between them must keep.
 
     ``reach`` bounds the distance of the tool centre point from the origin of frame 0 [m]. Links are lines here: choose
-    boxes with their thickness in mind.
+    boxes with their thickness in mind. ``margin`` is the share of its range that a joint that moves keeps from either
+    limit.
     """
 
     boxes: tuple[Box, ...] = ()
     half_spaces: tuple[HalfSpace, ...] = ()
     reach: tuple[float, float] | None = None
+    margin: float = 0.0
 
     def __post_init__(self) -> None:
+        if not 0 <= self.margin < 0.5:
+            raise UserError(f"margin {self.margin:g}: a share of a joint's range, from 0 to below a half")
         if self.reach is not None and not 0 <= self.reach[0] < self.reach[1]:
             raise UserError(f"reach {self.reach}: give the smallest and the largest distance, in metres")
 

@@ -59,7 +59,7 @@ def variables_of(space: Space, chosen: Candidates) -> Variables:
         else:
             index[:, j] = len(start) + np.arange(count)
             start += list(chosen.q[:, j])
-            bounds += [space.robot.limits[j]] * count
+            bounds += [space.limits[j]] * count
     units = _units(chosen.w, space)
     for k in range(directions):
         index[:, dof + k] = len(start) + np.arange(count)
@@ -88,7 +88,7 @@ def _units(w: np.ndarray, space: Space) -> np.ndarray:
 
 
 def _cells(space: Space, joint: int) -> list[tuple[float, float]]:
-    low, high = space.robot.limits[joint - 1]
+    low, high = space.limits[joint - 1]
     count = space.levels[joint]
     width = (high - low) / count
     inner = _GAP * width
