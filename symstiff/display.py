@@ -41,10 +41,20 @@ def counted(number: int, what: str) -> str:
     return f"{number} {what}{'s' * (number != 1)}"
 
 
+def times(factor: float) -> str:
+    """How many times as large, two decimals; three digits of what is far from one."""
+    return f"{factor:.2f}" if factor < 100 else f"{float(f'{factor:.3g}'):.0f}"
+
+
 def listing(parts: Sequence[str]) -> str:
     """Parts of a sentence: with commas, and with "and" before the last."""
     *before, last = parts
     return f"{', '.join(before)} and {last}" if before else last
+
+
+def of_poses(names: Sequence[str]) -> str:
+    """Poses by their names, in a sentence."""
+    return f"pose{'s' * (len(names) > 1)} {listing(names)}"
 
 
 def few(names: Sequence[str], most: int = 8) -> str:

@@ -180,7 +180,7 @@ class StiffnessModel:
         values = frozen_numbers(values, what)
         unknown = sorted(set(values).difference(self.parameters, (p.name for p in self.compliances)), key=str)
         if unknown:
-            close = get_close_matches(str(unknown[0])[:40], self.parameters, 1, 0.0)
+            close = get_close_matches(str(unknown[0])[:40], self.parameters, 1)
             hint = f": did you mean {close[0]!r}?" if close else ""
             raise UserError(f"{self.robot.name}: the model has no parameter {str(unknown[0])[:40]!r}{hint}")
         return values

@@ -23,6 +23,7 @@ from symstiff.discrepancy.growth import fit, grow
 from symstiff.discrepancy.laws_of_angle import _soft_spots
 from symstiff.discrepancy.out_of_range import out_of_range
 from symstiff.discrepancy.problem import Options
+from symstiff.discrepancy.reasons import Why
 from symstiff.discrepancy.result import Found, Quantity
 from symstiff.discrepancy.search import _lacking
 from symstiff.discrepancy.sharing import AXES, EACH, Sharing
@@ -98,12 +99,24 @@ def test_swapped_labels_are_told_as_the_poses_without_which_nothing_is_missing()
     assert sorted(found.because.told) == sorted(str(table.labels[p]) for p in (3, 11))
     assert len(found.table) == len(table) * 14 // 16
     assert any(
-        r.startswith(f"{len(table) // 8} rows are left out, of {found.accused}:") for r in found.remarks
+        r.startswith(f"{len(table) // 8} rows are left out, of {found.accused}, unlike")
+        for r in found.remarks
     )
     assert found.accused in (f"poses {a} and {b}" for a, b in permutations(found.because.told))
     assert all(
         name in part for part in (words.headline(found), words.sentence(found)) for name in found.because.told
     )
+
+
+@pytest.mark.slow
+def test_exchanged_loads_of_a_pose_do_not_pass_for_what_the_markers_of_a_reading_share() -> None:
+    table = measured(poses=16)
+    third = np.flatnonzero(table.pose == 5)[:9]  # three loads, three markers
+    first, second = third[3:6], third[6:]
+    values = table.values.copy()
+    values[first], values[second] = table.values[second], table.values[first]
+    found = diagnose(Task(load(ROBOT), replace(table, values=values)))
+    assert (found.because.why, found.because.told) == (Why.POSES, (str(table.labels[5]),))
 
 
 @pytest.mark.slow

@@ -149,7 +149,9 @@ def test_tables_may_hold_one_component_each_of_the_same_readings(tmp_path):
     with pytest.raises(UserError, match=r"three\.csv: line 2: duplicate of .*two\.csv: line 2"):
         read_table([one, two, three])
     lost = refusal(tmp_path, head.format("dx[mm],dy[mm]", "0.1,", "0.2,0.4"))
-    assert "line 2: column dy[mm]: missing value: move such rows to a table without that column" in lost
+    assert (
+        "line 2: column dy[mm]: missing value: leave the row out, or move rows without that reading" in lost
+    )
 
 
 def test_equal_loads_of_two_load_steps_are_two_readings(tmp_path):

@@ -24,6 +24,7 @@ _JOINT = re.compile(r"^q([1-9]\d{0,3})$", re.ASCII)
 _OTHER_BRACKETS = re.compile(r"(\w+)\s*[({<](.+)[)}>]")
 
 # Beyond these a number stands in the wrong unit rather than for a robot: SI.
+_ALIKE = 0.7  # likeness, from 0 to 1, from which a name is taken for a slip of the pen
 _WIDEST_ANGLE = 12.6  # rad; joints that turn further than two turns each way do not occur
 _FARTHEST_TURNED = 1e4  # rad; of a column in degrees, which no other unit is mistaken for
 _LONGEST_STROKE = 100.0
@@ -119,7 +120,7 @@ def _suggest(name: str) -> str:
     if bracketed is not None and _quantities(bracketed[1]) is not None:
         return f"write {bracketed[1]}[{printable(bracketed[2], SHOWN)}]"
     known = ["pose", "q1", "point", *_LOADS, *_DEFLECTIONS, *_MEASURED, *_SIGMAS, *CONTEXT]
-    close = difflib.get_close_matches(name.lower(), known, 1)
+    close = difflib.get_close_matches(name.lower(), known, 1, _ALIKE)
     hint = f"did you mean {close[0]!r}? Else " if close else ""
     return f"{hint}leave it out: known are pose, point, q1…, fx…mz, dx…drz or x…rz, sigma_x…, {', '.join(CONTEXT)}"
 

@@ -276,7 +276,10 @@ class _Reader:
         for row, cell in zip(rows, cells, strict=True):
             if not cell.strip():
                 read = name.removeprefix("d") in COMPONENTS
-                apart = "move such rows to a table without that column (several are read together)"
+                apart = (
+                    "leave the row out, or move rows without that reading to a table without that column (several are "
+                    "read together)"
+                )
                 remedy = apart if read else "fill it in, or drop the row or the column"
                 return self._fail(row, name, f"missing value: {remedy}")
             try:

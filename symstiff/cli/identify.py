@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 from symstiff.cli.output import check_targets, console, note, print_table, stages, write_json
 from symstiff.cli.show import whole_number
+from symstiff.display import times
 from symstiff.errors import UserError
 from symstiff.robot import load
 
@@ -117,7 +118,7 @@ def _print_identification(out: Console, result: Identification) -> None:
         if not isfinite(std):
             table.add_row(name, *["–"] * 4, fit.units[k])
             continue
-        share = f"{100 * std / abs(value):.1f} %" if value else "–"
+        share = f"{100 * std / abs(value):.1f} %" if std < 10 * abs(value) else "–"
         half = (fit.upper[k] - fit.lower[k]) / 2
         table.add_row(name, f"{value:.4e}", f"{std:.1e}", share, f"{half:.1e}", fit.units[k])
     print_table(out, table)
@@ -125,7 +126,7 @@ def _print_identification(out: Console, result: Identification) -> None:
     out.print(str(fit.rank))
     if fit.fit_p is not None:
         out.print(
-            f"unit variance {fit.s0_squared:.2f} ({fit.dof} degrees of freedom), fit p {_probability(fit.fit_p)}"
+            f"unit variance {times(fit.s0_squared)} ({fit.dof} degrees of freedom), fit p {_probability(fit.fit_p)}"
         )
     for a, b, value in fit.correlated()[:_SHOWN]:
         out.print(f"strongly correlated: {a}, {b} ({value:+.3f})")

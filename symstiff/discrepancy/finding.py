@@ -12,7 +12,7 @@ from symstiff.discrepancy.growth import JointFit, contribution
 from symstiff.discrepancy.reasons import Reason, Why
 from symstiff.discrepancy.result import CandidateResult, Diagnosis, Found, Rms
 from symstiff.discrepancy.strata import Stratum
-from symstiff.display import listing
+from symstiff.display import of_poses
 from symstiff.model import StiffnessModel
 from symstiff.robot.schema import Robot
 
@@ -86,7 +86,7 @@ class Finding:
     def accused(self) -> str:
         """Where what has no name comes from; empty where nothing tells."""
         if self.because.why is Why.POSES:
-            return f"pose{'s' * (len(self.because.told) > 1)} {listing(self.because.told)}"
+            return of_poses(self.because.told)
         return self.last.localisation.accused if self.last.localisation else ""
 
     @property

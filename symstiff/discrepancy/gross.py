@@ -5,6 +5,8 @@ They hide what is missing, and look like it.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 
 from symstiff.arrays import Array, Index
@@ -16,6 +18,7 @@ from symstiff.discrepancy.finding import Finding
 from symstiff.discrepancy.numbers import milli
 from symstiff.discrepancy.result import Diagnosis
 from symstiff.discrepancy.verdict import INSUFFICIENT, UNEXPLAINED
+from symstiff.display import of_poses
 
 FAR = 6.0
 """Usual residuals by which a reading is beside the others of its pose; of normal noise two in a billion are."""
@@ -28,8 +31,13 @@ _OF_MEDIAN = 0.6745
 MOST = 0.01
 """Share of the rows that may be gross errors, two at least: more are something else."""
 
-_MOSTLY = 0.5
-"""Share of what is left that few poses bring from which they are spoken of."""
+_MOSTLY, _NEARLY_ALL = 0.5, 0.9
+"""Share of what is left that few poses bring from which they are spoken of, and left out whatever else there is."""
+
+
+def nearly_all(last: Diagnosis) -> bool:
+    """Whether the poses that are unlike all others bring nearly all that is left: they hide what else there is."""
+    return last.localisation is not None and last.localisation.suspected >= _NEARLY_ALL
 
 
 def unlike(table: Measurements, last: Diagnosis) -> list[int]:
@@ -103,13 +111,14 @@ def remark(finding: Finding, rows: Index) -> str:
     )
 
 
-def far_beside(finding: Finding, left_out: Measurements) -> list[str]:
-    """A remark on how far deflections that were left out are beside the model of the others."""
-    measured = left_out.measured[:, :3]
-    if left_out.kind != "deflection" or not measured.any():
-        return []
-    apart = (left_out.values - predict(finding.model, left_out))[:, :3][measured]
-    return [
-        f"{len(left_out)} rows are left out, of {finding.accused}: their readings are "
-        f"{milli(float(np.sqrt(np.mean(apart**2))))} mm rms per coordinate beside what the model of the others predicts"
-    ]
+def left_out(finding: Finding, rows: Measurements, names: Sequence[str]) -> str:
+    """A remark on rows of poses that were left out: of deflections how far they are beside the model of the others."""
+    told = f"{len(rows)} rows are left out, of {of_poses(names)}, unlike all others"
+    measured = rows.measured[:, :3]
+    if rows.kind == "deflection" and measured.any():
+        apart = (rows.values - predict(finding.model, rows))[:, :3][measured]
+        size = milli(float(np.sqrt(np.mean(apart**2))))
+        told += (
+            f": the readings are {size} mm rms per coordinate beside what the model of the others predicts"
+        )
+    return f"{told}; look at labels, loads and joint readings there, or measure again"

@@ -11,6 +11,8 @@ from scipy import stats
 from scipy.special import logsumexp
 
 from symstiff.arrays import TINY, Array, Index
+from symstiff.discrepancy import noise as noises
+from symstiff.discrepancy.bank import build
 from symstiff.discrepancy.law import Law, largest_load
 from symstiff.discrepancy.laws import every_law
 from symstiff.discrepancy.problem import Problem
@@ -23,7 +25,9 @@ from symstiff.discrepancy.scan import (
     basis_of,
     coefficients,
     likeliest,
+    open_scan,
 )
+from symstiff.discrepancy.sharing import Split
 
 _ROUNDING = 1e-9
 """What is added to a matrix of which a pose may be all, so that it can be solved."""
@@ -123,8 +127,19 @@ def localise(problem: Problem, scan: Scan, found: Evidence, residual: Array) -> 
     return Localisation(
         tuple(views),
         _accused(scan, found),
-        *suspects(problem, scan),
+        *_suspected(problem, scan),
     )
+
+
+def _suspected(problem: Problem, scan: Scan) -> tuple[tuple[int, ...], float]:
+    """Suspects under the noise that was learned, or that is each reading's own: those that bring more.
+
+    What is wrong with one pose may have passed for what the readings of all share.
+    """
+    noise = noises.start(problem, Split())
+    alone = replace(noise, sharings=tuple(s for s in noise.sharings if s.ratio == 0.0)[:1])
+    own = open_scan(build(problem, (), ()), alone, problem.y, problem.A)
+    return max(suspects(problem, scan), suspects(problem, own), key=lambda found: found[1])
 
 
 def suspects(problem: Problem, scan: Scan) -> tuple[tuple[int, ...], float]:

@@ -20,6 +20,7 @@ from symstiff.discrepancy.rivals import AS_MUCH
 from symstiff.discrepancy.sharing import JOINTS
 from symstiff.discrepancy.speech import law_at
 from symstiff.discrepancy.verdict import INSUFFICIENT, NAMED, NOTHING, UNEXPLAINED, UNTESTABLE
+from symstiff.display import times
 from symstiff.effects.arm import untold_weight
 from symstiff.effects.base import Effect
 from symstiff.effects.instance import EffectInstance
@@ -72,7 +73,7 @@ def _of_sigma(noise: NoiseReport) -> list[str]:
             "no sigma is stated and too little was measured twice: the noise is taken from what is left, and nothing "
             "checks it"
         ]
-    if not noise.misstated or noise.ratio_interval is None:
+    if not noise.misstated or noise.ratio_interval is None or noise.ratio is None:
         return []
     low, high = noise.ratio_interval
     why = "no test relies on the stated one"
@@ -82,7 +83,7 @@ def _of_sigma(noise: NoiseReport) -> list[str]:
             "approach some poses anew, or measure more loads in each"
         )
     return [
-        f"what is left varies by {noise.ratio:.2f} times the stated sigma ({low:.2f} to {high:.2f}): {why}"
+        f"what is left varies by {times(noise.ratio)} times the stated sigma ({times(low)} to {times(high)}): {why}"
     ]
 
 

@@ -30,7 +30,7 @@ from symstiff.discrepancy.conclusion import Course, finding_of
 from symstiff.discrepancy.doubts import doubted
 from symstiff.discrepancy.examine import examine
 from symstiff.discrepancy.finding import Finding, Task
-from symstiff.discrepancy.gross import far_beside, gross, remark, unlike
+from symstiff.discrepancy.gross import gross, left_out, nearly_all, remark, unlike
 from symstiff.discrepancy.growth import fit, grow
 from symstiff.discrepancy.prepare import at_first
 from symstiff.discrepancy.problem import Options, key_of
@@ -63,8 +63,8 @@ def diagnose(task: Task, tell: Tell = lambda stage: None) -> Finding:
     warnings = check_robot(task.table, task.robot)
     check_measured(task.table)
     task = replace(task, table=as_loading(task.table))
-    table, left_out = used(task.table, task.max_poses)
-    remarks = [*warnings, *left_out]
+    table, unused = used(task.table, task.max_poses)
+    remarks = [*warnings, *unused]
     finding = _of_table(task, table, remarks, tell)
     for _ in range(_AGAIN):
         rows = gross(finding)
@@ -78,18 +78,20 @@ def diagnose(task: Task, tell: Tell = lambda stage: None) -> Finding:
 
 
 def _but_suspects(finding: Finding, remarks: Sequence[str], tell: Tell) -> Finding:
-    """What few poses unlike all others bring, as what is wrong with these, if nothing is missing without them."""
+    """The diagnosis without few poses unlike all others, if nothing is missing there, or if they hide all else."""
     poses = unlike(finding.table, finding.last)
     if not poses:
         return finding
     tell("without the poses unlike the others")
     table, theirs = finding.table, np.isin(finding.table.pose, poses)
     rest = _of_table(finding.task, table.select(np.flatnonzero(~theirs)), remarks, tell)
-    if rest.verdict != NOTHING:
-        return finding
     names = tuple(str(table.labels[p]) for p in poses)
-    rest = replace(rest, verdict=UNEXPLAINED, because=Reason(Why.POSES, names))
-    return replace(rest, remarks=(*rest.remarks, *far_beside(rest, table.select(np.flatnonzero(theirs)))))
+    if rest.verdict == NOTHING:
+        rest = replace(rest, verdict=UNEXPLAINED, because=Reason(Why.POSES, names))
+    elif not nearly_all(finding.last):
+        return finding
+    said = left_out(rest, table.select(np.flatnonzero(theirs)), names)
+    return replace(rest, remarks=(said, *rest.remarks))
 
 
 def _of_table(task: Task, table: Measurements, remarks: Sequence[str], tell: Tell) -> Finding:
