@@ -61,7 +61,7 @@ def remarked(view: View, last: Diagnosis) -> list[str]:
     return [
         *_of_sigma(noise), *_of_readings(noise), *_of_approach(view.table, last), *_of_markers(noise),
         *_of_poses(view.table, last), *_of_single(last), *_of_proof(last), *_of_rows(view, last),
-        *_of_succession(view, last), *_of_drawing(last), *_of_weights(view, last), *_of_sizes(view, last),
+        *_of_succession(view, last), *_of_drawing(view, last), *_of_weights(view, last), *_of_sizes(view, last),
         *_of_known(view.robot, last), *_of_further(last), *_of_alike(last),
         *(of_sag(view.robot) if view.table.kind == "absolute" else ()),
     ]  # fmt: skip
@@ -308,15 +308,18 @@ def _alike(view: View, z: Array) -> tuple[Array, Array]:
     return np.concatenate(near), np.concatenate(far)
 
 
-def _of_drawing(last: Diagnosis) -> list[str]:
+def _of_drawing(view: View, last: Diagnosis) -> list[str]:
     """Geometry has no name in deflections: the file is to be corrected, not the model."""
     law = last.device_law
     if law is None or not law.place.startswith(DRAWING):
         return []
     title = law.terms[0][0].partition(":")[0]
+    sags = "" if view.robot.has_weights else (
+        "; or the arm's own weight, of which the file tells nothing, turns it by that much: enter masses first"
+    )  # fmt: skip
     return [
         f"a {title} explains more than anything else: look at units, zeros and rows of the robot file, correct it and "
-        "diagnose again, or measure absolute positions, in which geometry has a name"
+        f"diagnose again, or measure absolute positions, in which geometry has a name{sags}"
     ]
 
 

@@ -21,14 +21,14 @@ TRAILING = 5.0
 def as_well(finding: Finding) -> str:
     """What would fit in the place of a named effect, where that is no explanation that is told anyhow."""
     told = {named(e.effect, e.where) for e in (*finding.named, *finding.alternatives)}
-    text = ""
+    parts = list[str]()
     for e in finding.named:
         known = told | {named(n.effect, n.where) for n in e.twins}
         others = [o for o in e.instead if named(o.name.effect, o.name.where) not in known]
         larger = [o for o in others if o.directions > o.own and o.worse < AS_MUCH and o.behind > 0]
         near = [o for o in others if o not in larger and o.behind < TRAILING]
-        text += _larger(e, larger[:_PLACED]) + _near(e, near)
-    return text
+        parts += [_larger(e, larger[:_PLACED]), _near(e, near)]
+    return "".join(dict.fromkeys(parts))  # one may be refused in the places of several
 
 
 def _larger(effect: Found, others: Sequence[Instead]) -> str:
