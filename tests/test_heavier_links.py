@@ -1,4 +1,4 @@
-"""A link that weighs more than its file tells, its centre of mass where that tells: one size instead of four."""
+"""A link that weighs more than its file tells, at its centre of mass or at its frame: one size instead of four."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from symstiff.robot import Robot, from_table, load
 from symstiff.robot.table import to_table
 from tests.test_assemble import of
 
-CENTRED = {"centred": 1.0}
+CENTRED, AT_FRAME = {"centred": 1.0}, {"at_frame": 1.0}
 
 
 def positions(robot: Robot, mass: float, com: tuple[float, ...], poses: int = 45) -> Measurements:
@@ -47,10 +47,12 @@ def test_the_mass_alone_is_one_direction_of_mass_and_first_moment() -> None:
     for link in range(2, 7):  # link 1 turns about the vertical
         com = robot.links[link].com
         at = {"link": link}
-        one, four = (of(found, "link_weight", at).block(s) for s in (CENTRED, {}))
-        assert one.shape[1] == 1
-        assert one[:, 0] == pytest.approx(four @ [1.0, *com], rel=1e-6, abs=1e-9 * np.abs(four).max())
-        assert of(found, "link_weight", at).shapes == ({}, CENTRED)
+        candidate = of(found, "link_weight", at)
+        assert candidate.shapes == ({}, CENTRED, AT_FRAME)
+        four, *ones = (candidate.block(s) for s in candidate.shapes)
+        for one, place in zip(ones, (com, (0.0, 0.0, 0.0)), strict=True):
+            assert one.shape[1] == 1
+            assert one[:, 0] == pytest.approx(four @ [1.0, *place], rel=1e-6, abs=1e-9 * np.abs(four).max())
 
 
 def test_a_link_of_which_the_file_tells_no_mass_has_no_centre_of_mass() -> None:
@@ -58,7 +60,7 @@ def test_a_link_of_which_the_file_tells_no_mass_has_no_centre_of_mass() -> None:
     del table["joint"][2]["link"]["mass"]
     robot, scales = from_table(table, "heavier"), None
     shapes = [find("link_weight").shapes(robot, {"link": i}, scales) for i in (2, 3)]  # type: ignore[arg-type]
-    assert shapes == [({}, CENTRED), ({},)]
+    assert shapes == [({}, CENTRED, AT_FRAME), ({},)]
 
 
 @pytest.mark.slow

@@ -90,7 +90,8 @@ def test_a_pose_under_another_load_is_accused_with_what_it_lacks() -> None:
     assert law.place == f"pose {told.labels[5]}"
     ((_, value, deviation, _),) = law.terms
     assert abs(value + 100 / 7) < 3 * deviation < 6
-    assert f"at pose {told.labels[5]}, where a load that differs (" in words.sentence(found)
+    assert found.accused == law.place
+    assert f"pose {told.labels[5]}, where a load that differs (" in words.sentence(found)
 
 
 @pytest.mark.slow

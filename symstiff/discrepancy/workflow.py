@@ -32,12 +32,14 @@ from symstiff.discrepancy.examine import examine
 from symstiff.discrepancy.finding import Finding, Task
 from symstiff.discrepancy.gross import gross, left_out, nearly_all, remark, unlike
 from symstiff.discrepancy.growth import fit, grow
+from symstiff.discrepancy.localise import FittedDevice
 from symstiff.discrepancy.prepare import at_first
 from symstiff.discrepancy.problem import Options, key_of
 from symstiff.discrepancy.reasons import Reason, Why
 from symstiff.discrepancy.result import Diagnosis, Found, Name, Quantity
 from symstiff.discrepancy.used import used
 from symstiff.discrepancy.verdict import AMBIGUOUS, NAMED, NOTHING, UNEXPLAINED, UNTESTABLE
+from symstiff.display import of_poses
 from symstiff.effects.instance import EffectInstance
 from symstiff.effects.places import named as named_at
 from symstiff.model import StiffnessModel
@@ -87,11 +89,17 @@ def _but_suspects(finding: Finding, remarks: Sequence[str], tell: Tell) -> Findi
     rest = _of_table(finding.task, table.select(np.flatnonzero(~theirs)), remarks, tell)
     names = tuple(str(table.labels[p]) for p in poses)
     if rest.verdict == NOTHING:
-        rest = replace(rest, verdict=UNEXPLAINED, because=Reason(Why.POSES, names))
+        last = replace(rest.last, device_law=_of_one(finding.last.device_law, names))
+        rest = replace(rest, last=last, verdict=UNEXPLAINED, because=Reason(Why.POSES, names))
     elif not nearly_all(finding.last):
         return finding
     said = left_out(rest, table.select(np.flatnonzero(theirs)), names)
     return replace(rest, remarks=(said, *rest.remarks))
+
+
+def _of_one(law: FittedDevice | None, names: Sequence[str]) -> FittedDevice | None:
+    """A law of the loads of the one pose of that name."""
+    return law if law is not None and law.place == of_poses(names) else None
 
 
 def _of_table(task: Task, table: Measurements, remarks: Sequence[str], tell: Tell) -> Finding:

@@ -1,6 +1,7 @@
 """The weight of a link as a load on every virtual joint before its DH frame: mass and first moment.
 
-With ``centred = 1`` in the shape the centre of mass is where the robot file tells it, and the mass alone is another.
+With ``centred = 1`` in the shape the mass alone is another, its centre where the robot file tells it; with
+``at_frame = 1`` it is a body at the origin of the link's DH frame, such as the next joint's motor.
 """
 
 from __future__ import annotations
@@ -16,11 +17,13 @@ NAME = "link_weight"
 def _realise(robot: Robot, where: Where, shape: Shape) -> Realisation:
     link = int(where["link"])
     own = robot.links[link]
-    return weight(NAME, where, robot, link, -own.mass, own.com if shape.get("centred") else None)
+    com = own.com if shape.get("centred") else (0.0, 0.0, 0.0) if shape.get("at_frame") else None
+    return weight(NAME, where, robot, link, -own.mass, com)
 
 
 def _shapes(robot: Robot, where: Where, scales: Scales) -> tuple[Shape, ...]:
-    return ({}, {"centred": 1.0}) if robot.links[int(where["link"])].mass else ({},)
+    told = robot.links[int(where["link"])].mass > 0
+    return ({}, {"centred": 1.0}, {"at_frame": 1.0}) if told else ({},)
 
 
 EFFECT = Effect(
@@ -32,7 +35,10 @@ EFFECT = Effect(
     places=lambda robot: tuple({"link": i} for i in range(1, robot.dof + 1)),
     realise=_realise,
     shapes=_shapes,
-    told={"centred": "its centre of mass where the robot file tells it"},
+    told={
+        "centred": "its centre of mass where the robot file tells it",
+        "at_frame": "a mass at the origin of its frame",
+    },
     confused_with=("payload_error", "geometric_error", "joint_offset"),
     separated_by="several payloads, and poses near and far from the axis",
 )

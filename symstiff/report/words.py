@@ -303,10 +303,12 @@ def _instead(members: list[Found], finding: Finding) -> str:
 
 def _nothing_but_poses(finding: Finding) -> str:
     them = "them" if len(finding.because.told) > 1 else "it"
+    law = finding.last.device_law
+    there = "" if law is None else f", where {device_text(law)}"
     return (
-        f"What is missing comes with {finding.accused}, unlike all others, and no effect of the catalogue accounts for "
-        f"that: look at labels, loads and joint readings there, or measure {them} again. Without {them} the model "
-        f"accounts for the data: {size(finding.rms.after, finding)} rms per coordinate is left, {_noise(finding)}."
+        f"What is missing comes with {finding.accused}{there}: unlike all others, and nothing of the catalogue. Look "
+        f"at labels, loads and joint readings there, or measure {them} again. Without {them} the model accounts for "
+        f"the data: {size(finding.rms.after, finding)} rms per coordinate is left, {_noise(finding)}."
     )
 
 
