@@ -31,7 +31,7 @@ _MORE = 1.05
 """What a model without some effects leaves, over what it leaves with them, from which that is spoken of."""
 _REFUTED, _UNSURE = 0.5, 0.75
 """Most confidence in what poses that were not used speak against, and in what none can confirm or what has no one size.
-Of sixteen such names of the blind benchmark and of another generator eight are right."""
+Of fourteen names of the first kind, of the blind benchmark and of another generator, seven are right."""
 
 
 @dataclass(frozen=True, eq=False)

@@ -15,6 +15,7 @@ for name in ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS"):
 def main() -> None:
     from tests.blind.generate import CLASSES, Options
     from tests.blind.run import benchmark, keep, report
+    from tests.blind.stories import ONE
 
     parser = argparse.ArgumentParser(prog="python -m tests.blind", description=__doc__)
     parser.add_argument("--n", type=int, default=200, help="number of cases")
@@ -32,6 +33,7 @@ def main() -> None:
         "--off", type=float, default=0.0, metavar="MM",
         help="absolute positions of arms whose frames are all off by so much, mm and mrad",
     )  # fmt: skip
+    parser.add_argument("--story", choices=[s.name for s in ONE], help="single effects of this story only")
     parser.add_argument("--robot", nargs="+", metavar="NAME", help="only these robots")
     for name in ("poses", "levels", "markers"):
         parser.add_argument(
@@ -49,6 +51,8 @@ def main() -> None:
         options = replace(options, classes=("nothing", "one", "two"), shares=(0.2, 0.5, 0.3))
     if given.kind:
         options = replace(options, classes=(given.kind,), shares=(1.0,))
+    if given.story:
+        options = replace(options, classes=("one",), shares=(1.0,), story=given.story)
     if given.size:
         options = replace(options, lambdas=tuple(given.size))
     drawn = {"robots": given.robot, "poses": given.poses, "levels": given.levels, "markers": given.markers}
