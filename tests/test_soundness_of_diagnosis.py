@@ -15,10 +15,10 @@ from symstiff.calibration.experiment.placement import closest
 from symstiff.calibration.experiment.situation import Situation, look
 from symstiff.calibration.measurements import Measurements, concatenate
 from symstiff.calibration.simulation import Device, Truth, nominal_truth
-from symstiff.discrepancy import numbers
+from symstiff.discrepancy import numbers, workflow
 from symstiff.discrepancy.assemble import assemble
 from symstiff.discrepancy.doubts import doubted
-from symstiff.discrepancy.finding import Task
+from symstiff.discrepancy.finding import Finding, Task
 from symstiff.discrepancy.growth import fit, grow
 from symstiff.discrepancy.laws_of_angle import _soft_spots
 from symstiff.discrepancy.out_of_range import out_of_range
@@ -361,3 +361,16 @@ def test_a_size_that_nobody_would_believe_is_remarked(size: str, told: bool) -> 
     remarks = out_of_range([weight], robot)
     assert len(remarks) == told
     assert all(f"link_weight_1_m is {size} ± 612 kg, where at" in r for r in remarks)
+
+
+def test_a_table_whose_other_poses_are_no_experiment_keeps_its_diagnosis(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    found = diagnose(Task(load(ROBOT), measured(HARDENING)))
+
+    def none(*_: object) -> Finding:
+        raise UserError("too few")
+
+    monkeypatch.setattr(workflow, "unlike", lambda *_: [1])
+    monkeypatch.setattr(workflow, "_of_table", none)
+    assert workflow._but_suspects(found, (), lambda stage: None) is found

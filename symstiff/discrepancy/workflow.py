@@ -42,6 +42,7 @@ from symstiff.discrepancy.verdict import AMBIGUOUS, NAMED, NOTHING, UNEXPLAINED,
 from symstiff.display import of_poses
 from symstiff.effects.instance import EffectInstance
 from symstiff.effects.places import named as named_at
+from symstiff.errors import UserError
 from symstiff.model import StiffnessModel
 from symstiff.reduction.remarks import reduction_remarks
 from symstiff.threads import one_thread
@@ -86,7 +87,10 @@ def _but_suspects(finding: Finding, remarks: Sequence[str], tell: Tell) -> Findi
         return finding
     tell("without the poses unlike the others")
     table, theirs = finding.table, np.isin(finding.table.pose, poses)
-    rest = _of_table(finding.task, table.select(np.flatnonzero(~theirs)), remarks, tell)
+    try:
+        rest = _of_table(finding.task, table.select(np.flatnonzero(~theirs)), remarks, tell)
+    except UserError:  # the others are no experiment by themselves
+        return finding
     names = tuple(str(table.labels[p]) for p in poses)
     if rest.verdict == NOTHING:
         last = replace(rest.last, device_law=_of_one(finding.last.device_law, names))
