@@ -14,7 +14,7 @@ from symstiff.discrepancy.workflow import diagnose
 from symstiff.effects.base import Scales
 from symstiff.effects.instance import EffectInstance
 from symstiff.effects.registry import find
-from symstiff.report.words import shape_text
+from symstiff.report.naming import shape_text
 from symstiff.robot import load, parse
 from symstiff.symbolic.terms import q
 from tests.test_assemble import design, readings

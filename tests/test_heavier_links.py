@@ -12,7 +12,7 @@ from symstiff.discrepancy.finding import Task
 from symstiff.discrepancy.workflow import diagnose
 from symstiff.effects.registry import find
 from symstiff.model import joints_only
-from symstiff.report.words import shape_text
+from symstiff.report.naming import shape_text
 from symstiff.robot import Robot, from_table, load
 from symstiff.robot.table import to_table
 from tests.test_assemble import of

@@ -10,7 +10,7 @@ import pytest
 from symstiff.discrepancy.finding import Finding, Task
 from symstiff.discrepancy.result import Rms
 from symstiff.discrepancy.workflow import diagnose
-from symstiff.report import words
+from symstiff.report import naming, words
 from symstiff.report.html import render
 from symstiff.robot import load
 from tests.diagnosis_data import HARDENING, ROBOT, measured
@@ -42,4 +42,4 @@ def test_a_residual_is_told_in_the_unit_of_what_was_measured(
 
 def test_the_confidence_of_a_group_is_that_of_its_weakest_member(found: Finding) -> None:
     group = [replace(found.named[0], confidence=c) for c in (0.9, 0.6, 0.97)]
-    assert "60 %" in words.confidence(group)
+    assert "60 %" in naming.confidence(group)

@@ -34,7 +34,7 @@ from symstiff.effects.instance import EffectInstance
 from symstiff.errors import UserError
 from symstiff.model import StiffnessModel
 from symstiff.reduction.reduce import reduce
-from symstiff.report import words
+from symstiff.report import naming, words
 from symstiff.report.folder import write_report
 from symstiff.report.tables import moved
 from symstiff.robot import from_table, load
@@ -186,7 +186,7 @@ def test_a_soft_spot_at_a_negative_angle_reads_as_one_writes_it() -> None:
 
 def test_shapes_are_told_with_units() -> None:
     found = diagnose(Task(load(ROBOT), measured(HARDENING)))
-    text = words.shape_text(found, found.named[0])
+    text = naming.shape_text(found, found.named[0])
     assert "reference load" in text
     assert "N·m" in text
     assert numbers.percent(1.0) == "100 %"

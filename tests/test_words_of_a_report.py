@@ -16,8 +16,8 @@ from symstiff.discrepancy.localise import FittedDevice, FittedLaw
 from symstiff.discrepancy.numbers import decimals_between, milli, number, p_equals, quantity
 from symstiff.discrepancy.result import Found, Quantity
 from symstiff.effects import EffectInstance
+from symstiff.report.naming import magnitude, main_parameters, places
 from symstiff.report.unnamed import device_text, law_text
-from symstiff.report.words import magnitude, main_parameters, places
 from symstiff.robot import load
 from tests.test_assemble import complete, design, measured, readings, truth_of
 

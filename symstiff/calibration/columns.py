@@ -22,9 +22,9 @@ SHOWN = 40
 """Most characters of a header, a cell or a label that a message repeats."""
 _JOINT = re.compile(r"^q([1-9]\d{0,3})$", re.ASCII)
 _OTHER_BRACKETS = re.compile(r"(\w+)\s*[({<](.+)[)}>]")
+_ALIKE = 0.7  # likeness, from 0 to 1, from which a name is taken for a slip of the pen
 
 # Beyond these a number stands in the wrong unit rather than for a robot: SI.
-_ALIKE = 0.7  # likeness, from 0 to 1, from which a name is taken for a slip of the pen
 _WIDEST_ANGLE = 12.6  # rad; joints that turn further than two turns each way do not occur
 _FARTHEST_TURNED = 1e4  # rad; of a column in degrees, which no other unit is mistaken for
 _LONGEST_STROKE = 100.0

@@ -80,8 +80,9 @@ def _print(out: Console, finding: Finding, sentence: str) -> None:
 
     from symstiff.discrepancy.numbers import milli, p_text
     from symstiff.effects.places import named
+    from symstiff.report.naming import shape_text
     from symstiff.report.tables import step_rows
-    from symstiff.report.words import headline, shape_text
+    from symstiff.report.words import headline
 
     out.print(headline(finding), style="bold")
     out.print(sentence)

@@ -95,7 +95,9 @@ def run_plan(request: PlanRequest) -> None:
     """Choose poses, write them, say what they promise."""
     _check(request)
     if request.separate is not None:
-        return _separate(request)
+        from symstiff.cli.separate import run_separate
+
+        return run_separate(request, request.separate)
     robot = load(request.robot)
     asked = _asked(request, robot)
     out = console(request.json)
@@ -152,7 +154,7 @@ def _chosen(
     candidates = CANDIDATES if request.candidates is None else request.candidates
     search = Search(candidates, seed=request.seed, refine=request.refine, cluster=request.cluster)
     plan = choose_poses(
-        model, goal, applied, request.markers, asked.together, _region(request),
+        model, goal, applied, request.markers, asked.together, region_of(request),
         {j: float(v) for j, v in asked.fixed.items()}, asked.levels, search,
         lambda label, share: progress(f"{label} {share:.0%}"),
     )  # fmt: skip
@@ -282,61 +284,6 @@ def _measured(request: PlanRequest, measure: str, sigma: tuple[float, float]) ->
     )
 
 
-def _separate(request: PlanRequest) -> None:
-    """Poses that decide among the explanations of an ambiguous verdict."""
-    from symstiff.calibration.table import write_table
-    from symstiff.discrepancy.separate import Wish, separate
-    from symstiff.report.deciding import DECIDES, assumed, reach
-
-    assert request.separate is not None
-    _refuse_unused(request)
-    robot = load(request.robot)
-    out = console(request.json)
-    sigma = None if request.sigma is None else request.sigma * 1e-3
-    wish = Wish(
-        request.poses, request.loads, request.measure, request.force, request.markers, sigma, request.seed,
-        _region(request),
-    )  # fmt: skip
-    with stages(out) as progress:
-        progress("deciding poses")
-        table, found, names, means = separate(robot, request.separate, wish, progress)
-    if not found.poses:
-        raise UserError(
-            "no pose tells these explanations apart under such loads: try other loads (--loads), or a reading of the "
-            "whole pose (--measure pose); what is one and the same to the tool, nothing tells apart"
-        )
-    write_table(table, request.output, "deg")
-    write_json(
-        request.json,
-        {
-            "explanations": names, "poses": table.labels, "separation": list(found.separation),
-            "measured": {"points": list(means.setup.points), "sigma_mm": round(1e3 * float(means.sigma[0]), 9)},
-        },
-    )  # fmt: skip
-    out.print(f"{len(found.poses)} poses that best tell apart: " + " | ".join(names))
-    out.print(
-        f"they reach {reach(found.separation[-1])}: the squared distance of the predictions, in units of the noise "
-        "variance, that no fit closes"
-    )
-    out.print(assumed(means.setup, means.sigma))
-    if found.separation[-1] < DECIDES:
-        note(out, "these loads do not tell them apart: other loads, or more force")
-    out.print(f"wrote {request.output}")
-
-
-def _refuse_unused(request: PlanRequest) -> None:
-    """Refuse options that poses for a verdict do not follow."""
-    given = {
-        "--criterion": request.criterion != "D", "--test-poses": request.test_poses, "--steps": request.steps != 1,
-        "--levels": request.levels, "--fixed": request.fixed, "--no-refine": not request.refine,
-        "--cluster": request.cluster, "--plot": request.plot, "--candidates": request.candidates is not None,
-        "--moment": request.moment is not None,
-    }  # fmt: skip
-    for option, used in given.items():
-        if used:
-            raise UserError(f"{option} has no effect with --separate: leave it out")
-
-
 def _test_poses(request: PlanRequest, robot: Robot) -> tuple[Any, Any]:
     if request.test_poses is None:
         if request.criterion == "test":
@@ -364,7 +311,8 @@ def _levels(text: str | None) -> dict[int, int]:
     return levels
 
 
-def _region(request: PlanRequest) -> Region | None:
+def region_of(request: PlanRequest) -> Region:
+    """Where the options let the poses be. Raises UserError for those that cannot be read."""
     import numpy as np
 
     from symstiff.calibration.planning.region import Box, Region, above_floor

@@ -212,7 +212,7 @@ def _print_effects(out: Console, title: str, found: dict[str, list[tuple[Where, 
 
     from symstiff.effects.places import spoken
     from symstiff.effects.registry import catalogue
-    from symstiff.report.words import places
+    from symstiff.report.naming import places
 
     table = Table(title=title, title_justify="left")
     columns = ("effect", "where", "told from the complete model", "needs")

@@ -30,7 +30,6 @@ _OF_MEDIAN = 0.6745
 """Median of normal noise's size, in standard deviations."""
 MOST = 0.01
 """Share of the rows that may be gross errors, two at least: more are something else."""
-
 _MOSTLY, _NEARLY_ALL = 0.5, 0.9
 """Share of what is left that few poses bring from which they are spoken of, and left out whatever else there is."""
 

@@ -11,10 +11,9 @@ from scipy import stats
 from scipy.special import logsumexp
 
 from symstiff.arrays import TINY, Array, Index
-from symstiff.discrepancy import noise as noises
-from symstiff.discrepancy.bank import build
 from symstiff.discrepancy.law import Law, largest_load
 from symstiff.discrepancy.laws import every_law
+from symstiff.discrepancy.noise import stated
 from symstiff.discrepancy.problem import Problem
 from symstiff.discrepancy.scan import (
     RANK,
@@ -24,10 +23,9 @@ from symstiff.discrepancy.scan import (
     at_sharing,
     basis_of,
     coefficients,
+    column_space,
     likeliest,
-    open_scan,
 )
-from symstiff.discrepancy.sharing import Split
 
 _ROUNDING = 1e-9
 """What is added to a matrix of which a pose may be all, so that it can be solved."""
@@ -136,40 +134,41 @@ def _suspected(problem: Problem, scan: Scan) -> tuple[tuple[int, ...], float]:
 
     What is wrong with one pose may have passed for what the readings of all share.
     """
-    noise = noises.start(problem, Split())
-    alone = replace(noise, sharings=tuple(s for s in noise.sharings if s.ratio == 0.0)[:1])
-    own = open_scan(build(problem, (), ()), alone, problem.y, problem.A)
-    return max(suspects(problem, scan), suspects(problem, own), key=lambda found: found[1])
+    layer, spread = scan.best, stated(problem)
+    basis, y = column_space(problem.A / spread[:, None]), problem.y / spread
+    left = y - basis @ (basis.T @ y)
+    found = suspects(problem, layer.basis, layer.y), suspects(problem, basis, left)
+    return max(found, key=lambda one: one[1])
 
 
-def suspects(problem: Problem, scan: Scan) -> tuple[tuple[int, ...], float]:
+def suspects(problem: Problem, basis: Array, left: Array) -> tuple[tuple[int, ...], float]:
     """Poses, worst first, that are unlike all others beyond doubt, and the share of the variance they bring.
 
-    A pose's rows left out reduce the residual's square by r'r + r'B (I - B'B)⁻¹ B'r, B their rows of the model's
-    basis.
+    ``basis`` (M, r) of the model and what it leaves (M,), whitened. A pose's rows left out reduce the residual's square
+    by r'r + r'B (I - B'B)⁻¹ B'r, B their rows of the basis.
     """
-    layer = scan.best
+    rss, whole = float(left @ left), problem.rows - basis.shape[1]
     chosen: list[int] = []
     rows, gained = np.zeros(problem.rows, bool), 0.0
-    variance = layer.rss / max(scan.freedom, 1)
+    variance = rss / max(whole, 1)
     for _ in range(min(_SUSPECTS, problem.poses // _OF_POSES)):
         found = {}
         for pose in set(np.unique(problem.pose).tolist()) - set(chosen):
             out = rows | (problem.pose == pose)
-            B, r = layer.basis[out], layer.y[out]
+            B, r = basis[out], left[out]
             inner = (1.0 + _ROUNDING) * np.eye(B.shape[1]) - B.T @ B
             found[pose] = float(r @ r + (B.T @ r) @ np.linalg.solve(inner, B.T @ r))
         worst = max(found, key=lambda p: found[p])
         own = problem.pose == worst
-        freedom = scan.freedom - int((rows | own).sum())
+        freedom = whole - int((rows | own).sum())
         if freedom < _LEFT:
             break
-        left = max(layer.rss - found[worst], TINY) / freedom
-        ratio = (found[worst] - gained) / int(own.sum()) / left
+        after = max(rss - found[worst], TINY) / freedom
+        ratio = (found[worst] - gained) / int(own.sum()) / after
         if stats.f.sf(ratio, int(own.sum()), freedom) * problem.poses > _BEYOND_DOUBT:
             break
-        chosen, rows, gained, variance = [*chosen, worst], rows | own, found[worst], left
-    return tuple(chosen), 1.0 - variance * max(scan.freedom, 1) / max(layer.rss, TINY) if chosen else 0.0
+        chosen, rows, gained, variance = [*chosen, worst], rows | own, found[worst], after
+    return tuple(chosen), 1.0 - variance * max(whole, 1) / max(rss, TINY) if chosen else 0.0
 
 
 def back_project(problem: Problem, z: Array, scale: Array, v: int) -> BackProjection | None:

@@ -15,7 +15,7 @@ from dataclasses import replace
 import numpy as np
 
 from symstiff.arguments import require, whole
-from symstiff.calibration.checks import check_measured, check_robot
+from symstiff.calibration.checks import check_measured, check_robot, of_units
 from symstiff.calibration.experiment.readings import ExperimentClass, experiment_of
 from symstiff.calibration.experiment.situation import Laws
 from symstiff.calibration.identify import start_model
@@ -64,6 +64,9 @@ def diagnose(task: Task, tell: Tell = lambda stage: None) -> Finding:
     if task.max_poses is not None:
         whole(task.max_poses, "max_poses", 1)
     warnings = check_robot(task.table, task.robot)
+    warnings = [
+        w for w in warnings if w not in of_units(task.table)
+    ]  # the verdict's sentence begins with these
     check_measured(task.table)
     task = replace(task, table=as_loading(task.table))
     table, unused = used(task.table, task.max_poses)

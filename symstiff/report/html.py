@@ -22,7 +22,7 @@ from symstiff.discrepancy.verdict import AMBIGUOUS, INSUFFICIENT, NOTHING, UNEXP
 from symstiff.display import few
 from symstiff.effects.places import named, spoken
 from symstiff.effects.registry import catalogue
-from symstiff.report import law_plots, plots, unnamed, words
+from symstiff.report import law_plots, naming, plots, unnamed, words
 from symstiff.report.code import Line, formulas
 from symstiff.report.deciding import NOWHERE, OTHERWISE, decides, load_axes, reached, separation_text
 from symstiff.report.tables import moved, rotates, shift, step_rows
@@ -115,7 +115,7 @@ def _explanations(finding: Finding) -> list[dict[str, Any]]:
     common, own = words.explanations(finding)
     out = [{"title": "In every explanation", "cards": _effects(finding, common)}] if common else []
     for k, members in enumerate(own, start=1):
-        sure = f": {words.confidence(members)}" if members else ": nothing more"
+        sure = f": {naming.confidence(members)}" if members else ": nothing more"
         out.append({"title": f"Explanation {k}{sure}", "cards": _effects(finding, members)})
     return out
 
@@ -128,7 +128,7 @@ def _effects(finding: Finding, effects: Sequence[Found]) -> list[dict[str, Any]]
     cards = [
         part
         for group in groups.values()
-        for part in ([group] if len(group) > words.MANY else [[e] for e in group])
+        for part in ([group] if len(group) > naming.MANY else [[e] for e in group])
     ]
     return [_card(finding, group) for group in cards]
 
@@ -141,16 +141,16 @@ def _card(finding: Finding, group: list[Found]) -> dict[str, Any]:
     zero = [n for n, size in sizes.items() if size.value == 0.0 and not math.isfinite(size.std)]
     return {
         "set": e.set_number + 1,
-        "name": words.names(group) if len(group) > 1 else named(e.effect, e.where),
+        "name": naming.names(group) if len(group) > 1 else named(e.effect, e.where),
         "wide": len(group) > 1,
         "description": entry.description if entry else "",
         "separated_by": entry.separated_by if entry else "",
         "parameters": [(n, numbers.quantity(size)) for n, size in sizes.items() if n not in zero],
         "zero": zero,
         "p": numbers.p_equals(max(g.p_value for g in group)),
-        "confidence": words.confidence(group, words.even(finding)),
+        "confidence": naming.confidence(group, words.even(finding)),
         "confounded": few(confounded, 6),
-        "shape": words.shape_text(finding, e),
+        "shape": naming.shape_text(finding, e),
     }
 
 
@@ -233,7 +233,7 @@ def _laws(finding: Finding) -> list[dict[str, Any]]:
     shown = [*common, *(e for members in own for e in members)]
     count = {e.effect: sum(o.effect == e.effect for o in finding.named) for e in shown}
     out = []
-    for e in sorted(shown, key=lambda e: count[e.effect] > words.MANY)[:_MOST_LAWS]:
+    for e in sorted(shown, key=lambda e: count[e.effect] > naming.MANY)[:_MOST_LAWS]:
         found = formulas(finding.task.robot, e.instance)
         tag = f"explanation {e.set_number + 1}: " if finding.verdict == AMBIGUOUS and e not in common else ""
         out.append(
@@ -320,12 +320,12 @@ def _together(group: list[CandidateResult]) -> str:
     """One effect at its places; only their number where there are many."""
     if len(group) > _MOST_PLACES:
         return f"{spoken(group[0].effect)} ({len(group)} places)"
-    return f"{spoken(group[0].effect)} {words.places([c.where for c in group])}".strip()
+    return f"{spoken(group[0].effect)} {naming.places([c.where for c in group])}".strip()
 
 
 def _names(found: Iterable[Name]) -> list[str]:
     """Effects at their places in words, each once."""
-    return list(dict.fromkeys(words.name_text(n) for n in found))
+    return list(dict.fromkeys(naming.name_text(n) for n in found))
 
 
 def _sensitivity(finding: Finding) -> list[tuple[str, str, str]]:

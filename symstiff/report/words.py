@@ -1,44 +1,31 @@
-"""Findings in words: quantities with units, places, the verdict in a sentence."""
+"""Findings in words: the verdict in a few words, and in a sentence."""
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-import numpy as np
-
 from symstiff.calibration.checks import of_units
 from symstiff.discrepancy.finding import Finding
-from symstiff.discrepancy.numbers import decimals_between, milli, p_equals, quantity
+from symstiff.discrepancy.numbers import decimals_between, milli, p_equals
 from symstiff.discrepancy.reasons import Why
 from symstiff.discrepancy.remarks import FEW, hiding
-from symstiff.discrepancy.result import Found, Name, Quantity
+from symstiff.discrepancy.result import Found
 from symstiff.discrepancy.speech import law_at, law_place
 from symstiff.discrepancy.verdict import AMBIGUOUS, INSUFFICIENT, NAMED, NOTHING, UNEXPLAINED
-from symstiff.display import few, listing, sentence_case
-from symstiff.effects.places import DETAILS, named, place, site, spoken
+from symstiff.display import sentence_case
+from symstiff.effects.places import named, place
 from symstiff.effects.registry import find
 from symstiff.report.deciding import deciding
 from symstiff.report.instead import as_well
+from symstiff.report.naming import confidence, each_told, names
 from symstiff.report.tables import shift
 from symstiff.report.unnamed import device_text, explained, law_in_short
 
-_FEW = 3
-"""Compliances of an effect up to which one of them says how large it is."""
 _TWO_DIGITS = 10.0
 """Units of the last digit from which a size has two."""
-MANY = 3
-"""Places of an effect up to which each is told by itself."""
-_SIZES = 2
-"""Parameters of an effect at most that are told for being determined best."""
 LOUDER = 1.08
 """Least residual over the stated sigma that is spoken of where nothing is missing."""
-
-
-def name_text(name: Name) -> str:
-    """An effect and its place, by name, in words."""
-    return named(name.effect, name.where)
 
 
 def _nothing_missing(finding: Finding) -> str:
@@ -92,61 +79,6 @@ def _headline(finding: Finding) -> str:
     }[finding.verdict]
 
 
-def names(effects: Sequence[Found]) -> str:
-    """Effects at their places; one that is at many places in one breath."""
-    kinds: dict[str, list[Found]] = {}
-    for e in effects:
-        kinds.setdefault(e.effect, []).append(e)
-    return "; ".join(
-        f"{spoken(kind)} {places([e.where for e in group])}".strip() for kind, group in kinds.items()
-    )
-
-
-def places(wheres: Sequence[Mapping[str, Any]]) -> str:
-    """Places as words, equal kinds together: ``at joints 1–4, 6``, ``at joint 2 (1–32 a turn)``."""
-    numbers: dict[tuple[str, str], list[int]] = {}
-    other: list[str] = []
-    details = _details(wheres)
-    for where in wheres:
-        at = site(where)
-        key, value = next(iter(at.items()), ("", None))
-        if len(at) == 1 and key in ("joint", "link") and isinstance(value, int):
-            rest = details[place(at)] if len(at) < len(where) else ""
-            numbers.setdefault((key, rest), []).append(value)
-        else:
-            other.append(place(where))
-    text = [
-        (place({key: n[0]}) if len(set(n)) == 1 else f"at {key}s {_ranges(sorted(set(n)))}") + rest
-        for (key, rest), n in numbers.items()
-    ]
-    return ", ".join([*text, *dict.fromkeys(other)])
-
-
-def _details(wheres: Sequence[Mapping[str, Any]]) -> dict[str, str]:
-    """The details of all places, together where they are of the same, by the place in words."""
-    values: dict[str, dict[str, set[Any]]] = {}
-    for where in wheres:
-        for key in DETAILS.keys() & where.keys():
-            values.setdefault(place(site(where)), {}).setdefault(key, set()).update(where[key])
-    return {
-        at: "".join(f" {DETAILS[key].format(_ranges(sorted(own)))}" for key, own in of.items())
-        for at, of in values.items()
-    }
-
-
-def _ranges(numbers: list[int]) -> str:
-    """1–4, 6."""
-    runs: list[list[int]] = []
-    for n in numbers:
-        if runs and n == runs[-1][-1] + 1:
-            runs[-1].append(n)
-        else:
-            runs.append([n])
-    return ", ".join(
-        str(r[0]) if len(r) == 1 else f"{r[0]}{'–' if len(r) > 2 else ', '}{r[-1]}" for r in runs
-    )
-
-
 def sentence(finding: Finding, decide: Mapping[str, Any] | None = None) -> str:
     """The verdict in a sentence, with units and confidence; ``decide`` is the record of the poses that decide."""
     if not finding.testable:
@@ -162,90 +94,17 @@ def sentence(finding: Finding, decide: Mapping[str, Any] | None = None) -> str:
     return text if decide is None else f"{text} {deciding(decide)}"
 
 
-def main_parameters(effect: Found) -> str:
-    """The best determined parameters of an effect, and its mass, as text; of the others how many are determined.
-
-    Those that the data do not tell are zero, and what they would make counts in the others.
-    """
-    sizes = effect.parameters
-    known = [n for n, e in sizes.items() if math.isfinite(e.std) and e.std > 0]
-    if not known:
-        return ""
-    best = sorted(known, key=lambda n: -abs(sizes[n].value) / sizes[n].std)
-    shown = [best[0], *(n for n in best[1:_SIZES] if _determined(sizes[n]))]
-    shown += [n for n, e in sizes.items() if e.unit == "kg" and n not in shown]
-    held = [n for n, e in sizes.items() if n not in shown and e.value == 0.0 and not math.isfinite(e.std)]
-    rest = [_determined(e) for n, e in sizes.items() if n not in (*shown, *held)]
-    text = [f"{n} = {quantity(sizes[n])}{_doubt(sizes[n])}" for n in shown]
-    text += [f"{sum(rest)} more"] * any(rest) + [f"{rest.count(False)} not told from zero"] * (not all(rest))
-    zero = f" with {few(held, 2)} held at zero, which these data do not tell" if held else ""
-    return listing(text) + zero
-
-
-def _determined(size: Quantity) -> bool:
-    """Whether a size is larger than its deviation."""
-    return size.std <= abs(size.value)
-
-
-def _doubt(size: Quantity) -> str:
-    return "" if _determined(size) or not math.isfinite(size.std) else " (not told from zero)"
-
-
-def magnitude(finding: Finding, effect: Found) -> str:
-    """How large an effect is: its best determined parameters, of a block of compliances what it moves."""
-    units = {e.unit for e in effect.parameters.values()}
-    moved = np.abs(finding.added(effect)[finding.assembly.problem.axis < 3])
-    if len(effect.parameters) <= _FEW or not moved.size or not all("/N" in u or "/(N" in u for u in units):
-        return main_parameters(effect)
-    known = sum(math.isfinite(e.std) for e in effect.parameters.values())
-    return f"{known} compliances that move a reading by up to {milli(float(moved.max()))} mm"
-
-
 def listed(finding: Finding) -> str:
     """The leading set: names, sizes, confidence; an effect at many places in one breath."""
     kinds: dict[str, list[Found]] = {}
     for e in finding.named:
         kinds.setdefault(e.effect, []).append(e)
-    return "; ".join(part for group in kinds.values() for part in _told(finding, group, even(finding)))
+    return "; ".join(part for group in kinds.values() for part in each_told(finding, group, even(finding)))
 
 
 def even(finding: Finding) -> bool:
     """Whether the set does not suffice, and none of it is sure all the same."""
     return finding.verdict == INSUFFICIENT and finding.because.why is not Why.SURE
-
-
-def confidence(group: Sequence[Found], bet: bool = False) -> str:
-    """The least confidence of a group; a set that does not suffice is an even bet at most."""
-    return "at most an even bet" if bet else f"confidence {100 * min(e.confidence for e in group):.0f} %"
-
-
-def _told(finding: Finding, group: list[Found], bet: bool = False) -> list[str]:
-    if len(group) > MANY:
-        count = sum(math.isfinite(size.std) for e in group for size in e.parameters.values())
-        return [f"{names(group)} ({count} parameters, {confidence(group, bet)})"]
-    return [
-        f"{named(e.effect, e.where)}{_or_else(e)} "
-        f"({', '.join(t for t in (_over(finding, e, magnitude(finding, e)), confidence([e], bet)) if t)})"
-        for e in group
-    ]
-
-
-def _over(finding: Finding, effect: Found, sizes: str) -> str:
-    """Sizes, after what they are counted over: a drift is one over a time or a change of temperature."""
-    spans = effect.instance.span_phrases(finding.assembly.situation.view.robot)
-    return f"{', '.join(spans)}: {sizes}" if spans and sizes else sizes
-
-
-def shape_text(finding: Finding, effect: Found) -> str:
-    """The shape of an effect's law, with units."""
-    return ", ".join(effect.instance.shape_phrases(finding.assembly.situation.view.robot))
-
-
-def _or_else(effect: Found) -> str:
-    """Other names for the same columns."""
-    if not effect.twins:
-        return ""
-    return f" (or {' or '.join(name_text(n) for n in effect.twins[:3])}: the same columns, no data tell them apart)"
 
 
 def gap(finding: Finding) -> str:
@@ -346,7 +205,7 @@ def _ambiguous(finding: Finding) -> str:
         + (f" ({confidence(members)})" if members else "")
         for members in own
     ]
-    beside = f"Beside {'; '.join(_told(finding, common))}, " if common else ""
+    beside = f"Beside {'; '.join(each_told(finding, common))}, " if common else ""
     told = ", or ".join(texts)
     return f"{beside}{len(own)} explanations account for the data: {told}; with the first, {gap(finding)}."
 

@@ -1,0 +1,156 @@
+"""Effects in words: names and places, sizes with units, confidence."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+
+from symstiff.discrepancy.finding import Finding
+from symstiff.discrepancy.numbers import milli, quantity
+from symstiff.discrepancy.result import Found, Name, Quantity
+from symstiff.display import few, listing
+from symstiff.effects.places import DETAILS, named, place, site, spoken
+
+_FEW = 3
+"""Compliances of an effect up to which one of them says how large it is."""
+MANY = 3
+"""Places of an effect up to which each is told by itself."""
+_SIZES = 2
+"""Parameters of an effect at most that are told for being determined best."""
+
+
+def name_text(name: Name) -> str:
+    """An effect and its place, by name, in words."""
+    return named(name.effect, name.where)
+
+
+def names(effects: Sequence[Found]) -> str:
+    """Effects at their places; one that is at many places in one breath."""
+    kinds: dict[str, list[Found]] = {}
+    for e in effects:
+        kinds.setdefault(e.effect, []).append(e)
+    return "; ".join(
+        f"{spoken(kind)} {places([e.where for e in group])}".strip() for kind, group in kinds.items()
+    )
+
+
+def places(wheres: Sequence[Mapping[str, Any]]) -> str:
+    """Places as words, equal kinds together: ``at joints 1–4, 6``, ``at joint 2 (1–32 a turn)``."""
+    numbers: dict[tuple[str, str], list[int]] = {}
+    other: list[str] = []
+    details = _details(wheres)
+    for where in wheres:
+        at = site(where)
+        key, value = next(iter(at.items()), ("", None))
+        if len(at) == 1 and key in ("joint", "link") and isinstance(value, int):
+            rest = details[place(at)] if len(at) < len(where) else ""
+            numbers.setdefault((key, rest), []).append(value)
+        else:
+            other.append(place(where))
+    text = [
+        (place({key: n[0]}) if len(set(n)) == 1 else f"at {key}s {_ranges(sorted(set(n)))}") + rest
+        for (key, rest), n in numbers.items()
+    ]
+    return ", ".join([*text, *dict.fromkeys(other)])
+
+
+def _details(wheres: Sequence[Mapping[str, Any]]) -> dict[str, str]:
+    """The details of all places, together where they are of the same, by the place in words."""
+    values: dict[str, dict[str, set[Any]]] = {}
+    for where in wheres:
+        for key in DETAILS.keys() & where.keys():
+            values.setdefault(place(site(where)), {}).setdefault(key, set()).update(where[key])
+    return {
+        at: "".join(f" {DETAILS[key].format(_ranges(sorted(own)))}" for key, own in of.items())
+        for at, of in values.items()
+    }
+
+
+def _ranges(numbers: list[int]) -> str:
+    """1–4, 6."""
+    runs: list[list[int]] = []
+    for n in numbers:
+        if runs and n == runs[-1][-1] + 1:
+            runs[-1].append(n)
+        else:
+            runs.append([n])
+    return ", ".join(
+        str(r[0]) if len(r) == 1 else f"{r[0]}{'–' if len(r) > 2 else ', '}{r[-1]}" for r in runs
+    )
+
+
+def main_parameters(effect: Found) -> str:
+    """The best determined parameters of an effect, and its mass, as text; of the others how many are determined.
+
+    Those that the data do not tell are zero, and what they would make counts in the others.
+    """
+    sizes = effect.parameters
+    known = [n for n, e in sizes.items() if math.isfinite(e.std) and e.std > 0]
+    if not known:
+        return ""
+    best = sorted(known, key=lambda n: -abs(sizes[n].value) / sizes[n].std)
+    shown = [best[0], *(n for n in best[1:_SIZES] if _determined(sizes[n]))]
+    shown += [n for n, e in sizes.items() if e.unit == "kg" and n not in shown]
+    held = [n for n, e in sizes.items() if n not in shown and e.value == 0.0 and not math.isfinite(e.std)]
+    rest = [_determined(e) for n, e in sizes.items() if n not in (*shown, *held)]
+    text = [f"{n} = {quantity(sizes[n])}{_doubt(sizes[n])}" for n in shown]
+    text += [f"{sum(rest)} more"] * any(rest) + [f"{rest.count(False)} not told from zero"] * (not all(rest))
+    zero = f" with {few(held, 2)} held at zero, which these data do not tell" if held else ""
+    return listing(text) + zero
+
+
+def _determined(size: Quantity) -> bool:
+    """Whether a size is larger than its deviation."""
+    return size.std <= abs(size.value)
+
+
+def _doubt(size: Quantity) -> str:
+    return "" if _determined(size) or not math.isfinite(size.std) else " (not told from zero)"
+
+
+def magnitude(finding: Finding, effect: Found) -> str:
+    """How large an effect is: its best determined parameters, of a block of compliances what it moves."""
+    units = {e.unit for e in effect.parameters.values()}
+    moved = np.abs(finding.added(effect)[finding.assembly.problem.axis < 3])
+    if len(effect.parameters) <= _FEW or not moved.size or not all("/N" in u or "/(N" in u for u in units):
+        return main_parameters(effect)
+    known = sum(math.isfinite(e.std) for e in effect.parameters.values())
+    return f"{known} compliances that move a reading by up to {milli(float(moved.max()))} mm"
+
+
+def confidence(group: Sequence[Found], bet: bool = False) -> str:
+    """The least confidence of a group; a set that does not suffice is an even bet at most."""
+    return "at most an even bet" if bet else f"confidence {100 * min(e.confidence for e in group):.0f} %"
+
+
+def each_told(finding: Finding, group: list[Found], bet: bool = False) -> list[str]:
+    """Effects of one kind with sizes and confidence, each by itself; many in one breath."""
+    if len(group) > MANY:
+        count = sum(math.isfinite(size.std) for e in group for size in e.parameters.values())
+        return [f"{names(group)} ({count} parameters, {confidence(group, bet)})"]
+    return [
+        f"{named(e.effect, e.where)}{_or_else(e)} "
+        f"({', '.join(t for t in (_over(finding, e, magnitude(finding, e)), confidence([e], bet)) if t)})"
+        for e in group
+    ]
+
+
+def _over(finding: Finding, effect: Found, sizes: str) -> str:
+    """Sizes, after what they are counted over: a drift is one over a time or a change of temperature."""
+    spans = effect.instance.span_phrases(finding.assembly.situation.view.robot)
+    return f"{', '.join(spans)}: {sizes}" if spans and sizes else sizes
+
+
+def shape_text(finding: Finding, effect: Found) -> str:
+    """The shape of an effect's law, with units."""
+    return ", ".join(effect.instance.shape_phrases(finding.assembly.situation.view.robot))
+
+
+def _or_else(effect: Found) -> str:
+    """Other names for the same columns."""
+    if not effect.twins:
+        return ""
+    return f" (or {' or '.join(name_text(n) for n in effect.twins[:3])}: the same columns, no data tell them apart)"
