@@ -71,6 +71,26 @@ class Bank:
         first: dict[str, int] = {}
         return tuple(first.setdefault(c.group or c.key, k) for k, c in enumerate(self.candidates))
 
+    def entries_of(self, candidate: int) -> slice:
+        """Entries of a candidate."""
+        first, last = np.searchsorted(self.owner, [candidate, candidate + 1])
+        return slice(int(first), int(last))
+
+    def alone(self, candidate: int) -> Bank:
+        """The bank of one candidate."""
+        own, columns = self.entries_of(candidate), self.columns_in(candidate)
+        return Bank(
+            (self.candidates[candidate],), self.generic[[candidate]], self.log_prior[[candidate]],
+            self.columns[:, columns], self.scale[columns], self.start[own] - columns.start, self.width[own],
+            np.zeros_like(self.owner[own]), self.shape[own], self.usual[columns], self.sized[own], self.share[own],
+            self.place[candidate : candidate + 1],
+        )  # fmt: skip
+
+    def columns_in(self, candidate: int) -> slice:
+        """Columns of all of a candidate's entries."""
+        own = self.entries_of(candidate)
+        return slice(int(self.start[own.start]), int(self.start[own.stop - 1] + self.width[own.stop - 1]))
+
     def parameters(self, entry: int) -> tuple[Parameter, ...]:
         """Parameters of an entry, one a column."""
         candidate = self.candidates[int(self.owner[entry])]

@@ -61,6 +61,16 @@ class Bases:
         scale = np.ones(len(directions))
         return Bases(scale, (), self.variance[directions], self.rank[entries], self.alive[directions])
 
+    def alone(self, columns: slice, entries: slice) -> Bases:
+        """Those of some entries one after the other, and of their columns."""
+        held = [
+            (of, mix, (of[:, 0] >= columns.start) & (of[:, 0] < columns.stop)) for of, mix in self.of_several
+        ]
+        several = tuple((of[own] - columns.start, mix[own]) for of, mix, own in held if np.any(own))
+        return Bases(
+            self.scale[columns], several, self.variance[columns], self.rank[entries], self.alive[columns]
+        )
+
     def without(self, bank: Bank, inside: Array) -> Bases:
         """The bases once orthonormal directions are taken out, of which ``inside`` (K, p) are their products."""
         length2 = self.alive - np.einsum("kp,kp->k", inside, inside)

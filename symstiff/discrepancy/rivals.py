@@ -117,7 +117,7 @@ def _instead(shop: Workshop, proposal: Proposal, replaced: tuple[int, ...], kept
     entries = tuple(proposal.entries[k] for k in kept)
     base = 0.0
     if kept:
-        base = proposal.score - float(shop.evidence(entries).score[proposal.members[replaced[0]]])
+        base = proposal.score - shop.own(proposal.members[replaced[0]], entries).score
     return shop.score(members, entries, True) + (base if np.isfinite(base) else 0.0) - proposal.score
 
 

@@ -216,17 +216,28 @@ def at_sharing(scan: Scan, sharing: Sharing) -> Scan:
     return at_sharings(scan, np.array([layer.sharing == sharing for layer in scan.layers]))
 
 
-def extend(scan: Scan, entries: tuple[int, ...]) -> Scan:
-    """The scan after the columns of some entries have joined the model."""
-    if not entries:
-        return scan
-    found = [directions(scan, layer, entries) for layer in scan.layers]
-    products = scan.products([U for U, _ in found])
+def alone(scan: Scan, candidate: int) -> Scan:
+    """The scan of one candidate."""
+    bank, columns, own = scan.bank, scan.bank.columns_in(candidate), scan.bank.entries_of(candidate)
     layers = (
-        _extended(scan.bank, layer, U, s, seen)
-        for layer, (U, s), seen in zip(scan.layers, found, products, strict=True)
+        replace(la, length2=la.length2[columns], left2=la.left2[columns], bases=la.bases.alone(columns, own))
+        for la in scan.layers
     )
-    return replace(scan, layers=tuple(layers), freedom=scan.freedom - len(found[-1][1]))
+    return Scan(bank.alone(candidate), scan.noise, scan.columns[:, columns], tuple(layers), scan.freedom)
+
+
+def extend(scan: Scan, entries: tuple[int, ...], part: Scan | None = None) -> Scan:
+    """The scan, or a part of its candidates, after the columns of some of its entries have joined the model."""
+    part = scan if part is None else part
+    if not entries:
+        return part
+    found = [directions(scan, layer, entries) for layer in scan.layers]
+    products = part.products([U for U, _ in found])
+    layers = (
+        _extended(part.bank, layer, U, s, seen)
+        for layer, (U, s), seen in zip(part.layers, found, products, strict=True)
+    )
+    return replace(part, layers=tuple(layers), freedom=part.freedom - len(found[-1][1]))
 
 
 def _extended(bank: Bank, layer: Layer, U: Array, s: Array, products: Array) -> Layer:
@@ -338,6 +349,26 @@ class Evidence:
     """(candidates,) with the catalogue-size penalty."""
     best_entry: Index
     """(candidates,) likeliest shape of each, with its prior share."""
+
+
+@dataclass(frozen=True)
+class Own:
+    """Evidence of one candidate on the data."""
+
+    first: int
+    """Number of its first entry."""
+    entry: Array
+    """Of its shapes."""
+    score: float
+    """With the catalogue-size penalty."""
+    best: int
+    """Number of its likeliest entry."""
+
+    def at(self, entry: int) -> float:
+        """The score with the best shape replaced by one that another effect beside it asks for."""
+        if not np.isfinite(self.score):
+            return -np.inf
+        return float(self.score + self.entry[entry - self.first] - self.entry[self.best - self.first])
 
 
 def evidence(scan: Scan) -> Evidence:

@@ -15,7 +15,6 @@ from symstiff.discrepancy.laws import of_load
 from symstiff.discrepancy.problem import Options
 from symstiff.discrepancy.rivals import Rivals, rivals
 from symstiff.discrepancy.scan import (
-    Evidence,
     Layer,
     Scan,
     explained,
@@ -84,15 +83,15 @@ def proposals(shop: Workshop, bases: list[Proposal]) -> list[Proposal]:
 
 def _entry(shop: Workshop, member: int, others: tuple[int, ...]) -> tuple[int, float]:
     """A candidate's best shape beside others that does not contradict what they take for granted, and its score."""
-    bank, found = shop.start.bank, shop.evidence(others)
-    best = int(found.best_entry[member])
-    if not bank.contradict(best, others):
-        return best, float(found.score[member])
-    own = [int(e) for e in np.flatnonzero(bank.owner == member) if not bank.contradict(int(e), others)]
+    bank, found = shop.start.bank, shop.own(member, others)
+    if not bank.contradict(found.best, others):
+        return found.best, found.score
+    own = [found.first + k for k in range(len(found.entry)) if not bank.contradict(found.first + k, others)]
     if not own:
-        return best, -np.inf
-    entry = own[int(np.argmax(found.entry[own] + np.log(np.maximum(bank.share[own], TINY))))]
-    return entry, _at(found, member, entry)
+        return found.best, -np.inf
+    likely = [found.at(e) + np.log(max(bank.share[e], TINY)) for e in own]
+    entry = own[int(np.argmax(likely))]
+    return entry, found.at(entry)
 
 
 def polish(shop: Workshop, proposal: Proposal) -> Proposal:
@@ -109,7 +108,7 @@ def polish(shop: Workshop, proposal: Proposal) -> Proposal:
         others = tuple(e for i, e in enumerate(entries) if i != place)
         if len(others) == 1:
             first = proposal.members[1 - place]
-            path = _at(shop.evidence(()), first, others[0]) + float(shop.evidence(others).score[member])
+            path = shop.own(first, ()).at(others[0]) + shop.own(member, others).score
             score = max(score, path)
     return Proposal(proposal.members, tuple(entries), score)
 
@@ -122,21 +121,13 @@ def _of_one_joint(shop: Workshop, proposal: Proposal) -> tuple[int, ...]:
         if bank.place[first] != bank.place[second] or not bank.place[first]:
             continue
         others = tuple(e for k, e in enumerate(entries) if k not in (a, b))
-        alone, best = shop.evidence(others), -np.inf
+        alone, best = shop.own(first, others), -np.inf
         for entry in bank.alike(entries[a]):
             partner, own = _entry(shop, second, (*others, entry))
-            value = _at(alone, first, entry) + own
+            value = alone.at(entry) + own
             if value > best:
                 best, entries[a], entries[b] = value, entry, partner
     return tuple(entries)
-
-
-def _at(found: Evidence, candidate: int, entry: int) -> float:
-    """A candidate's score with the best of its shapes replaced by one that another effect beside it asks for."""
-    if not np.isfinite(found.score[candidate]):
-        return -np.inf
-    best = found.best_entry[candidate]
-    return float(found.score[candidate] + found.entry[entry] - found.entry[best])
 
 
 def judge(shop: Workshop, proposal: Proposal) -> Judged:
@@ -281,4 +272,4 @@ def _needed(shop: Workshop, proposal: Proposal, place: int) -> float:
 def _evidence_of(shop: Workshop, proposal: Proposal, place: int) -> float:
     """Score of one member given the others."""
     entries = tuple(e for i, e in enumerate(proposal.entries) if i != place)
-    return float(shop.evidence(entries).score[proposal.members[place]])
+    return shop.own(proposal.members[place], entries).score

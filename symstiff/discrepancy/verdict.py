@@ -145,9 +145,9 @@ def _together(shop: Workshop, members: Sequence[int]) -> Proposal:
     entries: tuple[int, ...] = ()
     score = 0.0
     for member in members:
-        found = shop.evidence(entries)
-        score += float(found.score[member])
-        entries = (*entries, int(found.best_entry[member]))
+        found = shop.own(member, entries)
+        score += found.score
+        entries = (*entries, found.best)
     return Proposal(tuple(members), entries, score)
 
 

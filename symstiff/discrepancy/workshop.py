@@ -10,7 +10,7 @@ import numpy as np
 from symstiff.arrays import Array
 from symstiff.discrepancy.null import Null, null
 from symstiff.discrepancy.problem import Options
-from symstiff.discrepancy.scan import Evidence, Scan, evidence, extend
+from symstiff.discrepancy.scan import Evidence, Own, Scan, alone, evidence, extend
 from symstiff.discrepancy.strata import Stratum
 
 _SCANS = 8
@@ -42,6 +42,7 @@ class Workshop:
     """The same for the start."""
     scans: dict[tuple[int, ...], Scan] = field(default_factory=dict)
     found: dict[tuple[int, ...], Evidence] = field(default_factory=dict)
+    parts_of: dict[int, Scan] = field(default_factory=dict)
     nulls: dict[tuple[tuple[int, ...], tuple[int, ...]], Null] = field(default_factory=dict)
 
     def scan(self, entries: tuple[int, ...]) -> Scan:
@@ -59,6 +60,18 @@ class Workshop:
         if key not in self.found:
             self.found[key] = evidence(self.scan(key))
         return self.found[key]
+
+    def own(self, candidate: int, entries: tuple[int, ...]) -> Own:
+        """The evidence of one candidate with some entries in the model; that of all others only where it is known."""
+        key, rows = tuple(sorted(entries)), self.start.bank.entries_of(candidate)
+        if key in self.found:
+            known = self.found[key]
+            shapes, score, best = known.entry[rows], known.score[candidate], known.best_entry[candidate]
+            return Own(rows.start, shapes, float(score), int(best))
+        if candidate not in self.parts_of:
+            self.parts_of[candidate] = alone(self.start, candidate)
+        known = evidence(extend(self.start, key, self.parts_of[candidate]))
+        return Own(rows.start, known.entry, float(known.score[0]), rows.start + int(known.best_entry[0]))
 
     def null(self, members: tuple[int, ...], entries: tuple[int, ...]) -> Null:
         """Null distribution of the maximum over all candidates that are not in the set."""
