@@ -23,6 +23,7 @@ def shop_of(kept: tuple[int, ...], score: float, shape: bool = False) -> Worksho
     bank = SimpleNamespace(another_shape=lambda law, entry: shape)
     return cast(Workshop, SimpleNamespace(
         evidence=lambda entries: SimpleNamespace(score=np.array([8.0, 9.0, 0.0]), best_entry=np.arange(3)),
+        own=lambda member, entries: SimpleNamespace(score=8.0 + member),
         score=lambda members, entries, generic: np.where(np.arange(3) == 2, score, none) if members == kept else none,
         scan=lambda entries: SimpleNamespace(bank=bank),
     ))  # fmt: skip

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from functools import lru_cache
+from typing import Any
 
 import numpy as np
 
@@ -41,6 +43,8 @@ _SAME = 1e-6
 """Distance of two shadows, against their length, up to which they are one."""
 _MOST_SHAPES = 6
 """Shapes of a candidate up to which its columns are compared with those of others."""
+_KEPT = 4096
+"""Shapes of effects at their places whose laws are kept."""
 _SAME_ANGLE = 2e-3
 """Distance of two values of a joint variable [rad, m] up to which they are one level."""
 
@@ -112,13 +116,24 @@ class _Member:
 def _member(
     effect: Effect, robot: Robot, where: Where, shape: Shape, taken: frozenset[str], extent: Extent
 ) -> _Member:
-    realised = effect.realise(robot, where, shape)
+    place = tuple((key, tuple(v) if isinstance(v, list) else v) for key, v in where.items())
+    realised = _realised(effect.realise, robot, place, tuple(shape.items()))
     own = tuple(
         Parameter(p.name, p.unit, p.low, p.high, p.typical)
         for p in at_size(realised.parameters, extent)
         if p.name not in taken
     )
     return _Member(shape, realised, own)
+
+
+@lru_cache(maxsize=_KEPT)
+def _realised(
+    realise: Callable[[Robot, Where, Shape], Realisation], robot: Robot, place: tuple[tuple[str, Any], ...],
+    shape: tuple[tuple[str, float], ...],
+) -> Realisation:  # fmt: skip
+    """What a second look, the held-out poses and the benchmark ask for again; it takes SymPy some milliseconds."""
+    where = {key: list(value) if isinstance(value, tuple) else value for key, value in place}
+    return realise(robot, where, dict(shape))
 
 
 def _unavailable(

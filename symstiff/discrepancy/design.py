@@ -13,6 +13,9 @@ from symstiff.discrepancy.marginal import log_bayes
 from symstiff.discrepancy.power import POWER, VISIBLE
 from symstiff.discrepancy.scan import Scan, basis_of
 
+_TENTH = 1
+"""Digits of an effective rank: one more moves a noncentrality by less than a hundredth."""
+
 
 def detectable_noncentrality(score: float, log_prior: float, rank: float, freedom: int) -> float:
     """Noncentrality at which an effect of this rank exceeds ``score`` with ``POWER``; inf where none does.
@@ -59,7 +62,7 @@ def needed(scan: Scan, entry: int, threshold: float) -> float:
     prior = float(scan.bank.log_prior[scan.bank.owner[entry]])
     if not scan.bank.sized[entry]:
         return _needed(threshold, prior, rank, scan.freedom)
-    fewer = min(rank, effective_rank(scan, entry))
+    fewer = min(rank, round(effective_rank(scan, entry), _TENTH))
     return min(_needed(threshold + np.log(2.0), prior, r, scan.freedom) for r in (rank, fewer))
 
 
