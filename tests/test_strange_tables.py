@@ -184,6 +184,33 @@ def test_a_joint_that_is_read_in_another_way_is_asked_about(
         assert not any("another way" in remark for remark in identify(load(ROBOT), table).remarks)
 
 
+def in_tool_axes(rows: np.ndarray, q: np.ndarray) -> np.ndarray:
+    """Vectors side by side in the axes of the planar arm's tool, which stands at q1 + q2 about z."""
+    angle = -q.sum(axis=1)
+    c, s, out = np.cos(angle), np.sin(angle), rows.copy()
+    for k in (0, 3):
+        out[:, k] = c * rows[:, k] - s * rows[:, k + 1]
+        out[:, k + 1] = s * rows[:, k] + c * rows[:, k + 1]
+    return out
+
+
+@pytest.mark.parametrize("start", ["complete", "joints"])
+@pytest.mark.parametrize("what", ["the loads", "the deflections", "loads and deflections"])
+def test_a_table_in_the_axes_of_the_tool_is_asked_about(what: str, start: str) -> None:
+    """As a sensor at the flange writes them: no effect is named for it, and no model is made of it unasked."""
+    truth = Truth(load(ROBOT), nominal_truth(load(ROBOT)), noise=Noise((0.02,) * 3))
+    table = simulate(truth, design(), 3)
+    w = in_tool_axes(table.w, table.q) if "loads" in what else table.w
+    values = in_tool_axes(table.values, table.q) if "deflections" in what else table.values
+    wrong = replace(table, w=w, values=values)
+    found = diagnose(Task(load(ROBOT), wrong, start))
+    assert not found.testable
+    assert f"{what} look told in the tool's axes: turned to the base's they would leave " in found.reason
+    assert f"correct the table: its {what.removeprefix('the ')} are read in the base's axes" in found.reason
+    assert any("look told in the tool's axes" in remark for remark in identify(load(ROBOT), wrong).remarks)
+    assert not any("tool's axes" in remark for remark in identify(load(ROBOT), table).remarks)
+
+
 def test_a_joint_has_to_fit_far_better_otherwise_and_a_slide_has_no_quarter_turns() -> None:
     q = np.arange(12.0).reshape(6, 2)
 

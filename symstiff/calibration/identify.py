@@ -37,7 +37,7 @@ from symstiff.calibration.remarks import (
 from symstiff.calibration.residuals import ResidualTable, places, residual_table, split
 from symstiff.calibration.robust import RobustEstimate
 from symstiff.calibration.rows import Equations, equations, predict
-from symstiff.calibration.slips import left_by, slip
+from symstiff.calibration.slips import left_by, slip, turned_slip
 from symstiff.calibration.soundness import (
     check_beside_geometry,
     check_determined,
@@ -253,7 +253,7 @@ def _from_deflections(
 
 def _misread(model: StiffnessModel, table: Measurements, found: Fitted) -> list[str]:
     """What of the table looks exchanged or read in another way. Raises UserError where all of it is reversed."""
-    slipped, _ = slip(model, table, left_by)
+    slipped = slip(model, table, left_by)[0] or turned_slip(model, table)[0]
     if slipped:
         return [slipped]
     hint = axis_hint(found.estimate.names, table, found.equations)

@@ -1,4 +1,7 @@
-"""Slips of a whole table: markers exchanged, a joint's sign or zero another one. Would it fit far better otherwise?"""
+"""Slips of a whole table: would it fit far better otherwise?
+
+Markers exchanged, a joint's sign or zero another one, loads or deflections told in the tool's axes.
+"""
 
 from __future__ import annotations
 
@@ -13,6 +16,7 @@ from symstiff.calibration.decomposition import unit_columns
 from symstiff.calibration.measurements import Measurements
 from symstiff.calibration.rows import equations
 from symstiff.model import StiffnessModel
+from symstiff.symbolic.numeric import forward
 
 _EXCHANGED, _READ = 0.5, 0.3
 """Part of the squares left as told up to which other names of points, and other readings of joints, are spoken of."""
@@ -46,6 +50,35 @@ def slip(
     turns = [not joint.prismatic for joint in model.robot.joint]
     hint = joint_hint(some.q, turns, lambda q: left(model, replace(some, q=q)))
     return hint, "signs and zeros of the table's joints, or the robot file" if hint else ""
+
+
+def turned_slip(model: StiffnessModel, table: Measurements) -> tuple[str, str]:
+    """The same for loads and deflections that may be told in the tool's axes; the model is one in which links give way.
+
+    Rows that are not measured whole stay as they are.
+    """
+    rows = np.unique(np.linspace(0, len(table) - 1, min(len(table), _ROWS)).astype(int))
+    some = table.select(rows)
+    R = forward(model.robot, some.q)[:, :3, :3]
+    now, freedom = left_by(model, some)
+    if freedom < _FEWEST or now == 0.0:
+        return "", ""
+    loads, rows_turned = (
+        np.einsum("nij,nkj->nki", R, x.reshape(-1, 2, 3)).reshape(-1, 6) for x in (some.w, some.values)
+    )
+    values = np.where(np.isnan(rows_turned), some.values, rows_turned)
+    readings = {
+        "the loads": replace(some, w=loads),
+        "the deflections": replace(some, values=values),
+        "loads and deflections": replace(some, w=loads, values=values),
+    }
+    found = {what: left_by(model, read)[0] for what, read in readings.items()}
+    best = min(found, key=lambda what: found[what])
+    if found[best] > _READ * now:
+        return "", ""
+    share = 100.0 * float(np.sqrt(found[best] / now))
+    hint = f"{best} look told in the tool's axes: turned to the base's they would leave {share:.0f} % of the residual"
+    return hint, f"table: its {best.removeprefix('the ')} are read in the base's axes"
 
 
 def left_by(model: StiffnessModel, table: Measurements) -> Squares:
