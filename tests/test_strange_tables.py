@@ -178,7 +178,7 @@ def test_a_joint_that_is_read_in_another_way_is_asked_about(
     assert (" or q2 - 90 deg" in found.reason) == (
         quarters == 1 and kind == "deflection"
     )  # half a turn is alike
-    assert "correct the signs and zeros of the table's joints" in found.reason
+    assert "correct the order, signs and zeros of the table's joints" in found.reason
     if kind == "deflection":
         assert any("looks read in another way" in remark for remark in identify(load(ROBOT), wrong).remarks)
         assert not any("another way" in remark for remark in identify(load(ROBOT), table).remarks)
@@ -205,10 +205,52 @@ def test_a_table_in_the_axes_of_the_tool_is_asked_about(what: str, start: str) -
     wrong = replace(table, w=w, values=values)
     found = diagnose(Task(load(ROBOT), wrong, start))
     assert not found.testable
-    assert f"{what} look told in the tool's axes: turned to the base's they would leave " in found.reason
+    hint = f"{what} look told in another way: turning them from the tool's axes to the base's would leave "
+    assert hint in found.reason
     assert f"correct the table: its {what.removeprefix('the ')} are read in the base's axes" in found.reason
-    assert any("look told in the tool's axes" in remark for remark in identify(load(ROBOT), wrong).remarks)
-    assert not any("tool's axes" in remark for remark in identify(load(ROBOT), table).remarks)
+    assert any(hint in remark for remark in identify(load(ROBOT), wrong).remarks)
+    assert not any("in another way" in remark for remark in identify(load(ROBOT), table).remarks)
+
+
+def turned(rows: np.ndarray, degrees: float) -> np.ndarray:
+    """Vectors turned about z."""
+    return in_tool_axes(rows, np.full((len(rows), 1), -np.radians(degrees)))
+
+
+CHANGES: dict[str, tuple[str, Callable[[np.ndarray], np.ndarray], int]] = {
+    "the deflections look told in another way from pose p6 on: the other sign of dy would":
+        ("values", lambda rows: rows * [1, -1, 1, 1, 1, 1], 5),
+    "the deflections look told in another way from pose p5 on: x and y exchanged would":
+        ("values", lambda rows: rows[:, [1, 0, 2, 4, 3, 5]], 4),
+    "the loads look told in another way from pose p7 on: the other sign of fx would":
+        ("w", lambda rows: rows * [-1, 1, 1, 1, 1, 1], 6),
+    "the loads look told in another way: turning them by 90 deg about z would":
+        ("w", lambda rows: turned(rows, -90.0), 0),
+    "the deflections look told in another way: turning them by 30.0 deg about (0.00, 0.00, 1.00) would":
+        ("values", lambda rows: turned(rows, -30.0), 0),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("told", CHANGES)
+def test_signs_and_axes_that_are_others_throughout_or_from_a_pose_on_are_asked_about(told: str) -> None:
+    """As after a change of the device, or of who wrote: no drift, bad poses or crosstalk are named for it."""
+    truth = Truth(load(ROBOT), nominal_truth(load(ROBOT)), noise=Noise((0.002,) * 3))
+    table = simulate(truth, design(), 3)
+    column, change, since = CHANGES[told]
+    rows = getattr(table, column)
+    wrong = replace(table, **{column: np.where((table.pose >= since)[:, None], change(rows), rows)})
+    found = diagnosed(wrong)
+    assert not found.testable
+    assert told in found.reason
+
+
+@pytest.mark.parametrize("kind", ["deflection", "absolute"])
+def test_joints_whose_columns_are_exchanged_are_asked_about(kind: Literal["deflection", "absolute"]) -> None:
+    truth = Truth(load(ROBOT), nominal_truth(load(ROBOT)), noise=Noise((0.02,) * 3))
+    table = simulate(truth, replace(design(), kind=kind), 3)
+    found = diagnosed(replace(table, q=table.q[:, ::-1]))
+    assert not found.testable
+    assert "a joint looks read in another way: q1 for q2 and q2 for q1 would leave " in found.reason
 
 
 def test_a_joint_has_to_fit_far_better_otherwise_and_a_slide_has_no_quarter_turns() -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -20,6 +21,7 @@ from symstiff.calibration.kept import completed, seen_in
 from symstiff.calibration.levels import by_level
 from symstiff.calibration.loading import as_loading
 from symstiff.calibration.measurements import Measurements
+from symstiff.calibration.misread import misread
 from symstiff.calibration.point import find_point
 from symstiff.calibration.redundant import redundant
 from symstiff.calibration.remarks import (
@@ -37,7 +39,7 @@ from symstiff.calibration.remarks import (
 from symstiff.calibration.residuals import ResidualTable, places, residual_table, split
 from symstiff.calibration.robust import RobustEstimate
 from symstiff.calibration.rows import Equations, equations, predict
-from symstiff.calibration.slips import left_by, slip, turned_slip
+from symstiff.calibration.slips import left_by, slip
 from symstiff.calibration.soundness import (
     check_beside_geometry,
     check_determined,
@@ -253,13 +255,14 @@ def _from_deflections(
 
 def _misread(model: StiffnessModel, table: Measurements, found: Fitted) -> list[str]:
     """What of the table looks exchanged or read in another way. Raises UserError where all of it is reversed."""
-    slipped = slip(model, table, left_by)[0] or turned_slip(model, table)[0]
+    slipped, _ = slip(model, table, left_by)
     if slipped:
         return [slipped]
     hint = axis_hint(found.estimate.names, table, found.equations)
     if hint is not None and hint.reversed:
         raise UserError(str(hint))
-    return [str(hint)] if hint is not None else []
+    told, _ = misread(model, table, math.inf if hint is None else hint.best)
+    return [told or str(hint)] if told or hint is not None else []
 
 
 def _from_absolute(begin: _Begin, table: Measurements, remarks: list[str]) -> Identification:

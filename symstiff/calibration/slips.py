@@ -1,13 +1,14 @@
 """Slips of a whole table: would it fit far better otherwise?
 
-Markers exchanged, a joint's sign or zero another one, loads or deflections told in the tool's axes.
+Markers exchanged, a joint's sign or zero another one, two joints exchanged. How loads and deflections are told is
+asked in ``misread``.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from itertools import permutations
+from itertools import combinations, permutations
 
 import numpy as np
 
@@ -16,7 +17,6 @@ from symstiff.calibration.decomposition import unit_columns
 from symstiff.calibration.measurements import Measurements
 from symstiff.calibration.rows import equations
 from symstiff.model import StiffnessModel
-from symstiff.symbolic.numeric import forward
 
 _EXCHANGED, _READ = 0.5, 0.3
 """Part of the squares left as told up to which other names of points, and other readings of joints, are spoken of."""
@@ -26,7 +26,7 @@ _FEWEST = 20
 """Degrees of freedom below which a few readings' noise is made small by chance."""
 _MOST = 4
 """Points of which every order is tried; of more, two at a time change their names."""
-_ROWS = 3000
+_ROWS = 300
 """Rows of which a slip of all of them is seen."""
 
 Squares = tuple[float, int]
@@ -42,43 +42,19 @@ def slip(
 
     ``left`` tells what the model leaves of a table; of long ones some rows are looked at.
     """
-    rows = np.unique(np.linspace(0, len(table) - 1, min(len(table), _ROWS)).astype(int))
-    some = table.select(rows)
+    some = few_rows(table)
     hint = marker_hint(some.points, lambda names: left(model, replace(some, points=names)))
     if hint:
         return hint, "column point"
     turns = [not joint.prismatic for joint in model.robot.joint]
     hint = joint_hint(some.q, turns, lambda q: left(model, replace(some, q=q)))
-    return hint, "signs and zeros of the table's joints, or the robot file" if hint else ""
+    return hint, "order, signs and zeros of the table's joints, or the robot file" if hint else ""
 
 
-def turned_slip(model: StiffnessModel, table: Measurements) -> tuple[str, str]:
-    """The same for loads and deflections that may be told in the tool's axes; the model is one in which links give way.
-
-    Rows that are not measured whole stay as they are.
-    """
+def few_rows(table: Measurements) -> Measurements:
+    """Some rows of a long table, evenly spread."""
     rows = np.unique(np.linspace(0, len(table) - 1, min(len(table), _ROWS)).astype(int))
-    some = table.select(rows)
-    R = forward(model.robot, some.q)[:, :3, :3]
-    now, freedom = left_by(model, some)
-    if freedom < _FEWEST or now == 0.0:
-        return "", ""
-    loads, rows_turned = (
-        np.einsum("nij,nkj->nki", R, x.reshape(-1, 2, 3)).reshape(-1, 6) for x in (some.w, some.values)
-    )
-    values = np.where(np.isnan(rows_turned), some.values, rows_turned)
-    readings = {
-        "the loads": replace(some, w=loads),
-        "the deflections": replace(some, values=values),
-        "loads and deflections": replace(some, w=loads, values=values),
-    }
-    found = {what: left_by(model, read)[0] for what, read in readings.items()}
-    best = min(found, key=lambda what: found[what])
-    if found[best] > _READ * now:
-        return "", ""
-    share = 100.0 * float(np.sqrt(found[best] / now))
-    hint = f"{best} look told in the tool's axes: turned to the base's they would leave {share:.0f} % of the residual"
-    return hint, f"table: its {best.removeprefix('the ')} are read in the base's axes"
+    return table.select(rows)
 
 
 def left_by(model: StiffnessModel, table: Measurements) -> Squares:
@@ -111,7 +87,9 @@ def marker_hint(points: Sequence[str], left: Callable[[tuple[str, ...]], Squares
 
 
 def joint_hint(q: Array, turns: Sequence[bool], left: Callable[[Array], Squares]) -> str:
-    """Which joint looks read the other way round or from another zero; empty if none does, or if too little is left.
+    """Which joint looks read the other way round or from another zero, or exchanged with another one.
+
+    Empty if none does, or if too little is left.
 
     q: (M, n) as told; turns: (n,) whether a joint turns: of one that slides the zero is not asked for;
     ``left`` tells what is left where the joints stand elsewhere (M, n).
@@ -124,7 +102,7 @@ def joint_hint(q: Array, turns: Sequence[bool], left: Callable[[Array], Squares]
     if best is None or found[best] > _READ * now:
         return ""
     share = 100.0 * float(np.sqrt(found[best] / now))
-    alike = " or ".join(f"{r} for q{r.joint}" for r, square in found.items() if square <= _SAME * found[best])
+    alike = " or ".join(r.words for r, square in found.items() if square <= _SAME * found[best])
     return f"a joint looks read in another way: {alike} would leave {share:.0f} % of the residual"
 
 
@@ -142,9 +120,31 @@ class Reading:
         out[:, self.joint - 1] = self.sign * q[:, self.joint - 1] + self.quarters * np.pi / 2
         return out
 
-    def __str__(self) -> str:
+    @property
+    def words(self) -> str:
+        """What is read for which column."""
         name = f"{'-' if self.sign < 0 else ''}q{self.joint}"
-        return name if not self.quarters else f"{name} {('+ 90', '+ 180', '- 90')[self.quarters - 1]} deg"
+        turned = f" {('+ 90', '+ 180', '- 90')[self.quarters - 1]} deg" if self.quarters else ""
+        return f"{name}{turned} for q{self.joint}"
+
+
+@dataclass(frozen=True)
+class Exchange:
+    """Two joints (counted from one) whose columns are exchanged."""
+
+    one: int
+    other: int
+
+    def of(self, q: Array) -> Array:
+        """(M, n) joint variables so read."""
+        out = np.array(q)
+        out[:, [self.one - 1, self.other - 1]] = q[:, [self.other - 1, self.one - 1]]
+        return out
+
+    @property
+    def words(self) -> str:
+        """What is read for which columns."""
+        return f"q{self.one} for q{self.other} and q{self.other} for q{self.one}"
 
 
 def _orders(told: tuple[str, ...]) -> list[tuple[str, ...]]:
@@ -160,9 +160,11 @@ def _orders(told: tuple[str, ...]) -> list[tuple[str, ...]]:
     return out
 
 
-def _readings(turns: Sequence[bool]) -> list[Reading]:
-    """Other readings of one joint at a time, those that change least first."""
-    return [
+def _readings(turns: Sequence[bool]) -> list[Reading | Exchange]:
+    """Other readings of one joint at a time, those that change least first, and two of a kind exchanged."""
+    joints = range(1, len(turns) + 1)
+    exchanged = [Exchange(a, b) for a, b in combinations(joints, 2) if turns[a - 1] == turns[b - 1]]
+    return exchanged + [
         Reading(j, sign, quarters)
         for sign, quarters in ((-1, 0), *((s, k) for s in (1, -1) for k in (1, 2, 3)))
         for j, turning in enumerate(turns, start=1)

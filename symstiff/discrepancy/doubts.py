@@ -8,9 +8,10 @@ from symstiff.calibration.experiment.arm import drawn
 from symstiff.calibration.experiment.placement import placed
 from symstiff.calibration.experiment.situation import Laws, look
 from symstiff.calibration.measurements import Measurements
+from symstiff.calibration.misread import misread
 from symstiff.calibration.remarks import axis_hint
 from symstiff.calibration.rows import equations
-from symstiff.calibration.slips import left_by, slip, turned_slip
+from symstiff.calibration.slips import left_by, slip
 from symstiff.discrepancy.reasons import Reason, Why
 from symstiff.model import StiffnessModel
 
@@ -31,10 +32,10 @@ def doubted(model: StiffnessModel, table: Measurements, whole: StiffnessModel) -
         return Reason(Why.DOUBTED, (slipped, wrong))
     if absolute:
         return _misplaced(model, table)
-    turned, wrong = turned_slip(whole, table)
-    if turned:
-        return Reason(Why.DOUBTED, (turned, wrong))
     hint = axis_hint(whole.parameters, table, equations(whole, table))
+    told = misread(whole, table, np.inf if hint is None else hint.best)
+    if told[0]:
+        return Reason(Why.DOUBTED, told)
     return Reason(Why.DOUBTED, (str(hint), "table, or the signs of its loads")) if hint is not None else None
 
 

@@ -273,6 +273,9 @@ def _conclude(shop: Workshop, tried: list[Judged], weighed: list[Proposal], test
     options = shop.options
     good = sorted((j for j in tried if _admissible(j, options)), key=lambda j: -j.score)
     refused = max((j.score for j in tried if not _admissible(j, options)), default=-np.inf)
+    fewer = _as_believable(good[0], tried, options) if good else None
+    if fewer is not None:
+        return _insufficient(fewer, Why.PARTLY, tried, tests)
     if good and good[0].score > refused - AS_MUCH:
         return _named(good, tried, weighed, tests, options)
     if good and good[0].score > refused - CLOSE:
@@ -290,6 +293,13 @@ def _conclude(shop: Workshop, tried: list[Judged], weighed: list[Proposal], test
             return Outcome(INSUFFICIENT, Reason(Why.SURE), *tests, enough, (sure,), believed, tuple(tried))
         return Outcome(UNEXPLAINED, Reason(Why.NOT_ALONE), *tests, enough, (), (), tuple(tried))
     return Outcome(UNEXPLAINED, Reason(Why.NO_SET), *tests, best, (), (), tuple(tried))
+
+
+def _as_believable(leader: Judged, tried: list[Judged], options: Options) -> Judged | None:
+    """A part of the leading set that is as believable as all of it: what it leaves is not worth an effect more."""
+    parts = (j for j in tried if set(j.members) < set(leader.members) and j.score >= leader.score)
+    whole = (j for j in parts if _needs_all(j, options) and _ahead(j))
+    return max(whole, key=lambda j: j.score, default=None)
 
 
 def _sure(shop: Workshop, judged: Judged) -> Judged | None:

@@ -1,0 +1,198 @@
+"""Loads and deflections told in other axes than the base's, or with other signs: throughout, or from some pose on."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+from itertools import combinations
+
+import numpy as np
+
+from symstiff.arrays import TINY, Array
+from symstiff.calibration.measurements import Measurements
+from symstiff.calibration.rows import equations
+from symstiff.calibration.slips import few_rows
+from symstiff.model import StiffnessModel
+from symstiff.symbolic.numeric import forward
+
+_WORTH_A_WORD = 0.02
+"""Share of the squared deflections that a model leaves below which nobody asks how they are told."""
+_THROUGHOUT, _PARTLY = 0.3, 0.15
+"""Part of the squares left as told up to which another reading of all poses, and of those from one on, is spoken of."""
+_LESS = 0.5
+"""Part of what something else leaves that is clearly less."""
+_SAME = 1.02
+"""What is left by readings that are not told apart, over the least."""
+_FEWEST, _EACH = 20, 2
+"""Degrees of freedom, and poses before and from a change on, at least."""
+_RIDGE = 1e-10
+"""Square of a direction of unit columns that is nothing."""
+_TURNED, _ROUNDS = 0.1, 40
+"""Angle [rad] from which a measured frame is no small one out, and rounds in which it is found."""
+_LOADS = ("fx", "fy", "fz", "mx", "my", "mz")
+_DEFLECTIONS = ("dx", "dy", "dz", "drx", "dry", "drz")
+_AXES = "xyz"
+
+
+@dataclass(frozen=True, eq=False)
+class _Reading:
+    """Another reading of a table: what is told in another way, how it is to be read, and the table so read."""
+
+    what: str
+    how: str
+    table: Measurements
+
+
+@dataclass(frozen=True, eq=False)
+class _Normal:
+    """Normal equations of every pose (P): A'A (P, n, n), A'y (P, n), y'y (P,)."""
+
+    matrix: Array
+    right: Array
+    squares: Array
+
+    def left(self) -> Array:
+        """(P,) squares that the best values leave of each sum."""
+        n = self.right.shape[1]
+        size = np.maximum(np.trace(self.matrix, axis1=1, axis2=2) / n, TINY)
+        held = self.matrix + _RIDGE * size[:, None, None] * np.eye(n)
+        best = np.linalg.solve(held, self.right[:, :, None])[:, :, 0]
+        return np.asarray(np.maximum(self.squares - np.einsum("pn,pn->p", self.right, best), 0.0))
+
+    def from_each(self, other: _Normal) -> _Normal:
+        """The sums of these equations before every pose and of others from it on."""
+
+        def joined(own: Array, others: Array) -> Array:
+            before = np.cumsum(own, axis=0) - own
+            return before + np.cumsum(others[::-1], axis=0)[::-1]
+
+        return _Normal(
+            joined(self.matrix, other.matrix),
+            joined(self.right, other.right),
+            joined(self.squares, other.squares),
+        )
+
+
+def misread(model: StiffnessModel, table: Measurements, otherwise: float = np.inf) -> tuple[str, str]:
+    """How loads or deflections look told, and what to correct then; empty where they look as they are to be.
+
+    The model is one in which links give way, so that it explains deflections whichever way their axes are; of long
+    tables some rows are looked at. ``otherwise``: share of the squared deflections that something else would leave.
+    """
+    some = few_rows(table)
+    scale, freedom, share = _lengths(model, some)
+    if freedom < _FEWEST or share < _WORTH_A_WORD:
+        return "", ""
+    order = list(dict.fromkeys(some.pose.tolist()))
+    told = _normal(model, some, order, scale)
+    now = float(told.from_each(told).left()[0])
+    found = []
+    for reading in _readings(model, some):
+        left = told.from_each(_normal(model, reading.table, order, scale)).left() / max(now, TINY)
+        left[1:_EACH] = left[max(len(left) - _EACH + 1, 1) :] = np.inf
+        found.append((reading, left))
+    least = min(float(left.min()) for _, left in found)
+    if share * least > _LESS * otherwise:
+        return "", ""
+    for reading, left in sorted(found, key=lambda f: f[1][0] > _SAME * least):
+        k = 0 if left[0] <= _SAME * least else int(np.argmin(left))
+        if left[k] <= (_PARTLY if k else _THROUGHOUT) and left[k] <= _SAME * least:
+            return _words(reading, f" from pose {some.labels[order[k]]} on" if k else "", float(left[k]))
+    return "", ""
+
+
+def _words(reading: _Reading, since: str, part: float) -> tuple[str, str]:
+    """The hint, and what to correct."""
+    share = 100.0 * float(np.sqrt(part))
+    hint = f"{reading.what} look told in another way{since}: {reading.how} would leave {share:.0f} % of the residual"
+    return hint, f"table: its {reading.what.removeprefix('the ')} are read in the base's axes"
+
+
+def _lengths(model: StiffnessModel, table: Measurements) -> tuple[Array, int, float]:
+    """Lengths (n,) of the columns, degrees of freedom, and the share of the squares that is left."""
+    e = equations(model, table)
+    length = np.linalg.norm(e.A, axis=0)
+    length[length == 0] = 1.0
+    fitted, _, rank, _ = np.linalg.lstsq(e.A / length, e.y, rcond=1e-10)
+    rest = e.y - (e.A / length) @ fitted
+    return length, len(e.y) - int(rank), float(rest @ rest) / max(float(e.y @ e.y), TINY)
+
+
+def _normal(model: StiffnessModel, table: Measurements, order: list[int], scale: Array) -> _Normal:
+    """The normal equations of the poses in their order."""
+    e = equations(model, table)
+    A, pose = e.A / scale, table.pose[e.row]
+    rows = [np.flatnonzero(pose == p) for p in order]
+    return _Normal(
+        np.stack([A[r].T @ A[r] for r in rows]),
+        np.stack([A[r].T @ e.y[r] for r in rows]),
+        np.array([float(e.y[r] @ e.y[r]) for r in rows]),
+    )
+
+
+def _readings(model: StiffnessModel, table: Measurements) -> Iterator[_Reading]:
+    """Other readings, those that people write most first."""
+    R = forward(model.robot, table.q)[:, :3, :3]
+    loads, rows = _turned(R, table.w), _turned(R, table.values)
+    how = "turning them from the tool's axes to the base's"
+    yield _Reading("the loads", how, replace(table, w=loads))
+    yield _Reading("the deflections", how, replace(table, values=rows))
+    yield _Reading("loads and deflections", how, replace(table, w=loads, values=rows))
+    for how, read in _changed(table.w, _LOADS):
+        yield _Reading("the loads", how, replace(table, w=read))
+    for how, read in _changed(table.values, _DEFLECTIONS):
+        yield _Reading("the deflections", how, replace(table, values=read))
+    if (turn := _turn(model, table)) is not None:
+        angle = float(np.arccos(np.clip((np.trace(turn) - 1.0) / 2.0, -1.0, 1.0)))
+        axis = np.array([turn[2, 1] - turn[1, 2], turn[0, 2] - turn[2, 0], turn[1, 0] - turn[0, 1]])
+        told = ", ".join(f"{x + 0.0:.2f}" for x in axis / max(float(np.linalg.norm(axis)), TINY))
+        how = f"turning them by {np.degrees(angle):.1f} deg about ({told})"
+        yield _Reading(
+            "the deflections",
+            how,
+            replace(table, values=_turned(turn[None].repeat(len(table), 0), table.values)),
+        )
+
+
+def _turned(R: Array, rows: Array) -> Array:
+    """Vectors (M, 6) turned by R (M, 3, 3); those that are not measured whole stay as they are."""
+    turned = np.einsum("nij,nkj->nki", R, rows.reshape(-1, 2, 3)).reshape(-1, 6)
+    return np.where(np.isnan(turned), rows, turned)
+
+
+def _changed(rows: Array, names: tuple[str, ...]) -> Iterator[tuple[str, Array]]:
+    """Vectors (M, 6) with a sign or all changed, two axes exchanged, or turned by a quarter."""
+    there = np.any(np.nan_to_num(rows) != 0, axis=0)
+    yield "all signs changed", -rows
+    for k in np.flatnonzero(there):
+        sign = np.ones(6)
+        sign[k] = -1.0
+        yield f"the other sign of {names[k]}", rows * sign
+    for a, b in combinations(range(3), 2):
+        order = np.arange(6)
+        order[[a, b, a + 3, b + 3]] = [b, a, b + 3, a + 3]
+        yield f"{_AXES[a]} and {_AXES[b]} exchanged", rows[:, order]
+        for quarter, first in ((90, a), (-90, b)):
+            sign = np.ones(6)
+            sign[[first, first + 3]] = -1.0
+            yield f"turning them by {quarter} deg about {_AXES[3 - a - b]}", rows[:, order] * sign
+
+
+def _turn(model: StiffnessModel, table: Measurements) -> Array | None:
+    """(3, 3) by which measured translations are to be turned so that the model fits them best; None if by little."""
+    whole = np.all(table.measured[:, :3], axis=1)
+    if not whole.any():
+        return None
+    some = table.select(whole)
+    e = equations(model, some)
+    keep = e.component < 3
+    Q, s, _ = np.linalg.svd(
+        e.A[keep] / np.maximum(np.linalg.norm(e.A[keep], axis=0), TINY), full_matrices=False
+    )
+    Q = Q[:, s > 1e-10 * s[0]]
+    measured, turn = some.values[:, :3], np.eye(3)
+    for _ in range(_ROUNDS):
+        fitted = (Q @ (Q.T @ (measured @ turn.T).ravel())).reshape(-1, 3)
+        U, _, Vt = np.linalg.svd(fitted.T @ measured)
+        turn = U @ np.diag([1.0, 1.0, np.linalg.det(U @ Vt)]) @ Vt
+    return turn if np.trace(turn) < 1.0 + 2.0 * np.cos(_TURNED) else None
