@@ -17,6 +17,7 @@ from symstiff.discrepancy.problem import Options
 from symstiff.discrepancy.ranges import at_size, extent_of
 from symstiff.discrepancy.result import Diagnosis, Inconstancy
 from symstiff.discrepancy.rivals import AS_MUCH
+from symstiff.discrepancy.settling import unsettled
 from symstiff.discrepancy.sharing import JOINTS
 from symstiff.discrepancy.speech import law_at
 from symstiff.discrepancy.verdict import INSUFFICIENT, NAMED, NOTHING, UNEXPLAINED, UNTESTABLE
@@ -62,7 +63,7 @@ def remarked(view: View, last: Diagnosis) -> list[str]:
         *_of_sigma(noise), *_of_readings(noise), *_of_approach(view.table, last), *_of_markers(noise),
         *_of_poses(view.table, last), *_of_single(last), *_of_proof(last), *_of_rows(view, last),
         *_of_succession(view, last), *_of_drawing(view, last), *_of_weights(view, last), *_of_sizes(view, last),
-        *_of_known(view.robot, last), *_of_further(last), *_of_alike(last),
+        *_of_settling(view, last), *_of_known(view.robot, last), *_of_further(last), *_of_alike(last),
         *(of_sag(view.robot) if view.table.kind == "absolute" else ()),
     ]  # fmt: skip
 
@@ -290,6 +291,26 @@ def _of_succession(view: View, last: Diagnosis) -> list[str]:
         f"readings that follow each other in a pose are alike (correlation {correlation:.2f}), as a device that "
         "drifts, a robot that creeps or a load that swings makes them: let it settle before reading, or take loads in "
         "another order each time; laws of time and order, and other small ones, may stand for it"
+    ]
+
+
+def _of_settling(view: View, last: Diagnosis) -> list[str]:
+    """Readings of one pose that scatter along what one joint moves, where no law is missing that could do that."""
+    if last.verdict not in (NOTHING, NAMED) or not last.growth:
+        return []
+    found = unsettled(view, last.growth[-1].residual, last.noise.by_component())
+    if found is None:
+        return []
+    joint, factor = found
+    here = [e for e in last.effects if e.set_number == 0 and e.where.get("joint") == joint]
+    besides = f"; or the law of {named_at(here[0].effect, here[0].where)} is only close" if here else (
+        "; what was named may be made of that" if last.verdict == NAMED else ""
+    )  # fmt: skip
+    return [
+        f"what is left scatters {factor:.1f} times as much along what joint {joint} moves as elsewhere, from reading "
+        "to reading of one pose: it settles at another place each time, as a joint that sticks and slips or has "
+        "clearance does, and no law of loads, angles or time tells that: read each load several times, coming from "
+        f"both sides{besides}"
     ]
 
 

@@ -26,6 +26,16 @@ def _shapes(robot: Robot, where: Where, scales: Scales) -> tuple[Shape, ...]:
     return ({}, {"centred": 1.0}, {"at_frame": 1.0}) if told else ({},)
 
 
+def _alike(robot: Robot, shape: Shape) -> str:
+    """The whole arm weighs, and a file without masses tells nothing of it."""
+    if robot.has_weights:
+        return ""
+    return (
+        "the robot file tells no masses, so that the weight of every link is missing, and neighbours' weights look "
+        "alike: enter masses and centres of mass and diagnose again"
+    )
+
+
 EFFECT = Effect(
     identifier=NAME,
     title="Weight of a link",
@@ -41,4 +51,5 @@ EFFECT = Effect(
     },
     confused_with=("payload_error", "geometric_error", "joint_offset"),
     separated_by="several payloads, and poses near and far from the axis",
+    alike=_alike,
 )
