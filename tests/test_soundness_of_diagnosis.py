@@ -268,10 +268,10 @@ def test_absolute_positions_of_another_robot_are_doubted() -> None:
     values[:, 3:] = np.nan
     model = StiffnessModel.of(reduce(load("ur10")))
     assert doubted(model, replace(table, values=values), model) is None
-    swapped = table.q[:, [0, 1, 2, 4, 3, 5]]
-    assert "misses the measured positions by" in str(
-        doubted(model, replace(table, values=values, q=swapped), model)
-    )
+    exchanged, moved_on = table.q[:, [0, 1, 2, 4, 3, 5]], table.q[:, [5, 0, 1, 2, 3, 4]]
+    read = replace(table, values=values)
+    assert "q4 for q5 and q5 for q4 would leave 0 %" in str(doubted(model, replace(read, q=exchanged), model))
+    assert "misses the measured positions by" in str(doubted(model, replace(read, q=moved_on), model))
 
 
 def test_two_axes_of_a_position_do_not_say_where_the_device_stands() -> None:
