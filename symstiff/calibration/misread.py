@@ -11,7 +11,7 @@ import numpy as np
 from symstiff.arrays import TINY, Array
 from symstiff.calibration.measurements import Measurements
 from symstiff.calibration.rows import equations
-from symstiff.calibration.slips import few_rows
+from symstiff.calibration.slips import some_poses
 from symstiff.model import StiffnessModel
 from symstiff.symbolic.numeric import forward
 
@@ -23,6 +23,8 @@ _LESS = 0.5
 """Part of what something else leaves that is clearly less."""
 _SAME = 1.02
 """What is left by readings that are not told apart, over the least."""
+_ROWS = 900
+"""Rows that are looked at, about."""
 _FEWEST, _EACH = 20, 2
 """Degrees of freedom, and poses before and from a change on, at least."""
 _RIDGE = 1e-10
@@ -77,9 +79,9 @@ def misread(model: StiffnessModel, table: Measurements, otherwise: float = np.in
     """How loads or deflections look told, and what to correct then; empty where they look as they are to be.
 
     The model is one in which links give way, so that it explains deflections whichever way their axes are; of long
-    tables some rows are looked at. ``otherwise``: share of the squared deflections that something else would leave.
+    tables some poses are looked at. ``otherwise``: share of the squared deflections that something else would leave.
     """
-    some = few_rows(table)
+    some = some_poses(table, _ROWS)
     scale, freedom, share = _lengths(model, some)
     if freedom < _FEWEST or share < _WORTH_A_WORD:
         return "", ""

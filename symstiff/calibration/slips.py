@@ -26,8 +26,8 @@ _FEWEST = 20
 """Degrees of freedom below which a few readings' noise is made small by chance."""
 _MOST = 4
 """Points of which every order is tried; of more, two at a time change their names."""
-_ROWS = 300
-"""Rows of which a slip of all of them is seen."""
+_ROWS, _POSES, _AT_MOST = 300, 12, 3000
+"""Rows of which a slip of all of them is seen, of so many poses at least; rows at most."""
 
 Squares = tuple[float, int]
 """Sum of squares that is left of a table, and degrees of freedom."""
@@ -40,9 +40,9 @@ def slip(
 ) -> tuple[str, str]:
     """What looks exchanged or read in another way, and what to correct then; empty where nothing does.
 
-    ``left`` tells what the model leaves of a table; of long ones some rows are looked at.
+    ``left`` tells what the model leaves of a table; of long ones some poses are looked at.
     """
-    some = few_rows(table)
+    some = some_poses(table, _ROWS)
     hint = marker_hint(some.points, lambda names: left(model, replace(some, points=names)))
     if hint:
         return hint, "column point"
@@ -51,10 +51,13 @@ def slip(
     return hint, "order, signs and zeros of the table's joints, or the robot file" if hint else ""
 
 
-def few_rows(table: Measurements) -> Measurements:
-    """Some rows of a long table, evenly spread."""
-    rows = np.unique(np.linspace(0, len(table) - 1, min(len(table), _ROWS)).astype(int))
-    return table.select(rows)
+def some_poses(table: Measurements, rows: int) -> Measurements:
+    """Poses of a long table, evenly spread, with all of their readings, about so many rows; of very many some."""
+    poses = list(dict.fromkeys(table.pose.tolist()))
+    count = max(min(_POSES, len(poses)), int(len(poses) * min(rows / max(len(table), 1), 1.0)))
+    chosen = np.array(poses)[np.unique(np.linspace(0, len(poses) - 1, count).astype(int))]
+    own = np.flatnonzero(np.isin(table.pose, chosen))
+    return table.select(own[np.unique(np.linspace(0, len(own) - 1, min(len(own), _AT_MOST)).astype(int))])
 
 
 def left_by(model: StiffnessModel, table: Measurements) -> Squares:
