@@ -105,7 +105,8 @@ def _no_duplicates(table: Measurements) -> None:
             row, earlier = int(rows[again[0]]), int(first[again[0]])
             raise UserError(
                 f"{table.place(row)}: duplicate of {table.place(earlier)} "
-                "(same pose, load and point): drop it, or number repeated measurements in a column 'repeat'"
+                "(same pose, load and point): drop it, tell the way up from the way down in a column 'branch', or "
+                "number repeated measurements in a column 'repeat'"
             )
 
 
