@@ -7,9 +7,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from symstiff.discrepancy.design import confusability, detectable_noncentrality
+from symstiff.discrepancy.evidence import evidence
 from symstiff.discrepancy.null import tail
 from symstiff.discrepancy.prepare import prepare
-from symstiff.discrepancy.scan import evidence
 from symstiff.discrepancy.separation import Hypotheses, deciding_poses
 from tests.test_discrepancy_engine import arm, measured, saturating, scaled
 

@@ -16,12 +16,13 @@ from symstiff.calibration.simulation import Effect, Truth, clean_response, nomin
 from symstiff.discrepancy.assemble import Assembly, assemble
 from symstiff.discrepancy.bank import build
 from symstiff.discrepancy.design import effective_rank
+from symstiff.discrepancy.evidence import evidence
 from symstiff.discrepancy.laws import unnamed_laws
 from symstiff.discrepancy.marginal import EXPECTED, log_bayes, of_ranks, of_sizes
 from symstiff.discrepancy.noise import start
 from symstiff.discrepancy.null import null, simulated_scores
 from symstiff.discrepancy.problem import Candidate, Parameter
-from symstiff.discrepancy.scan import column_space, evidence, extend, open_scan
+from symstiff.discrepancy.scan import column_space, extend, open_scan
 from symstiff.discrepancy.sharing import Split
 from symstiff.effects.registry import find
 from symstiff.model import StiffnessModel

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -261,8 +260,8 @@ def _misread(model: StiffnessModel, table: Measurements, found: Fitted) -> list[
     hint = axis_hint(found.estimate.names, table, found.equations)
     if hint is not None and hint.reversed:
         raise UserError(str(hint))
-    told, _ = misread(model, table, math.inf if hint is None else hint.best)
-    return [told or str(hint)] if told or hint is not None else []
+    told, _ = misread(model, table, hint)
+    return [told] if told else []
 
 
 def _from_absolute(begin: _Begin, table: Measurements, remarks: list[str]) -> Identification:

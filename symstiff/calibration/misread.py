@@ -7,12 +7,17 @@ from dataclasses import dataclass, replace
 from itertools import combinations
 
 import numpy as np
+from scipy.spatial.transform import Rotation
 
 from symstiff.arrays import TINY, Array
+from symstiff.calibration.axes import AxisHint
+from symstiff.calibration.decomposition import unit_columns
+from symstiff.calibration.experiment.placement import closest
 from symstiff.calibration.measurements import Measurements
 from symstiff.calibration.rows import equations
 from symstiff.calibration.slips import some_poses
 from symstiff.model import StiffnessModel
+from symstiff.reduction.svd import svd
 from symstiff.symbolic.numeric import forward
 
 _WORTH_A_WORD = 0.02
@@ -27,8 +32,8 @@ _ROWS = 900
 """Rows that are looked at, about."""
 _FEWEST, _EACH = 20, 2
 """Degrees of freedom, and poses before and from a change on, at least."""
-_RIDGE = 1e-10
-"""Square of a direction of unit columns that is nothing."""
+_RIDGE, _ROUNDING = 1e-10, 1e-10
+"""Square of a direction of unit columns that is nothing; singular value, against the largest, that is rounding."""
 _TURNED, _ROUNDS = 0.1, 40
 """Angle [rad] from which a measured frame is no small one out, and rounds in which it is found."""
 _LOADS = ("fx", "fy", "fz", "mx", "my", "mz")
@@ -75,19 +80,28 @@ class _Normal:
         )
 
 
-def misread(model: StiffnessModel, table: Measurements, otherwise: float = np.inf) -> tuple[str, str]:
+def misread(model: StiffnessModel, table: Measurements, swapped: AxisHint | None) -> tuple[str, str]:
     """How loads or deflections look told, and what to correct then; empty where they look as they are to be.
 
     The model is one in which links give way, so that it explains deflections whichever way their axes are; of long
-    tables some poses are looked at. ``otherwise``: share of the squared deflections that something else would leave.
+    tables some poses are looked at. ``swapped``: other axes of all deflections, which stand where nothing leaves less.
     """
+    found = _other(model, table, np.inf if swapped is None else swapped.best)
+    if found[0] or swapped is None:
+        return found
+    return str(swapped), "table, or the signs of its loads"
+
+
+def _other(model: StiffnessModel, table: Measurements, otherwise: float) -> tuple[str, str]:
+    """The other reading that leaves clearly less than this share of the squares, if there is one."""
     some = some_poses(table, _ROWS)
-    scale, freedom, share = _lengths(model, some)
-    if freedom < _FEWEST or share < _WORTH_A_WORD:
-        return "", ""
-    order = list(dict.fromkeys(some.pose.tolist()))
+    e = equations(model, some)
+    scale, order = unit_columns(e.A)[1], list(dict.fromkeys(some.pose.tolist()))
     told = _normal(model, some, order, scale)
     now = float(told.from_each(told).left()[0])
+    share = now / max(float(e.y @ e.y), TINY)
+    if len(e.y) - len(scale) < _FEWEST or share < _WORTH_A_WORD:
+        return "", ""
     found = []
     for reading in _readings(model, some):
         left = told.from_each(_normal(model, reading.table, order, scale)).left() / max(now, TINY)
@@ -108,16 +122,6 @@ def _words(reading: _Reading, since: str, part: float) -> tuple[str, str]:
     share = 100.0 * float(np.sqrt(part))
     hint = f"{reading.what} look told in another way{since}: {reading.how} would leave {share:.0f} % of the residual"
     return hint, f"table: its {reading.what.removeprefix('the ')} are read in the base's axes"
-
-
-def _lengths(model: StiffnessModel, table: Measurements) -> tuple[Array, int, float]:
-    """Lengths (n,) of the columns, degrees of freedom, and the share of the squares that is left."""
-    e = equations(model, table)
-    length = np.linalg.norm(e.A, axis=0)
-    length[length == 0] = 1.0
-    fitted, _, rank, _ = np.linalg.lstsq(e.A / length, e.y, rcond=1e-10)
-    rest = e.y - (e.A / length) @ fitted
-    return length, len(e.y) - int(rank), float(rest @ rest) / max(float(e.y @ e.y), TINY)
 
 
 def _normal(model: StiffnessModel, table: Measurements, order: list[int], scale: Array) -> _Normal:
@@ -144,16 +148,14 @@ def _readings(model: StiffnessModel, table: Measurements) -> Iterator[_Reading]:
         yield _Reading("the loads", how, replace(table, w=read))
     for how, read in _changed(table.values, _DEFLECTIONS):
         yield _Reading("the deflections", how, replace(table, values=read))
-    if (turn := _turn(model, table)) is not None:
-        angle = float(np.arccos(np.clip((np.trace(turn) - 1.0) / 2.0, -1.0, 1.0)))
-        axis = np.array([turn[2, 1] - turn[1, 2], turn[0, 2] - turn[2, 0], turn[1, 0] - turn[0, 1]])
-        told = ", ".join(f"{x + 0.0:.2f}" for x in axis / max(float(np.linalg.norm(axis)), TINY))
-        how = f"turning them by {np.degrees(angle):.1f} deg about ({told})"
-        yield _Reading(
-            "the deflections",
-            how,
-            replace(table, values=_turned(turn[None].repeat(len(table), 0), table.values)),
-        )
+    turn = _turn(model, table)
+    vector = np.zeros(3) if turn is None else Rotation.from_matrix(turn).as_rotvec()
+    angle = float(np.linalg.norm(vector))
+    if turn is not None and angle > _TURNED:
+        axis = ", ".join(f"{x + 0.0:.2f}" for x in vector / angle)
+        rows = _turned(turn[None].repeat(len(table), 0), table.values)
+        how = f"turning them by {np.degrees(angle):.1f} deg about ({axis})"
+        yield _Reading("the deflections", how, replace(table, values=rows))
 
 
 def _turned(R: Array, rows: Array) -> Array:
@@ -181,20 +183,20 @@ def _changed(rows: Array, names: tuple[str, ...]) -> Iterator[tuple[str, Array]]
 
 
 def _turn(model: StiffnessModel, table: Measurements) -> Array | None:
-    """(3, 3) by which measured translations are to be turned so that the model fits them best; None if by little."""
-    whole = np.all(table.measured[:, :3], axis=1)
-    if not whole.any():
+    """(3, 3) by which measured translations are to be turned so that the model fits them best; None where there are
+    none.
+    """
+    some = table.select(np.all(table.measured[:, :3], axis=1))
+    if not len(some):
         return None
-    some = table.select(whole)
     e = equations(model, some)
-    keep = e.component < 3
-    Q, s, _ = np.linalg.svd(
-        e.A[keep] / np.maximum(np.linalg.norm(e.A[keep], axis=0), TINY), full_matrices=False
-    )
-    Q = Q[:, s > 1e-10 * s[0]]
+    Q, s, _ = svd(unit_columns(e.A[e.component < 3])[0])
+    Q = Q[:, s > _ROUNDING * s[0]]
     measured, turn = some.values[:, :3], np.eye(3)
     for _ in range(_ROUNDS):
         fitted = (Q @ (Q.T @ (measured @ turn.T).ravel())).reshape(-1, 3)
-        U, _, Vt = np.linalg.svd(fitted.T @ measured)
-        turn = U @ np.diag([1.0, 1.0, np.linalg.det(U @ Vt)]) @ Vt
-    return turn if np.trace(turn) < 1.0 + 2.0 * np.cos(_TURNED) else None
+        both = (
+            np.vstack([rows, -rows]) for rows in (measured, fitted)
+        )  # about the origin: nothing is shifted
+        turn = closest(*both)[0]
+    return turn

@@ -10,17 +10,9 @@ import numpy as np
 
 from symstiff.arrays import Array, Index
 from symstiff.discrepancy.bank import Bank, build
+from symstiff.discrepancy.evidence import Evidence, evidence
 from symstiff.discrepancy.problem import Candidate, Problem
-from symstiff.discrepancy.scan import (
-    Evidence,
-    Layer,
-    Scan,
-    column_space,
-    directions,
-    evidence,
-    extend,
-    likeliest,
-)
+from symstiff.discrepancy.scan import Layer, Scan, column_space, directions, extend, likeliest
 from symstiff.effects.base import Move, Shape
 
 WORTH = 2.0

@@ -33,10 +33,8 @@ def doubted(model: StiffnessModel, table: Measurements, whole: StiffnessModel) -
     if absolute:
         return _misplaced(model, table)
     hint = axis_hint(whole.parameters, table, equations(whole, table))
-    told = misread(whole, table, np.inf if hint is None else hint.best)
-    if told[0]:
-        return Reason(Why.DOUBTED, told)
-    return Reason(Why.DOUBTED, (str(hint), "table, or the signs of its loads")) if hint is not None else None
+    told = misread(whole, table, hint)
+    return Reason(Why.DOUBTED, told) if told[0] else None
 
 
 def _excess(model: StiffnessModel, table: Measurements) -> tuple[float, int]:

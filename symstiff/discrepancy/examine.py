@@ -14,6 +14,7 @@ from scipy.stats import norm
 from symstiff.arrays import TINY, Array
 from symstiff.discrepancy.bank import Bank
 from symstiff.discrepancy.constancy import inconstancies
+from symstiff.discrepancy.evidence import Evidence
 from symstiff.discrepancy.localise import (
     FittedDevice,
     FittedLaw,
@@ -30,7 +31,7 @@ from symstiff.discrepancy.proof import HeldOut, held_out, poses_of_their_own
 from symstiff.discrepancy.reasons import Reason, Why
 from symstiff.discrepancy.result import Diagnosis, Name, Rms
 from symstiff.discrepancy.rivals import AS_MUCH
-from symstiff.discrepancy.scan import Evidence, Scan, coefficients, column_space, one_sharing
+from symstiff.discrepancy.scan import Scan, coefficients, column_space, one_sharing
 from symstiff.discrepancy.strata import Stratum, strata
 from symstiff.discrepancy.tables import (
     alike,

@@ -6,8 +6,9 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from symstiff.discrepancy.evidence import evidence
 from symstiff.discrepancy.result import Instead, Name
-from symstiff.discrepancy.scan import Scan, evidence, explained, extend, log_likelihood
+from symstiff.discrepancy.scan import Scan, explained, extend, log_likelihood
 
 
 def instead(scan: Scan, entries: Sequence[int], place: int, others: Sequence[int]) -> tuple[Instead, ...]:

@@ -11,13 +11,13 @@ from scipy import stats
 from scipy.special import logsumexp
 
 from symstiff.arrays import TINY, Array, Index
+from symstiff.discrepancy.evidence import Evidence
 from symstiff.discrepancy.law import Law, largest_load
 from symstiff.discrepancy.laws import every_law
 from symstiff.discrepancy.noise import stated
 from symstiff.discrepancy.problem import Problem
 from symstiff.discrepancy.scan import (
     RANK,
-    Evidence,
     Layer,
     Scan,
     at_sharing,

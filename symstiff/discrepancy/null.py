@@ -7,7 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from symstiff.arrays import Array, Mask
-from symstiff.discrepancy.scan import Scan, back, candidate_evidence, entry_evidence
+from symstiff.discrepancy.evidence import candidate_evidence, entry_evidence
+from symstiff.discrepancy.scan import Scan, back
 from symstiff.threads import in_threads
 
 _AT_ONCE = 128

@@ -16,7 +16,8 @@ from scipy import stats
 
 from symstiff.arrays import Array, Index
 from symstiff.discrepancy.bank import Bank
-from symstiff.discrepancy.scan import Layer, Scan, back, candidate_evidence, entry_evidence, outside
+from symstiff.discrepancy.evidence import candidate_evidence, entry_evidence
+from symstiff.discrepancy.scan import Layer, Scan, back, outside
 
 POWER = 0.8
 """Share of cases in which an effect of the size that is told is seen."""

@@ -12,6 +12,7 @@ from symstiff.arrays import Array, Index, numbered
 from symstiff.discrepancy import noise as noises
 from symstiff.discrepancy.bank import Bank, build
 from symstiff.discrepancy.between import between, with_shapes
+from symstiff.discrepancy.evidence import evidence
 from symstiff.discrepancy.laws import unnamed_laws
 from symstiff.discrepancy.problem import Candidate, Problem
 from symstiff.discrepancy.scan import (
@@ -19,7 +20,6 @@ from symstiff.discrepancy.scan import (
     at_sharing,
     at_sharings,
     column_space,
-    evidence,
     extend,
     likely,
     one_sharing,

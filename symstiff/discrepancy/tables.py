@@ -10,6 +10,7 @@ import numpy as np
 from symstiff.arrays import Array
 from symstiff.discrepancy.bank import Bank
 from symstiff.discrepancy.design import confusability, share_left
+from symstiff.discrepancy.evidence import evidence
 from symstiff.discrepancy.instead import instead
 from symstiff.discrepancy.null import critical
 from symstiff.discrepancy.power import visible
@@ -23,7 +24,6 @@ from symstiff.discrepancy.scan import (
     at_sharings,
     basis_of,
     coefficients,
-    evidence,
     extend,
     likeliest,
     sum_entries,

@@ -10,11 +10,12 @@ import numpy as np
 from scipy.special import expit, logsumexp
 
 from symstiff.arrays import Array
+from symstiff.discrepancy.evidence import Evidence
 from symstiff.discrepancy.null import Null
 from symstiff.discrepancy.problem import Options
 from symstiff.discrepancy.reasons import Reason, Why
 from symstiff.discrepancy.rivals import AS_MUCH
-from symstiff.discrepancy.scan import Evidence, Scan, directions
+from symstiff.discrepancy.scan import Scan, directions
 from symstiff.discrepancy.search import Judged, judge, polish, proposals
 from symstiff.discrepancy.strata import Stratum
 from symstiff.discrepancy.workshop import Proposal, Workshop

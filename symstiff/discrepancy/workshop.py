@@ -8,9 +8,10 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from symstiff.arrays import Array
+from symstiff.discrepancy.evidence import Evidence, Own, evidence
 from symstiff.discrepancy.null import Null, null
 from symstiff.discrepancy.problem import Options
-from symstiff.discrepancy.scan import Evidence, Own, Scan, alone, evidence, extend
+from symstiff.discrepancy.scan import Scan, alone, extend
 from symstiff.discrepancy.strata import Stratum
 
 _SCANS = 8

@@ -1,0 +1,171 @@
+"""Tables that are written in another way than told: they are asked about, and no effect is named for it."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+from typing import Literal
+
+import numpy as np
+import pytest
+
+from symstiff.calibration.identify import identify
+from symstiff.calibration.measurements import Measurements
+from symstiff.calibration.simulation import Noise, Truth, nominal_truth, simulate
+from symstiff.calibration.slips import Reading, joint_hint, marker_hint
+from symstiff.discrepancy.finding import Finding, Task
+from symstiff.discrepancy.workflow import diagnose
+from symstiff.robot import load
+from tests.diagnosis_data import ROBOT, design, measured
+
+
+def diagnosed(table: Measurements) -> Finding:
+    return diagnose(Task(load(ROBOT), table))
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("kind", ["deflection", "absolute"])
+@pytest.mark.parametrize("names", [("p2", "p1", "p3"), ("p3", "p1", "p2")])
+def test_exchanged_markers_are_asked_about(
+    kind: Literal["deflection", "absolute"], names: tuple[str, ...]
+) -> None:
+    truth = Truth(load(ROBOT), nominal_truth(load(ROBOT)), noise=Noise((0.02,) * 3))
+    table = simulate(truth, replace(design(), kind=kind), 3)
+    assert diagnosed(table).verdict == "nothing_missing"
+    found = diagnosed(replace(table, points=names))
+    assert not found.testable
+    read = ", ".join(f"{a} as {b}" for a, b in zip(names, table.points, strict=True) if a != b)
+    assert f"markers look exchanged: to read {read}" in found.reason
+    if kind == "deflection":
+        said = identify(load(ROBOT), replace(table, points=names)).remarks
+        assert any("markers look exchanged" in remark for remark in said)
+        assert not any("exchanged" in remark for remark in identify(load(ROBOT), table).remarks)
+
+
+@pytest.mark.parametrize("kind", ["deflection", "absolute"])
+@pytest.mark.parametrize(("joint", "sign", "quarters", "told"), [(2, -1, 0, "-q2"), (2, 1, 1, "q2 - 90 deg")])
+def test_a_joint_that_is_read_in_another_way_is_asked_about(
+    kind: Literal["deflection", "absolute"], joint: int, sign: int, quarters: int, told: str
+) -> None:
+    """A table whose column has the other sign, or another zero: no effect is named for it."""
+    truth = Truth(load(ROBOT), nominal_truth(load(ROBOT)), noise=Noise((0.02,) * 3))
+    table = simulate(truth, replace(design(), kind=kind), 3)
+    wrong = replace(table, q=Reading(joint, sign, quarters).of(table.q))
+    found = diagnosed(wrong)
+    assert not found.testable
+    assert "a joint looks read in another way: " in found.reason
+    assert f" {told} for q{joint} " in found.reason
+    assert (" or q2 - 90 deg" in found.reason) == (
+        quarters == 1 and kind == "deflection"
+    )  # half a turn is alike
+    assert "correct the order, signs and zeros of the table's joints" in found.reason
+    if kind == "deflection":
+        assert any("looks read in another way" in remark for remark in identify(load(ROBOT), wrong).remarks)
+        assert not any("another way" in remark for remark in identify(load(ROBOT), table).remarks)
+
+
+def in_tool_axes(rows: np.ndarray, q: np.ndarray) -> np.ndarray:
+    """Vectors side by side in the axes of the planar arm's tool, which stands at q1 + q2 about z."""
+    angle = -q.sum(axis=1)
+    c, s, out = np.cos(angle), np.sin(angle), rows.copy()
+    for k in (0, 3):
+        out[:, k] = c * rows[:, k] - s * rows[:, k + 1]
+        out[:, k + 1] = s * rows[:, k] + c * rows[:, k + 1]
+    return out
+
+
+@pytest.mark.parametrize("start", ["complete", "joints"])
+@pytest.mark.parametrize("what", ["the loads", "the deflections", "loads and deflections"])
+def test_a_table_in_the_axes_of_the_tool_is_asked_about(what: str, start: str) -> None:
+    """As a sensor at the flange writes them: no effect is named for it, and no model is made of it unasked."""
+    truth = Truth(load(ROBOT), nominal_truth(load(ROBOT)), noise=Noise((0.02,) * 3))
+    table = simulate(truth, design(), 3)
+    w = in_tool_axes(table.w, table.q) if "loads" in what else table.w
+    values = in_tool_axes(table.values, table.q) if "deflections" in what else table.values
+    wrong = replace(table, w=w, values=values)
+    found = diagnose(Task(load(ROBOT), wrong, start))
+    assert not found.testable
+    hint = f"{what} look told in another way: turning them from the tool's axes to the base's would leave "
+    assert hint in found.reason
+    assert f"correct the table: its {what.removeprefix('the ')} are read in the base's axes" in found.reason
+    assert any(hint in remark for remark in identify(load(ROBOT), wrong).remarks)
+    assert not any("in another way" in remark for remark in identify(load(ROBOT), table).remarks)
+
+
+def turned(rows: np.ndarray, degrees: float) -> np.ndarray:
+    """Vectors turned about z."""
+    return in_tool_axes(rows, np.full((len(rows), 1), -np.radians(degrees)))
+
+
+CHANGES: dict[str, tuple[str, Callable[[np.ndarray], np.ndarray], int]] = {
+    "the deflections look told in another way from pose p6 on: the other sign of dy would":
+        ("values", lambda rows: rows * [1, -1, 1, 1, 1, 1], 5),
+    "the deflections look told in another way from pose p5 on: x and y exchanged would":
+        ("values", lambda rows: rows[:, [1, 0, 2, 4, 3, 5]], 4),
+    "the loads look told in another way from pose p7 on: the other sign of fx would":
+        ("w", lambda rows: rows * [-1, 1, 1, 1, 1, 1], 6),
+    "the loads look told in another way: turning them by 90 deg about z would":
+        ("w", lambda rows: turned(rows, -90.0), 0),
+    "the deflections look told in another way: turning them by 30.0 deg about (0.00, 0.00, 1.00) would":
+        ("values", lambda rows: turned(rows, -30.0), 0),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("told", CHANGES)
+def test_signs_and_axes_that_are_others_throughout_or_from_a_pose_on_are_asked_about(told: str) -> None:
+    """As after a change of the device, or of who wrote: no drift, bad poses or crosstalk are named for it."""
+    truth = Truth(load(ROBOT), nominal_truth(load(ROBOT)), noise=Noise((0.002,) * 3))
+    table = simulate(truth, design(), 3)
+    column, change, since = CHANGES[told]
+    rows = getattr(table, column)
+    wrong = replace(table, **{column: np.where((table.pose >= since)[:, None], change(rows), rows)})
+    found = diagnosed(wrong)
+    assert not found.testable
+    assert told in found.reason
+
+
+@pytest.mark.parametrize("kind", ["deflection", "absolute"])
+def test_joints_whose_columns_are_exchanged_are_asked_about(kind: Literal["deflection", "absolute"]) -> None:
+    truth = Truth(load(ROBOT), nominal_truth(load(ROBOT)), noise=Noise((0.02,) * 3))
+    table = simulate(truth, replace(design(), kind=kind), 3)
+    found = diagnosed(replace(table, q=table.q[:, ::-1]))
+    assert not found.testable
+    assert "a joint looks read in another way: q1 for q2 and q2 for q1 would leave " in found.reason
+
+
+def test_a_joint_has_to_fit_far_better_otherwise_and_a_slide_has_no_quarter_turns() -> None:
+    q = np.arange(12.0).reshape(6, 2)
+
+    def left(best: float, freedom: int = 40) -> Callable[[np.ndarray], tuple[float, int]]:
+        return lambda read: (best if np.array_equal(read, Reading(2, -1, 0).of(q)) else 4.0, freedom)
+
+    assert joint_hint(q, (True, False), left(0.01)).endswith("-q2 for q2 would leave 5 % of the residual")
+    assert joint_hint(q, (True, True), left(2.0)) == joint_hint(q, (True, True), left(0.01, 10)) == ""
+    tried: list[np.ndarray] = []
+
+    def seen(read: np.ndarray) -> tuple[float, int]:
+        tried.append(read)
+        return 1.0, 40
+
+    joint_hint(q, (False, True), seen)
+    assert sum(not np.array_equal(read[:, 0], q[:, 0]) for read in tried) == 1  # the slide's sign
+    assert sum(not np.array_equal(read[:, 1], q[:, 1]) for read in tried) == 7
+
+
+def test_of_many_markers_two_may_be_exchanged() -> None:
+    told = tuple("abcdef")
+    wrong = ("a", "e", "c", "d", "b", "f")
+    hint = marker_hint(told, lambda names: (4e-8 if names == wrong else 4.0, 20))
+    assert hint == "markers look exchanged: to read b as e, e as b would leave 0 % of the residual"
+    assert marker_hint(told, lambda names: (1.0, 20)) == ""
+    assert marker_hint(told, lambda names: (4e-8 if names == wrong else 4.0, 19)) == ""
+    assert marker_hint(told, lambda names: (0.0, 99)) == ""
+    assert marker_hint(("tcp",), lambda names: (1.0, 99)) == ""
+
+
+@pytest.mark.slow
+def test_what_rounding_and_a_few_readings_leave_exchanges_no_markers() -> None:
+    for seed in range(12):
+        table = measured(seed=seed)
+        few = table.select(np.flatnonzero((table.pose == 0) & (table.w[:, 0] == table.w[0, 0])))
+        assert "exchanged" not in diagnosed(few).reason
