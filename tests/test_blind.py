@@ -178,11 +178,13 @@ def test_the_promises_hold_on_two_hundred_blind_cases(tmp_path: Path) -> None:
     assert (table["closure of the oracle's, median >= 0.97"]["share"] or 0.0) >= 0.97
 
 
+@pytest.mark.parametrize("settling", [(), (0.1, 0.0, 0.03, 0.0)])
 @pytest.mark.parametrize("kind", ["deflection", "absolute"])
-def test_the_noise_of_a_case_is_white_once_it_is_whitened(kind: str) -> None:
+def test_the_noise_of_a_case_is_white_once_it_is_whitened(kind: str, settling: tuple[float, ...]) -> None:
     robot = load("scara")
     table = _design(robot, kind, 3, set(), np.random.default_rng(1), Options(poses=(15,)))
     noise = Noise((0.02, 0.03, 0.02), growth_ppm=1.0, approach_mm=(0.02,) * 3, approach_mrad=0.05)
+    noise = replace(noise, settling_mrad=settling)
     if kind == "deflection":
         noise = replace(noise, unloaded_mm=(0.02, 0.01, 0.02))
     truth = Truth(robot, {}, (), noise)

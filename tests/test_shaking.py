@@ -12,7 +12,8 @@ from symstiff.calibration.simulation import Effect, Truth, nominal_truth
 from symstiff.discrepancy import noise as noises
 from symstiff.discrepancy.assemble import assemble
 from symstiff.discrepancy.finding import Task
-from symstiff.discrepancy.sharing import AXES, JOINTS, Sharing, Split, readings
+from symstiff.discrepancy.shaking import Shaken, readings
+from symstiff.discrepancy.sharing import AXES, JOINTS, Sharing, Split
 from symstiff.discrepancy.workflow import diagnose
 from symstiff.report.verdict import verdict_table
 from symstiff.robot import load
@@ -45,6 +46,7 @@ def test_what_moves_all_markers_of_a_reading_is_no_missing_effect(seed: int) -> 
     assert found.verdict == "nothing_missing"
     noise = found.first.noise
     assert noise.reading == pytest.approx(0.64, abs=0.12)
+    assert noise.settling == ()
     assert noise.sigma == pytest.approx(SIGMA, rel=0.12)
     assert any("the markers of one reading share" in remark for remark in found.remarks)
     assert verdict_table(found)["noise"]["reading_share"] == noise.reading
@@ -69,19 +71,28 @@ def test_markers_that_read_alone_share_nothing() -> None:
     assert not any("the markers of one reading" in remark for remark in found.remarks)
 
 
+@pytest.mark.parametrize("joints", [(), ((1, 3e-7), (4, 5e-6))])
 @pytest.mark.parametrize("way", [AXES, JOINTS])
-def test_roots_of_the_noise_are_those_of_its_covariance(way: str) -> None:
+def test_roots_of_the_noise_are_those_of_its_covariance(
+    way: str, joints: tuple[tuple[int, float], ...]
+) -> None:
     """Against matrices put together entry by entry; uneven sigmas."""
     table = shaken(laboratory(4), truth_of("ur10"), 6, 0.5)
     problem = assemble(complete("ur10"), table, effects=()).problem
     sigma = SIGMA * (1.0 + 0.3 * np.sin(np.arange(problem.rows)))
     problem = replace(problem, sigma=sigma)
-    plain, both = (noises.start(problem, Split(reading=r)) for r in (0.0, 0.8))
+    plain, both = (noises.start(problem, Split(reading=r)) for r in (Shaken(), Shaken(0.8, joints)))
     sharing, eye = Sharing(way, 3.0), np.eye(problem.rows)
     colour = plain.apply(plain.root(sharing, 0.5), eye)
     u = np.sqrt(np.mean(sigma**2)) / sigma
     together = readings(problem)[:, None] == readings(problem)[None, :]
     covariance = colour @ colour.T + 0.8 * together * u[:, None] * u[None, :]
+    pose_and_load = np.column_stack([problem.pose, problem.case])
+    at_once = (pose_and_load[:, None] == pose_and_load[None, :]).all(axis=2)
+    assert problem.J is not None
+    for joint, variance in joints:
+        moved = problem.J[:, problem.joint_of.index(joint)] / sigma
+        covariance += variance * at_once * moved[:, None] * moved[None, :]
     found = both.apply(both.root(sharing, 0.5), eye)
     np.testing.assert_allclose(found @ found.T, covariance, atol=1e-9 * np.abs(covariance).max())
     white = both.apply(both.root(sharing, -0.5), eye)

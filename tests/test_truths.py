@@ -236,6 +236,31 @@ def test_the_reading_without_load_is_common_to_a_points_deflections_in_a_pose():
     np.testing.assert_array_equal(*values)
 
 
+def test_a_joint_that_settles_anew_moves_all_points_of_a_reading_alike_and_each_reading_otherwise():
+    told = 'format = 1\nrobot = "planar2r"\n[noise]\nsettling_mrad = {}\n'
+    rng = np.random.default_rng(2)
+    q, w = rng.uniform(-2, 2, (200, 2)), rng.normal(size=(200, 6)) * [50, 50, 0, 0, 0, 0]
+    table = measurements(
+        np.repeat(q, 4, axis=0),
+        np.repeat(np.stack([0.5 * w, w], axis=1).reshape(400, 6), 2, axis=0),
+        pose=np.repeat(np.arange(200), 4),
+        points=("tcp", "p1"),
+        point=[0, 1] * 400,
+    )
+    still, moved = (
+        simulate(truth_from_table(tomllib.loads(told.format(size))), table, 1) for size in ("0", "[0.2, 0]")
+    )
+    error = (moved.values - still.values)[:, :3].reshape(200, 2, 2, 3)
+    angles = []
+    for k, forearm in enumerate((0.7, 0.8)):  # to the tool, and to the marker beyond it
+        x = np.cos(q[:, :1]) + forearm * np.cos(q.sum(axis=1, keepdims=True))
+        y = np.sin(q[:, :1]) + forearm * np.sin(q.sum(axis=1, keepdims=True))
+        angles.append((error[:, :, k, 1] * x - error[:, :, k, 0] * y) / (x**2 + y**2))
+    np.testing.assert_allclose(angles[0], angles[1], atol=2e-6)
+    assert angles[0].std() == pytest.approx(2e-4, rel=0.1)
+    assert abs(np.corrcoef(angles[0].T)[0, 1]) < 0.2
+
+
 @pytest.mark.parametrize(
     "effect",
     [

@@ -105,7 +105,9 @@ def examine(
     outcome = against_sigma(outcome if proof is None else doubted(outcome, proof), ready.report)
     tell("place")
     place = localise(problem, ready.scan, outcome.found, ready.residual)
-    place = place if outcome.because.why is not Why.ONE_STRATUM else replace(place, accused="")
+    if outcome.because.why in (Why.ONE_STRATUM, Why.SETTLES):
+        places = ready.report.settling if outcome.because.why is Why.SETTLES else ()
+        place = replace(place, accused=f"joint {places[0].joint}" if places else "")
     return _written(problem, candidates, ready, parts, allowed, outcome, place, proof, options, tell)
 
 
@@ -157,7 +159,9 @@ def against_sigma(outcome: Outcome, report: NoiseReport) -> Outcome:
     limit = REPEATABILITY if report.single else CONTRADICTED
     if outcome.verdict != NOTHING or report.ratio_interval is None or report.ratio_interval[0] < limit:
         return outcome
-    return replace(outcome, verdict=UNEXPLAINED, because=Reason(Why.SIGMA, (f"{report.ratio:.1f}",)))
+    told = "; ".join(str(joint) for joint in report.settling)
+    because = Reason(Why.SETTLES, (told,)) if told else Reason(Why.SIGMA, (f"{report.ratio:.1f}",))
+    return replace(outcome, verdict=UNEXPLAINED, because=because)
 
 
 def _written(
@@ -168,7 +172,7 @@ def _written(
     scan: Scan = ready.scan
     tell("growth")
     growth = steps(problem, ready, outcome.admissible[0] if outcome.admissible else None, outcome)
-    somewhere = outcome.because.why not in (Why.ONE_STRATUM, Why.SIGMA)
+    somewhere = outcome.because.why not in (Why.ONE_STRATUM, Why.SIGMA, Why.SETTLES)
     open_end = outcome.verdict == UNEXPLAINED and somewhere
     law = _law(problem, scan, outcome.found, place) if open_end else None
     device = _device(problem, scan, outcome.found, place.accused) if open_end else None

@@ -3,26 +3,24 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from scipy import stats
 
 from symstiff.arrays import Array
+from symstiff.discrepancy.blocks import Roots, applied, raised
 from symstiff.discrepancy.problem import Problem
+from symstiff.discrepancy.shaking import STILL, Shaken, shared_by_readings
 from symstiff.discrepancy.sharing import (
     ALIKE,
     AXES,
     JOINTS,
-    Roots,
     Sharing,
     Split,
-    applied,
     at_first,
     mostly,
-    of_readings,
     patterns,
-    raised,
     shares,
 )
 
@@ -72,6 +70,8 @@ class Noise:
     """The variances of the ways that were learned."""
     reading: Roots = ()
     """S less the identity; its blocks are the readings."""
+    shaken: Shaken = STILL
+    """What they share."""
 
     def root(self, sharing: Sharing, power: float) -> Roots:
         """Square root (power ½) of S + ratio K, or its inverse (-½): factors, the first one is applied first.
@@ -104,6 +104,22 @@ class Noise:
         return learned * float(np.log1p(poses / ALIKE)) + float(
             sum(np.log1p(sharing.ratio * value).sum() for _, _, value in self.ways[sharing.way])
             + sum(np.log1p(value).sum() for _, _, value in self.reading)
+        )
+
+
+@dataclass(frozen=True)
+class Settling:
+    """A joint that stops at another place at every reading of a pose."""
+
+    joint: int
+    std: float
+    """Standard deviation of that place [rad], of a slide [m]."""
+    slide: bool
+
+    def __str__(self) -> str:
+        size = f"{1e3 * self.std:.2g} {'mm' if self.slide else 'mrad'}"
+        return (
+            f"joint {self.joint} stops elsewhere at every reading of a pose, by {size} (standard deviation)"
         )
 
 
@@ -142,6 +158,8 @@ class NoiseReport:
     """Part of its variance that each repeat of a pose has alone; None without repeats."""
     reading: float = 0.0
     """Part of the rows' own variance that the markers of one reading share."""
+    settling: tuple[Settling, ...] = ()
+    """Joints that stop elsewhere at every reading."""
 
     @property
     def mostly_shared(self) -> bool:
@@ -174,7 +192,12 @@ def start(problem: Problem, split: Split) -> Noise:
 def _noise(problem: Problem, spread: Array, split: Split) -> Noise:
     ways = patterns(problem, spread, split)
     return Noise(
-        spread, at_first(problem, ways), ways, split.learned, of_readings(problem, spread, split.reading)
+        spread,
+        at_first(problem, ways),
+        ways,
+        split.learned,
+        shared_by_readings(problem, spread, split.reading),
+        split.reading,
     )
 
 
@@ -270,8 +293,22 @@ def report(
         _homogeneity(problem, residual, dof), growth, by_marker,
         float(np.sqrt(np.mean(common[rows]))), approach_p, _mostly(problem, noise, sharing),
         not shares(problem, AXES), {a: float(np.sqrt(np.mean(common[own]))) for a, own in axes},
-        reading=1.0 - 1.0 / whole,
+        reading=_of_axes(problem, noise) / whole, settling=_settling(problem, noise, found / whole),
     )  # fmt: skip
+
+
+def _of_axes(problem: Problem, noise: Noise) -> float:
+    """Variance over the noise's of what the markers of one reading share, mean of the main rows."""
+    blocks = shared_by_readings(problem, noise.spread, replace(noise.shaken, joints=()))
+    return float(np.mean(_square(noise, blocks)[problem.main]))
+
+
+def _settling(problem: Problem, noise: Noise, scale2: float) -> tuple[Settling, ...]:
+    """The joints' errors from reading to reading, with the variance ``scale2`` of the noise in units of the spread."""
+    return tuple(
+        Settling(joint + 1, float(np.sqrt(scale2 * variance)), joint in problem.slides)
+        for joint, variance in noise.shaken.joints
+    )
 
 
 def _taken(noise: Noise, sharing: Sharing) -> float:

@@ -25,6 +25,7 @@ from symstiff.discrepancy.scan import (
     one_sharing,
     open_scan,
 )
+from symstiff.discrepancy.shaking import Shaken, of_axes, products, readings, shaken
 from symstiff.discrepancy.sharing import (
     JOINTS,
     LEARNED,
@@ -32,7 +33,6 @@ from symstiff.discrepancy.sharing import (
     Split,
     approaches,
     near,
-    readings,
     repeated,
     several_markers,
     sizes,
@@ -41,10 +41,6 @@ from symstiff.discrepancy.strata import pure_error
 
 SAME_SHARE = 0.1
 """Change of the markers' or the repeats' own part of a shared error up to which the coarse grid is not seen again."""
-_SURE, _PAIRS, _SHAKES = 4.0, 60, 0.25
-"""Standard deviations, pairs of rows and variance from which the markers of one reading are taken to share an error."""
-_LEAST_OWN = 0.02
-"""Share of the noise's variance that each marker has alone, at least."""
 _MOST, _STANDS_OUT = 3, 4.0
 """Candidates that stand out beyond doubt, at most, and the score from which one does."""
 _LOOKS = _COARSE, _NEAR, _FINE = "coarse", "near", "fine"
@@ -85,7 +81,7 @@ def prepare(problem: Problem, candidates: Sequence[Candidate]) -> Prepared:
     bank, seen = _looked(problem, bank, noises.start(problem, first))
     split = _split(problem, seen)
     changed = max(
-        abs(split.own - first.own), abs(split.anew - first.anew), abs(split.reading - first.reading)
+        abs(split.own - first.own), abs(split.anew - first.anew), split.reading.change(first.reading)
     )
     for look in _LOOKS[1 if changed < SAME_SHARE else 0 :]:
         clean = seen.clean
@@ -198,15 +194,15 @@ def _first_split(problem: Problem) -> Split:
     y = problem.y / spread
     left = y - basis @ (basis.T @ y)
     anew = _anew_share(problem, left)
-    return Split(_own_share(problem, left, anew, _of_readings(problem, left) > 0), anew)
+    return Split(_own_share(problem, left, anew, of_axes(problem, left) > 0), anew)
 
 
 def _split(problem: Problem, seen: _Look) -> Split:
     clean = seen.clean
     residual = _data_residual(clean)
     z = residual / clean.noise.spread
-    anew, reading = _anew_share(problem, z), _of_readings(problem, z)
-    own = _own_share(problem, z, anew, reading > 0)
+    anew, reading = _anew_share(problem, z), shaken(problem, z, clean.noise.spread)
+    own = _own_share(problem, z, anew, bool(reading))
     ratio = clean.best.sharing.ratio
     if ratio == 0.0 or all(layer.sharing.way != JOINTS for layer in clean.layers):
         return Split(own, anew, reading)
@@ -215,7 +211,7 @@ def _split(problem: Problem, seen: _Look) -> Split:
     return Split(own, anew, reading, {way: found for way, found in learned.items() if max(found) > RATIOS[0]})
 
 
-def _sizes(problem: Problem, scan: Scan, anew: float, reading: float) -> tuple[float, ...]:
+def _sizes(problem: Problem, scan: Scan, anew: float, reading: Shaken) -> tuple[float, ...]:
     """What was learned of a pose's errors from what a scan leaves."""
     best, scale2 = scan.best, scan.best.rss / max(scan.freedom, 1)
     label = approaches(problem, anew)
@@ -249,43 +245,14 @@ def _own_share(problem: Problem, z: Array, anew: float, by_reading: bool) -> flo
     return _alone(z, each, whole, readings(problem) if by_reading else None)
 
 
-def _of_readings(problem: Problem, z: Array) -> float:
-    """Variance of an error that the markers of one reading share over that of each alone, 0 where it may be none.
-
-    By moments of the residual (M,): products of rows of one reading, less those of other readings of the pose.
-    """
-    if not several_markers(problem):
-        return 0.0
-    together, pairs = _products(z, readings(problem))
-    of_pose, all_pairs = _products(z, problem.lines)
-    if pairs < _PAIRS or all_pairs - pairs < _PAIRS:
-        return 0.0
-    shared = together / pairs - (of_pose - together) / (all_pairs - pairs)
-    square = float(np.mean(z**2))
-    # pairs are counted twice
-    if shared < _SURE * square / np.sqrt(0.5 * pairs):
-        return 0.0
-    own = square - together / pairs
-    found = shared / max(own, _LEAST_OWN * square)
-    return float(found) if found > _SHAKES else 0.0
-
-
 def _alone(z: Array, each: Index, whole: Index, apart: Index | None = None) -> float:
     """Part of the error that rows of one label ``whole`` share which those of each label within it have alone.
 
     Rows of one label ``apart`` share something else too.
     """
-    same, pairs = _products(z, each)
-    every, all_pairs = _products(z, whole)
-    other, other_pairs = (0.0, 0.0) if apart is None else _products(z, apart)
+    same, pairs = products(z, each)
+    every, all_pairs = products(z, whole)
+    other, other_pairs = (0.0, 0.0) if apart is None else products(z, apart)
     alone = same / max(pairs, 1.0)
     common = (every - same - other) / max(all_pairs - pairs - other_pairs, 1.0)
     return float(np.clip(1.0 - common / max(alone, 1e-12), 0.0, 1.0))
-
-
-def _products(z: Array, label: Index) -> tuple[float, float]:
-    """Sum of products of different rows of the same label, and how many there are."""
-    number = numbered(label)
-    total, square = np.bincount(number, z), np.bincount(number, z**2)
-    count = np.bincount(number).astype(float)
-    return float(np.sum(total**2 - square)), float(np.sum(count * (count - 1)))

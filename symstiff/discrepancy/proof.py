@@ -10,11 +10,11 @@ import numpy as np
 from symstiff.arrays import TINY, Array, Index
 from symstiff.discrepancy.bank import Bank
 from symstiff.discrepancy.between import moved
+from symstiff.discrepancy.blocks import Roots
 from symstiff.discrepancy.evidence import evidence
 from symstiff.discrepancy.noise import Noise
 from symstiff.discrepancy.problem import Options, Problem
 from symstiff.discrepancy.scan import RANK, extend, open_scan
-from symstiff.discrepancy.sharing import Roots
 from symstiff.reduction.svd import svd
 
 FEWEST = 4

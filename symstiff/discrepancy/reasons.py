@@ -37,6 +37,8 @@ class Why(Enum):
         "names"
     )
     """The verdict rests on the stated sigma alone."""
+    SETTLES = "{}, which no law of loads, angles or time tells"
+    """The residual contradicts the stated sigma, by what scatters along some joints."""
     POSES = "without the poses that are unlike all others nothing is missing"
     """The poses that bring what the catalogue has no name for."""
     DOUBTED = "{}: correct the {}"

@@ -15,9 +15,9 @@ from symstiff.discrepancy.numbers import p_equals, quantity
 from symstiff.discrepancy.out_of_range import beyond, outside
 from symstiff.discrepancy.problem import Options
 from symstiff.discrepancy.ranges import at_size, extent_of
+from symstiff.discrepancy.reasons import Why
 from symstiff.discrepancy.result import Diagnosis, Inconstancy
 from symstiff.discrepancy.rivals import AS_MUCH
-from symstiff.discrepancy.settling import unsettled
 from symstiff.discrepancy.sharing import JOINTS
 from symstiff.discrepancy.speech import law_at
 from symstiff.discrepancy.verdict import INSUFFICIENT, NAMED, NOTHING, UNEXPLAINED, UNTESTABLE
@@ -63,7 +63,7 @@ def remarked(view: View, last: Diagnosis) -> list[str]:
         *_of_sigma(noise), *_of_readings(noise), *_of_approach(view.table, last), *_of_markers(noise),
         *_of_poses(view.table, last), *_of_single(last), *_of_proof(last), *_of_rows(view, last),
         *_of_succession(view, last), *_of_drawing(view, last), *_of_weights(view, last), *_of_sizes(view, last),
-        *_of_settling(view, last), *_of_known(view.robot, last), *_of_further(last), *_of_alike(last),
+        *_of_settling(last), *_of_known(view.robot, last), *_of_further(last), *_of_alike(last),
         *(of_sag(view.robot) if view.table.kind == "absolute" else ()),
     ]  # fmt: skip
 
@@ -294,23 +294,17 @@ def _of_succession(view: View, last: Diagnosis) -> list[str]:
     ]
 
 
-def _of_settling(view: View, last: Diagnosis) -> list[str]:
-    """Readings of one pose that scatter along what one joint moves, where no law is missing that could do that."""
-    if last.verdict not in (NOTHING, NAMED) or not last.growth:
+def _of_settling(last: Diagnosis) -> list[str]:
+    """Joints along which readings of one pose scatter, as no law tells."""
+    if not last.noise.settling or last.because.why is Why.SETTLES:  # there the verdict says so
         return []
-    found = unsettled(view, last.growth[-1].residual, last.noise.by_component())
-    if found is None:
-        return []
-    joint, factor = found
-    here = [e for e in last.effects if e.set_number == 0 and e.where.get("joint") == joint]
-    besides = f"; or the law of {named_at(here[0].effect, here[0].where)} is only close" if here else (
-        "; what was named may be made of that" if last.verdict == NAMED else ""
-    )  # fmt: skip
+    joints = {joint.joint for joint in last.noise.settling}
+    here = [e for e in last.effects if e.set_number == 0 and e.where.get("joint") in joints]
+    besides = "".join(f"; or the law of {named_at(e.effect, e.where)} is only close" for e in here)
     return [
-        f"what is left scatters {factor:.1f} times as much along what joint {joint} moves as elsewhere, from reading "
-        "to reading of one pose: it settles at another place each time, as a joint that sticks and slips or has "
-        "clearance does, and no law of loads, angles or time tells that: read each load several times, coming from "
-        f"both sides{besides}"
+        f"{'; '.join(str(joint) for joint in last.noise.settling)}, as one that sticks and slips or has clearance "
+        "does, and no law of loads, angles or time tells that: read each load several times, coming from both "
+        f"sides{besides}"
     ]
 
 

@@ -16,9 +16,10 @@ from symstiff.arrays import TINY, Array, Mask
 from symstiff.calibration.decomposition import unit_columns
 from symstiff.discrepancy.bank import Bank
 from symstiff.discrepancy.bases import Bases, Single, bases_of, inner
+from symstiff.discrepancy.blocks import Roots
 from symstiff.discrepancy.marginal import of_groups
 from symstiff.discrepancy.noise import Noise
-from symstiff.discrepancy.sharing import Roots, Sharing
+from symstiff.discrepancy.sharing import Sharing
 from symstiff.reduction.svd import svd
 from symstiff.threads import in_threads
 

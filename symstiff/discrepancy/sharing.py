@@ -9,7 +9,9 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from symstiff.arrays import TINY, Array, Index, numbered
+from symstiff.discrepancy.blocks import Roots, applied, blocks, raised
 from symstiff.discrepancy.problem import Problem
+from symstiff.discrepancy.shaking import STILL, Shaken, common_size, shared_by_readings
 
 RATIOS = (0.03, 0.1, 0.35, 1.0, 3.0, 10.0, 35.0, 120.0, 400.0)
 """Grid of (variance of the approach error) / (variance of the noise); every second one is looked at first."""
@@ -24,15 +26,10 @@ LEARNED = (EACH, BESIDE)
 ALIKE = 4.0
 """Poses that the belief in joints with like errors counts for; what is learned of more poses pays for it."""
 _STEPS = 150
-_AT_ONCE = 1 << 17
-"""Numbers that are worked on together, so that they stay near the processor."""
 _SEVERAL = 10
 """Rows beyond one a pose from which they say what they share."""
 NEAR = (0.55, 1.0, 1.8)
 """Ratios about a size, learned or likely, that are looked at."""
-
-Roots = tuple[tuple[Index, Array, Array], ...]
-"""Batches of blocks: (n, m) rows, (n, m, k) orthonormal directions, (n, k) what is added along them."""
 
 
 @dataclass(frozen=True)
@@ -51,8 +48,8 @@ class Split:
     """Part of the axes' error that each marker has alone."""
     anew: float = 0.0
     """Part of the shared error that each repeat of a pose has alone: the robot came back to it."""
-    reading: float = 0.0
-    """Variance over the noise's of an error that the markers of one reading share: a tool or a load that shook."""
+    reading: Shaken = STILL
+    """What the rows of one reading share."""
     learned: Mapping[str, tuple[float, ...]] = field(default_factory=dict)
     """Variances over the noise's by the way that was learned: of each joint's errors, of the axes' and, of several
     markers, of what each has alone."""
@@ -106,57 +103,31 @@ def patterns(problem: Problem, spread: Array, split: Split) -> dict[str, Roots]:
 
     A ratio of 1 is a shared error as large as the noise, mean square of the main rows; of ``LEARNED`` ways as learned.
     """
-    common = _common(problem, spread)
+    common = common_size(problem, spread)
     u = common / spread
     markers = _markers(problem, split.own)
     alone = [np.sqrt(split.own) * u * marker for marker in markers]
     factor = np.column_stack([np.sqrt(1.0 - split.own) * u, *alone])
-    reading = raised(of_readings(problem, spread, split.reading), -0.5)
+    reading = raised(shared_by_readings(problem, spread, split.reading), -0.5)
 
-    def blocks(label: Index, factor: Array) -> Roots:
-        return _blocks(label, applied(reading, _by_turn(problem, split.anew, factor)))
+    def shared(label: Index, factor: Array) -> Roots:
+        return blocks(label, applied(reading, _by_turn(problem, split.anew, factor)))
 
-    lines = problem.lines
-    ways = {AXES: blocks(lines, factor)}
+    def of_axes(factor: Array) -> Roots:
+        if not split.reading.joints:
+            return shared(problem.lines, factor)
+        # what a joint adds to a reading mixes its axes
+        each = [factor * (problem.axis == axis)[:, None] for axis in np.unique(problem.axis)]
+        return shared(problem.pose, np.hstack(each))
+
+    ways = {AXES: of_axes(factor)}
     if np.any(problem.axis < 3) and np.any(problem.axis >= 3):
-        ways[SHIFT] = blocks(lines, factor * (problem.axis < 3)[:, None])
+        ways[SHIFT] = of_axes(factor * (problem.axis < 3)[:, None])
     if problem.J is not None and any(j >= 0 for j in problem.joint_of):
-        ways[JOINTS] = blocks(problem.pose, of_joints(problem, common) / spread[:, None])
+        ways[JOINTS] = shared(problem.pose, of_joints(problem, common) / spread[:, None])
     for way, found in split.learned.items():
-        ways[way] = blocks(problem.pose, _every(problem, spread) * np.sqrt(_spread_out(problem, found)))
+        ways[way] = shared(problem.pose, _every(problem, spread) * np.sqrt(_spread_out(problem, found)))
     return ways
-
-
-def of_readings(problem: Problem, spread: Array, variance: float) -> Roots:
-    """What the markers of one reading share of each axis, of a variance over the noise's."""
-    if variance <= 0.0:
-        return ()
-    return _blocks(readings(problem), np.sqrt(variance) * (_common(problem, spread) / spread)[:, None])
-
-
-def readings(problem: Problem) -> Index:
-    """(M,) a number for pose, load case and axis together: the markers that are read at a time."""
-    return numbered(problem.pose, problem.case, problem.axis)
-
-
-def raised(blocks: Roots, power: float, ratio: float = 1.0) -> Roots:
-    """(I + ratio·blocks)^power, less the identity."""
-    return tuple((rows, U, (1.0 + ratio * value) ** power - 1.0) for rows, U, value in blocks)
-
-
-def applied(roots: Roots, X: Array) -> Array:
-    """The rows of X (M, k) multiplied by the block matrices, one after the other."""
-    out = np.array(X)
-    for rows, U, gain in roots:
-        if not np.any(gain):
-            continue
-        at_once = max(1, _AT_ONCE // max(rows.shape[1] * X.shape[1], 1))
-        for k in range(0, len(rows), at_once):
-            some = slice(k, k + at_once)
-            part = out[rows[some]]
-            along = gain[some, :, None] * np.matmul(U[some].transpose(0, 2, 1), part)
-            out[rows[some]] = part + np.matmul(U[some], along)
-    return out
 
 
 def _by_turn(problem: Problem, anew: float, factor: Array) -> Array:
@@ -195,17 +166,9 @@ def of_joints(problem: Problem, common: Array) -> Array:
     return np.asarray(J * (np.sqrt(np.mean(common[main] ** 2)) / max(whole, TINY)))
 
 
-def _common(problem: Problem, spread: Array) -> Array:
-    """(M,) one size for the metres and one for the radians: a shared error has those units."""
-    common = np.ones(problem.rows)
-    for kind in (problem.axis < 3, problem.axis >= 3):
-        common[kind] = np.sqrt(np.mean(spread[kind] ** 2)) if np.any(kind) else 1.0
-    return common
-
-
 def _every(problem: Problem, spread: Array) -> Array:
     """(M, n + axes + channels) readings of errors of joints, axes and each marker's axes, in units of the noise."""
-    common = _common(problem, spread)
+    common = common_size(problem, spread)
     alike = [(label[:, None] == np.unique(label)) * common[:, None] for label in _alike(problem)]
     return np.asarray(np.hstack([of_joints(problem, common), *alike]) / spread[:, None])
 
@@ -230,14 +193,14 @@ def sizes(
     scale2: float,
     ratio: float,
     label: Index,
-    reading: float = 0.0,
+    reading: Shaken = STILL,
 ) -> tuple[float, ...]:
     """Variances over the noise's, by expectation-maximisation: of each joint's errors, the axes' and the markers' own.
 
     ``residual`` (M,) in the data's unit with the shared error in it, of variance ratio·scale2 against scale2. The
     joints' variances are drawn towards equal ones. Rows of one ``label`` (M,) share an error.
     """
-    own = raised(of_readings(problem, spread, reading), -0.5)
+    own = raised(shared_by_readings(problem, spread, reading), -0.5)
     F = applied(own, _every(problem, spread))
     z = applied(own, residual[:, None] / (spread * np.sqrt(scale2))[:, None])[:, 0]
     poses = np.unique(label)
@@ -264,15 +227,3 @@ def mostly(problem: Problem, spread: Array, each: Sequence[float]) -> str:
     part = np.mean(_every(problem, spread)[problem.main] ** 2, axis=0) * _spread_out(problem, each)
     joints = len(each) - len(_alike(problem))
     return JOINTS if np.sum(part[:joints]) >= np.sum(part[joints:]) else AXES
-
-
-def _blocks(label: Index, factor: Array) -> Roots:
-    """Eigenvalues and vectors of the blocks of factor·factorᵀ, rows with one label each."""
-    order = np.argsort(label, kind="stable")
-    groups = np.split(order, np.flatnonzero(np.diff(label[order])) + 1)
-    out = []
-    for size in sorted({len(g) for g in groups}):
-        rows = np.array([g for g in groups if len(g) == size], dtype=np.intp)
-        U, s, _ = np.linalg.svd(factor[rows], full_matrices=False)
-        out.append((rows, U, s**2))
-    return tuple(out)

@@ -390,6 +390,7 @@ def _noise(finding: Finding) -> list[str]:
         lines.append(f"a pose's rows share an error of {words.size(n.approach, finding)}{how}")
     if n.reading > 0:
         lines.append(f"the markers of one reading share {100 * n.reading:.0f} % of its variance")
+    lines += [str(joint) for joint in n.settling]
     if n.homogeneity_p < _SEEN:
         units = ("mm", "mrad")
         by = ", ".join(f"{COMPONENTS[a]} {numbers.milli(s)} {units[a > 2]}" for a, s in n.by_axis.items())

@@ -169,6 +169,9 @@ def _noise(finding: Finding) -> dict[str, Any]:
         "approach_p": finite(n.approach_p),
         "approach_of": "joints" if n.shared == JOINTS else "axes",
         "reading_share": finite(n.reading),
+        "settling": [
+            {"joint": s.joint, "std": finite(s.std), "unit": "m" if s.slide else "rad"} for s in n.settling
+        ],
         "homogeneity_p": finite(n.homogeneity_p),
     }
 

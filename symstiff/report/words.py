@@ -64,6 +64,8 @@ def _headline(finding: Finding) -> str:
         return f"Something is wrong with {finding.accused}; without that nothing is missing"
     if finding.because.why is Why.NOT_ALONE:
         return "Something is missing, and the data do not tell whether the catalogue has a name for it"
+    if finding.because.why is Why.SETTLES:
+        return f"{sentence_case(finding.accused)} stops elsewhere at every reading, which no law tells"
     if finding.last.against_sigma:
         return "More is left than the stated sigma allows, and no test finds anything missing"
     if finding.last.stratum_alone is not None:
@@ -250,6 +252,12 @@ def _further(finding: Finding) -> str:
 
 
 def _unexplained(finding: Finding) -> str:
+    if finding.because.why is Why.SETTLES:
+        return (
+            f"{sentence_case(finding.reason)}, as one that sticks and slips or has clearance does (residual "
+            f"{size(finding.rms.after, finding)} rms per coordinate, noise as stated "
+            f"{size(finding.last.noise.stated, finding)}): read each load several times, coming from both sides."
+        )
     if finding.last.against_sigma:
         return (
             f"No test finds anything missing, and {finding.reason} (residual {size(finding.rms.after, finding)} rms "

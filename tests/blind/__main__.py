@@ -33,6 +33,10 @@ def main() -> None:
         "--off", type=float, default=0.0, metavar="MM",
         help="absolute positions of arms whose frames are all off by so much, mm and mrad",
     )  # fmt: skip
+    parser.add_argument(
+        "--settling", type=float, default=0.0, metavar="X",
+        help="a joint stops elsewhere at every reading, by so much of the noise at the tool",
+    )  # fmt: skip
     parser.add_argument("--story", choices=[s.name for s in ONE], help="single effects of this story only")
     parser.add_argument("--robot", nargs="+", metavar="NAME", help="only these robots")
     for name in ("poses", "levels", "markers"):
@@ -46,7 +50,7 @@ def main() -> None:
     if given.pool:
         print(report([row for path in given.pool for row in json.loads(path.read_text())["cases"]]))
         return
-    options = Options(seed=given.seed, mild=given.mild, off=1e-3 * given.off)
+    options = Options(seed=given.seed, mild=given.mild, off=1e-3 * given.off, settling=given.settling)
     if given.off:
         options = replace(options, classes=("nothing", "one", "two"), shares=(0.2, 0.5, 0.3))
     if given.kind:

@@ -19,7 +19,7 @@ from symstiff.model import StiffnessModel
 from symstiff.reduction.reduce import reduce
 from symstiff.robot import Robot, load
 from tests.blind.lacking import rigid_links, without
-from tests.blind.nuisance import Whitener, drawn, torques_of_weights, weighing
+from tests.blind.nuisance import Whitener, drawn, settling, torques_of_weights, weighing
 from tests.blind.sizes import Unfit, noise_free, noncentrality, scaled
 from tests.blind.stories import BAD_POSE, ONE, OUTSIDE, Draw, Story, Where
 
@@ -56,6 +56,8 @@ class Options:
     """Robots repeat to a third of the noise, and the file tells all masses."""
     off: float = 0.0
     """Absolute positions alone, of arms whose frames are all off by errors of this size, m and rad."""
+    settling: float = 0.0
+    """Error of one joint, another at every reading, in units of sigma at the tool."""
 
 
 @dataclass(frozen=True)
@@ -244,6 +246,10 @@ def _scene(stories: Sequence[Story], rng: np.random.Generator, options: Options)
                 size = np.sqrt(values[f"k{link}_{diagonal}"] * values[f"k{link}_{moment}"])
                 values[f"k{link}_{mixed}"] = sign * 0.75 * float(size)
     noise = drawn(robot, table, rng, options.mild)
+    if options.settling:
+        noise = replace(
+            noise, settling_mrad=settling(robot, table, options.settling * noise.sigma_mm[0], rng)
+        )
     loads = "wrench" if table.w[:, [0, 1, 3, 4, 5]].any() else "gravity"
     if data == "absolute":
         loads = "wrench"

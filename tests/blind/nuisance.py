@@ -44,6 +44,19 @@ def drawn(robot: Robot, table: Measurements, rng: np.random.Generator, mild: boo
     )  # fmt: skip
 
 
+def settling(robot: Robot, table: Measurements, size: float, rng: np.random.Generator) -> tuple[float, ...]:
+    """Errors [mrad, of slides mm] of one joint at every reading, root mean square at the tool of ``size`` [mm]."""
+    joint = int(rng.integers(robot.dof))
+    per_unit = float(np.sqrt(np.mean(readings_of_joints(robot, table)[:, :, joint] ** 2)))
+    return tuple(size / max(per_unit, 1e-3) * (j == joint) for j in range(robot.dof))
+
+
+def _cases(table: Measurements) -> np.ndarray:
+    """(rows,) number of a reading within its pose."""
+    first = np.searchsorted(table.pose, table.pose)
+    return (np.arange(len(table)) - first) // len(table.points)
+
+
 def weighing(robot: Robot, force: float, rng: np.random.Generator) -> Robot:
     """The robot with weights [kg] on its links that its file does not tell: near the frames, less towards the tool."""
     share = np.arange(robot.dof, 0, -1) * np.exp(0.5 * rng.normal(size=robot.dof))
@@ -93,6 +106,10 @@ class Whitener:
         shared = [axes]
         if noise.approach_mrad:
             shared.append(1e-3 * noise.approach_mrad * readings_of_joints(robot, table))
+        if any(noise.settling_mrad):
+            moved = 1e-3 * readings_of_joints(robot, table) * np.array(noise.settling_mrad)
+            case = _cases(table)
+            shared += [moved * (case == k)[:, None, None] for k in np.unique(case)]
         if any(noise.unloaded_mm):
             own = np.diag(1e-3 * np.array(noise.unloaded_mm))
             shared += [own * (table.point == k)[:, None, None] for k in range(len(table.points))]

@@ -91,10 +91,12 @@ def simulate(truth: Truth, design: Measurements, seed: int) -> Measurements:
         )
     rig, design = prepare(truth), _in_environment(truth, design)
     _check_effects(rig, design)
-    approach, noise, unloaded = (np.random.default_rng(s) for s in np.random.SeedSequence(seed).spawn(3))
+    seeds = np.random.SeedSequence(seed).spawn(4)
+    approach, noise, unloaded, settling = (np.random.default_rng(s) for s in seeds)
     group = design.approach
     errors = approach.standard_normal((int(group.max()) + 1, truth.robot.dof + 3))[group]
-    values = _clean(rig, as_loading(design), kind, errors[:, 3:] * truth.noise.approach_mrad * 1e-3)
+    stops = errors[:, 3:] * truth.noise.approach_mrad + _settling(truth, design, settling)
+    values = _clean(rig, as_loading(design), kind, stops * 1e-3)
     values[:, :3] += errors[:, :3] * np.array(truth.noise.approach_mm) * 1e-3
     if kind == "deflection":
         before = unloaded.standard_normal((int(group.max()) + 1, len(design.points), 3))[group, design.point]
@@ -113,6 +115,15 @@ def simulate(truth: Truth, design: Measurements, seed: int) -> Measurements:
     made = replace(design, kind=kind, values=values, sigma=sigma, files=(), file=nowhere, line=nowhere)
     check_limits(made)
     return made
+
+
+def _settling(truth: Truth, design: Measurements, rng: np.random.Generator) -> Array:
+    """(M, n) errors of the joints [mrad, of slides mm] that the points of one reading share."""
+    context = np.column_stack([design.time, design.branch, design.load_step, design.repeat])
+    keys = np.column_stack([design.pose, design.w, np.nan_to_num(context, nan=-2.0)])
+    reading = np.unique(keys, axis=0, return_inverse=True)[1].reshape(-1)
+    size = np.array(truth.noise.settling_mrad or (0.0,) * truth.robot.dof)
+    return np.asarray(size * rng.standard_normal((len(design), truth.robot.dof))[reading])
 
 
 def _check_effects(rig: Rig, design: Measurements) -> None:

@@ -24,6 +24,7 @@
     growth_ppm = 5.0                     # added in quadrature: ppm of the distance from the device
     approach_mm = 0.01                   # shift common to all rows of one pose (and repeat); or [x, y, z]
     approach_mrad = 0.0                  # error of every joint, common to the loaded rows of one pose
+    settling_mrad = 0.0                  # error of every joint, or n numbers, new at every reading; of slides mm
     unloaded_mm = 0.0                    # of the reading without load, common to a point's deflections of a pose
     quantum_mm = 0.0                     # readings are rounded to this
     stated = 1.0                         # sigma columns: the true deviation times this; 0: none
@@ -74,6 +75,8 @@ class Noise:
     growth_ppm: float = 0.0
     approach_mm: Triple = (0.0, 0.0, 0.0)
     approach_mrad: float = 0.0
+    settling_mrad: tuple[float, ...] = ()
+    """(n,) a joint, or none."""
     unloaded_mm: Triple = (0.0, 0.0, 0.0)
     quantum_mm: float = 0.0
     stated: float = 1.0
@@ -156,7 +159,7 @@ def truth_from_table(table: Mapping[str, Any], folder: Path | None = None) -> Tr
         robot=robot,
         compliance=_compliance(table.get("compliance", {}), robot),
         effects=tuple(_effect(entry) for entry in table.get("effect", [])),
-        noise=_section(Noise(), table.get("noise", {}), "noise"),
+        noise=_section(Noise(), table.get("noise", {}), "noise", robot.dof),
         device=_section(Device(), table.get("device", {}), "device"),
         environment=None if environment is None else _section(Environment(), environment, "environment"),
         kind=_choice(measure.get("kind"), (None, "deflection", "absolute"), "measure.kind"),
@@ -219,17 +222,19 @@ def _effect(entry: Any) -> Effect:
     return Effect(entry["effect"], entry.get("where"), shape, values)
 
 
-def _section(defaults: Any, table: Mapping[str, Any], name: str) -> Any:
-    """Fill a dataclass of numbers and triples from a table; a number given for a triple fills it."""
+def _section(defaults: Any, table: Mapping[str, Any], name: str, dof: int = 3) -> Any:
+    """Fill a dataclass of numbers and triples, or one number a joint, from a table; a single number fills them."""
     known = defaults.__dataclass_fields__
     _known(table, tuple(known), f"{name}.")
     values: dict[str, Any] = {}
     for key, value in table.items():
         label = f"{name}.{key}"
         if isinstance(getattr(defaults, key), tuple):
-            items = value if isinstance(value, list | tuple) else [value] * 3
-            if len(items) != 3:
-                raise UserError(f"{label}: three numbers expected, found {value!r}")
+            count = len(getattr(defaults, key)) or dof
+            items = value if isinstance(value, list | tuple) else [value] * count
+            if len(items) != count:
+                of = "three numbers" if count == 3 else f"{count} numbers, one a joint,"
+                raise UserError(f"{label}: {of} expected, found {value!r}")
             values[key] = tuple(number(item, label) for item in items)
         else:
             values[key] = number(value, label)
