@@ -199,8 +199,7 @@ def _first_split(problem: Problem) -> Split:
 
 def _split(problem: Problem, seen: _Look) -> Split:
     clean = seen.clean
-    residual = _data_residual(clean)
-    z = residual / clean.noise.spread
+    z = _data_residual(clean) / clean.noise.spread
     anew, reading = _anew_share(problem, z), shaken(problem, z, clean.noise.spread)
     own = _own_share(problem, z, anew, bool(reading))
     ratio = clean.best.sharing.ratio

@@ -19,6 +19,8 @@ _SETTLES, _NOTABLE, _FEWEST = 6.0, 1.6, 20
 """Standard deviations above one, and times the variance of other directions, from which a joint is taken to settle
 anew at every reading; degrees of freedom along it and beside it that it takes."""
 _STEPS = 100
+_ROUNDING = 1e-6
+"""Part of a pattern's length in a reading that is none, beside those that were taken out."""
 
 
 @dataclass(frozen=True)
@@ -131,7 +133,7 @@ def _of_joints(problem: Problem, z: Array, spread: Array) -> tuple[list[tuple[in
     joints = [] if problem.J is None else [j for j in problem.joint_of if j >= 0]
     moved = {j: _moved(problem, j) / spread for j in joints}
     found: list[int] = []
-    while len(found) < len(joints):
+    while len(found) < len(joints) and left[0].room:
         told = {j: max(s.along(moved[j]) for s in left) for j in joints if j not in found}
         best = max(told, key=lambda j: told[j])
         if told[best][0] < _SETTLES or told[best][1] < _NOTABLE:
@@ -165,6 +167,11 @@ class _Scatter:
         """Of the directions that are left."""
         return float(self.z @ self.z) / max(self.beside, 1.0)
 
+    @property
+    def room(self) -> bool:
+        """Whether enough is left beside one direction more."""
+        return min(self.freedom, self.beside - self.freedom) >= _FEWEST
+
     def seen(self, x: Array) -> Array:
         """A pattern's (M,) part in it."""
         mean = _mean(x, self.cell)
@@ -176,20 +183,22 @@ class _Scatter:
 
     def unit(self, x: Array) -> tuple[Array, Array]:
         """Unit directions in each reading along a pattern (M,), beside what was taken out; their lengths (R,)."""
-        x = self.seen(x)
+        whole = x = self.seen(x)
         for taken in self.taken:
             x = x - taken * self.sums(taken * x)[self.reading]
         length = np.sqrt(self.sums(x**2))
-        return x / np.maximum(length, TINY)[self.reading], length
+        length = np.where(length > _ROUNDING * np.sqrt(self.sums(whole**2)), length, 0.0)
+        own = length[self.reading]
+        return np.where(own > 0.0, x, 0.0) / np.where(own > 0.0, own, 1.0), length
 
     def along(self, x: Array) -> tuple[float, float]:
         """By how many standard deviations the scatter along a pattern (M,) exceeds that beside it, and how many times.
 
         Readings count as the pattern is long in them.
         """
-        rest = self.beside - self.freedom
         unit, length = self.unit(x)
-        if min(self.freedom, rest) < _FEWEST or not np.any(length):
+        rest = self.beside - self.freedom
+        if not self.room or not np.any(length):
             return 0.0, 1.0
         square = self.sums(unit * self.z) ** 2
         other = max(float(self.z @ self.z) - float(np.sum(square)), TINY) / rest
@@ -201,9 +210,10 @@ class _Scatter:
 
     def without(self, x: Array) -> _Scatter:
         """What is left beside a pattern (M,)."""
-        unit, _ = self.unit(x)
+        unit, length = self.unit(x)
         z = self.z - unit * self.sums(unit * self.z)[self.reading]
-        return replace(self, z=z, taken=(*self.taken, unit), beside=self.beside - self.freedom)
+        beside = self.beside - self.freedom * float(np.mean(length > 0.0))
+        return replace(self, z=z, taken=(*self.taken, unit), beside=beside)
 
 
 def _scatters(problem: Problem, z: Array) -> list[_Scatter]:
