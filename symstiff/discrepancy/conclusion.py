@@ -70,7 +70,8 @@ def finding_of(
     tell("identification")
     leading = [e for e in last.effects if e.set_number == 0]
     grown = grow(ladder.base, [e.instance for e in leading])
-    after = fit_told(grown, table, trusted=course.trusted)
+    known = None if last.weights is None else last.weights.alone
+    after = fit_told(grown, table, known, trusted=course.trusted)
     extent = extent_of(course.assembly.situation.view)
     if strays := [e for e in leading if astray([_as_identified(e, after)], task.robot, extent)]:
         other = without(course, strays) or replace(course, last=_taken_back(last))

@@ -24,14 +24,14 @@ from symstiff.discrepancy.localise import (
     localise,
     with_law,
 )
-from symstiff.discrepancy.noise import CONTRADICTED, REPEATABILITY, NoiseReport
+from symstiff.discrepancy.noise import CONTRADICTED, REPEATABILITY, Noise, NoiseReport
 from symstiff.discrepancy.prepare import Prepared, noise_told_anew, prepare
 from symstiff.discrepancy.problem import Candidate, Options, Problem, key_of
 from symstiff.discrepancy.proof import HeldOut, held_out, poses_of_their_own
 from symstiff.discrepancy.reasons import Reason, Why
 from symstiff.discrepancy.result import Diagnosis, Name, Rms
 from symstiff.discrepancy.rivals import AS_MUCH
-from symstiff.discrepancy.scan import Scan, coefficients, column_space, one_sharing
+from symstiff.discrepancy.scan import Scan, coefficients, column_space
 from symstiff.discrepancy.strata import Stratum, strata
 from symstiff.discrepancy.tables import (
     alike,
@@ -75,12 +75,14 @@ def examine(
     progress: Callable[[str], None] | None = None,
     given: Sequence[Name] = (),
     doubt: Reason | None = None,
+    like: Noise | None = None,
 ) -> Diagnosis:
     """Say whether something is missing from the model, where, what it is called and how sure that is.
 
     ``candidates`` is the catalogue at all its places; ``progress`` is told each stage; effects that are ``given``
-    belong to every explanation. Data in which nothing can be tested, or of which there is a ``doubt``, give the verdict
-    ``untestable``. The same input gives the same answer: all draws come from ``options.seed``.
+    belong to every explanation; the noise is looked for near one that is ``like`` it. Data in which nothing can be
+    tested, or of which there is a ``doubt``, give the verdict ``untestable``. The same input gives the same answer: all
+    draws come from ``options.seed``.
     """
     options = options or Options()
     tell = progress or (lambda stage: None)
@@ -90,7 +92,7 @@ def examine(
     if _exact(problem):
         return _without_tests(NOTHING, problem, candidates, Reason(Why.EXACT))
     tell("noise")
-    ready = prepare(problem, candidates)
+    ready = prepare(problem, candidates, like)
     tell("lack of fit")
     parts = strata(problem, ready.scan)
     allowed = testable(problem, ready)
@@ -185,8 +187,15 @@ def _written(
             noise_floor(ready)),
         proof, D, names, leading(problem, ready, outcome), alike(ready, outcome),
         inconstancies(problem, ready, outcome.admissible[0].entries) if outcome.admissible else (),
-        rival(ready, outcome),
+        rival(ready, outcome), _weights(ready, outcome),
     )  # fmt: skip
+
+
+def _weights(ready: Prepared, outcome: Outcome) -> Noise:
+    """The noise, the sharing first that is likeliest beside the leading set."""
+    noise = ready.scan.noise
+    first = outcome.admissible[0].sharing if outcome.admissible else ready.scan.best.sharing
+    return replace(noise, sharings=(first, *(s for s in noise.sharings if s != first)))
 
 
 def _proof(
@@ -200,10 +209,9 @@ def _proof(
     if not options.held_out or 0 < len(found) == len(poses_of_their_own(problem, ready.bank, found)):
         return None
     tell("proof")
-    noise = one_sharing(ready.scan)
-    if sets:
-        noise = replace(noise, sharings=(outcome.admissible[0].sharing,))
-    return held_out(problem, ready.bank, noise, noise_floor(ready), sets, allowed, options)
+    return held_out(
+        problem, ready.bank, _weights(ready, outcome).alone, noise_floor(ready), sets, allowed, options
+    )
 
 
 def doubted(outcome: Outcome, proof: HeldOut) -> Outcome:

@@ -73,6 +73,11 @@ class Noise:
     shaken: Shaken = STILL
     """What they share."""
 
+    @property
+    def alone(self) -> Noise:
+        """The noise at the first of its sharings."""
+        return replace(self, sharings=self.sharings[:1])
+
     def root(self, sharing: Sharing, power: float) -> Roots:
         """Square root (power ½) of S + ratio K, or its inverse (-½): factors, the first one is applied first.
 

@@ -69,21 +69,23 @@ class _Look:
     """The scan with them in the model."""
 
 
-def prepare(problem: Problem, candidates: Sequence[Candidate]) -> Prepared:
+def prepare(problem: Problem, candidates: Sequence[Candidate], like: noises.Noise | None = None) -> Prepared:
     """Rounds: homogeneous noise finds what stands out, and the noise is fitted to what is left after it.
 
     Otherwise a large missing effect would pass for noise that differs between axes or between poses. The size of the
     shared error is looked for on the coarse grid, on that once more where markers share otherwise than it seemed,
-    near what is likely, and finer.
+    near what is likely, and finer. A noise that was found for the same readings and is ``like`` this one spares all
+    looks but the last.
     """
     bank = build(problem, candidates, unnamed_laws(problem))
     first = _first_split(problem)
-    bank, seen = _looked(problem, bank, noises.start(problem, first))
+    bank, seen = _looked(problem, bank, like or noises.start(problem, first))
     split = _split(problem, seen)
     changed = max(
         abs(split.own - first.own), abs(split.anew - first.anew), split.reading.change(first.reading)
     )
-    for look in _LOOKS[1 if changed < SAME_SHARE else 0 :]:
+    looks = _LOOKS[1 if changed < SAME_SHARE else 0 :] if like is None else (_FINE,)
+    for look in looks:
         clean = seen.clean
         noise, growth, by_marker = noises.refine(problem, _within_residual(clean), clean.freedom, split)
         if look != _COARSE:

@@ -8,7 +8,7 @@ from typing import Any
 
 from symstiff.arrays import Array
 from symstiff.discrepancy.localise import FittedDevice, FittedLaw, Localisation
-from symstiff.discrepancy.noise import NoiseReport
+from symstiff.discrepancy.noise import Noise, NoiseReport
 from symstiff.discrepancy.proof import HeldOut, closed
 from symstiff.discrepancy.reasons import Reason, Why
 from symstiff.discrepancy.strata import Stratum
@@ -208,6 +208,8 @@ class Diagnosis:
     """What the sizes of the leading set's effects follow, surest first."""
     rival: RivalLaw | None = None
     """What does most in the place of a member of the leading set, named or not."""
+    weights: Noise | None = None
+    """The noise that everything was weighed by, at the sharing that is likeliest beside the leading set first."""
 
     @property
     def reason(self) -> str:

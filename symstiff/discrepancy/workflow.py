@@ -191,9 +191,10 @@ def _diagnosed(
     if not given:
         return assembly, found
     tell("columns under the loads found")
-    believed = fit(grow(model, [effect for effect, _ in effects]), table)
+    assert found.weights is not None  # it was examined
+    believed = fit(grow(model, [effect for effect, _ in effects]), table, found.weights.alone)
     under = _but(assemble(model, table, noise=believed.noise, believed=believed.model), without)
-    again = examine(under.problem, under.candidates, options, tell, given)
+    again = examine(under.problem, under.candidates, options, tell, given, like=found.weights)
     enough = again.verdict == NAMED and not Counter(_names(again)) - Counter(_names(found))
     stands = enough if found.verdict == NAMED else again.verdict in (NAMED, AMBIGUOUS)
     kept = {named_at(n.effect, n.where) for n in given} <= set(_names(again))
