@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
@@ -18,6 +19,8 @@ _LEAST_OWN = 0.02
 _SETTLES, _NOTABLE, _FEWEST = 6.0, 1.6, 20
 """Standard deviations above one, and times the variance of other directions, from which a joint is taken to settle
 anew at every reading; degrees of freedom along it and beside it that it takes."""
+_SLIPS = 0.05
+"""Share of the poses that does not count for that."""
 _STEPS = 100
 _ROUNDING = 1e-6
 """Part of a pattern's length in a reading that is none, beside those that were taken out."""
@@ -154,6 +157,8 @@ class _Scatter:
     """(M,) number of each row's reading and axis."""
     reading: Index
     """(C,) or (M,)"""
+    pose: Index
+    """(R,) of each reading."""
     differ: bool
     freedom: float
     """Degrees of freedom of one direction in each reading."""
@@ -194,7 +199,7 @@ class _Scatter:
     def along(self, x: Array) -> tuple[float, float]:
         """By how many standard deviations the scatter along a pattern (M,) exceeds that beside it, and how many times.
 
-        Readings count as the pattern is long in them.
+        Readings count as the pattern is long in them; those of the poses that bring most do not: a slip is no habit.
         """
         unit, length = self.unit(x)
         rest = self.beside - self.freedom
@@ -204,7 +209,9 @@ class _Scatter:
         other = max(float(self.z @ self.z) - float(np.sum(square)), TINY) / rest
         weight = length**2 / float(np.sum(length**2))
         count = len(weight) / self.freedom  # the means of the poses took the rest
-        ratio = count * float(weight @ square) / other
+        by_pose = np.sort(np.bincount(self.pose, weight * square))
+        kept = by_pose[: len(by_pose) - math.ceil(_SLIPS * len(by_pose))]
+        ratio = count * float(np.sum(kept)) / other
         deviation = np.sqrt(2.0 * count * float(np.sum(weight**2)) + 2.0 / rest)
         return (ratio - 1.0) / deviation, ratio
 
@@ -221,17 +228,18 @@ def _scatters(problem: Problem, z: Array) -> list[_Scatter]:
     cell, row = readings(problem), _at_once(problem)
     _, first = np.unique(cell, return_index=True)
     reading, line = row[first], numbered(problem.lines[first])
-    freedom = float(len(np.unique(row)) - problem.poses)
+    pose = problem.pose[np.unique(row, return_index=True)[1]]
+    freedom = float(len(pose) - problem.poses)
     lines, cells = int(line.max()) + 1, len(first)
     common = _mean(z, cell)
     common = common - _mean(common, line)[line]
-    out = [_Scatter(common, cell, reading, False, freedom, float(cells - lines))]
+    out = [_Scatter(common, cell, reading, pose, False, freedom, float(cells - lines))]
     if len(z) > cells:
         series = numbered(problem.pose, problem.channel)
         differ = z - _mean(z, cell)[cell]
         differ = differ - _mean(differ, series)[series]
         beside = float(len(z) - cells - series.max() - 1 + lines)
-        out.append(_Scatter(differ, cell, row, True, freedom, beside))
+        out.append(_Scatter(differ, cell, row, pose, True, freedom, beside))
     return out
 
 
