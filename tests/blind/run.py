@@ -76,6 +76,7 @@ def _one(number: int, options: Options, others: bool) -> dict[str, Any]:
         "outcome": outcome(verdict, sets, label.truth, groups),
         "spoke": verdict not in (NOTHING, "untestable"),
         "noticed": finding.first.noise.misstated,
+        "settling": [joint.joint for joint in finding.last.noise.settling],
         "confidences": _confidences(finding, hidden, groups),
         "p_values": [e.p_value for e in finding.named], "rms": asdict(finding.rms),
         "again": finding.last.held_out.again if finding.last.held_out is not None else None,
