@@ -119,7 +119,7 @@ def simulate(truth: Truth, design: Measurements, seed: int) -> Measurements:
 
 def _settling(truth: Truth, design: Measurements, rng: np.random.Generator) -> Array:
     """(M, n) errors of the joints [mrad, of slides mm] that the points of one reading share."""
-    context = np.column_stack([design.time, design.branch, design.load_step, design.repeat])
+    context = np.column_stack([design.branch, design.load_step, design.repeat])
     keys = np.column_stack([design.pose, design.w, np.nan_to_num(context, nan=-2.0)])
     reading = np.unique(keys, axis=0, return_inverse=True)[1].reshape(-1)
     size = np.array(truth.noise.settling_mrad or (0.0,) * truth.robot.dof)
