@@ -184,7 +184,7 @@ class _Scatter:
 
     def sums(self, x: Array) -> Array:
         """(R,) sums by reading."""
-        return np.bincount(self.reading, x)
+        return np.asarray(np.bincount(self.reading, x), dtype=float)
 
     def unit(self, x: Array) -> tuple[Array, Array]:
         """Unit directions in each reading along a pattern (M,), beside what was taken out; their lengths (R,)."""
