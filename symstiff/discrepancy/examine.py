@@ -187,7 +187,7 @@ def _written(
             noise_floor(ready)),
         proof, D, names, leading(problem, ready, outcome), alike(ready, outcome),
         inconstancies(problem, ready, outcome.admissible[0].entries) if outcome.admissible else (),
-        rival(ready, outcome), _weights(ready, outcome),
+        rival(ready, outcome), None if outcome.verdict in (INSUFFICIENT, UNEXPLAINED) else _weights(ready, outcome),
     )  # fmt: skip
 
 

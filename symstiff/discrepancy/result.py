@@ -209,7 +209,9 @@ class Diagnosis:
     rival: RivalLaw | None = None
     """What does most in the place of a member of the leading set, named or not."""
     weights: Noise | None = None
-    """The noise that everything was weighed by, at the sharing that is likeliest beside the leading set first."""
+    """The noise of data that are accounted for, the sharing first that is likeliest then; None where what is missing
+    may be in it.
+    """
 
     @property
     def reason(self) -> str:

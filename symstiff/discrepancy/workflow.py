@@ -191,10 +191,12 @@ def _diagnosed(
     if not given:
         return assembly, found
     tell("columns under the loads found")
-    assert found.weights is not None  # it was examined
-    believed = fit(grow(model, [effect for effect, _ in effects]), table, found.weights.alone)
+    like = found.weights
+    believed = fit(
+        grow(model, [effect for effect, _ in effects]), table, None if like is None else like.alone
+    )
     under = _but(assemble(model, table, noise=believed.noise, believed=believed.model), without)
-    again = examine(under.problem, under.candidates, options, tell, given, like=found.weights)
+    again = examine(under.problem, under.candidates, options, tell, given, like=like)
     enough = again.verdict == NAMED and not Counter(_names(again)) - Counter(_names(found))
     stands = enough if found.verdict == NAMED else again.verdict in (NAMED, AMBIGUOUS)
     kept = {named_at(n.effect, n.where) for n in given} <= set(_names(again))
