@@ -11,7 +11,7 @@ from scipy import stats
 from symstiff.arrays import Array
 from symstiff.discrepancy.blocks import Roots, applied, raised
 from symstiff.discrepancy.problem import Problem
-from symstiff.discrepancy.shaking import STILL, Shaken, shared_by_readings
+from symstiff.discrepancy.shaking import STILL, Shaken, common_size, shared_by_readings
 from symstiff.discrepancy.sharing import (
     ALIKE,
     AXES,
@@ -304,8 +304,8 @@ def report(
 
 def _of_axes(problem: Problem, noise: Noise) -> float:
     """Variance over the noise's of what the markers of one reading share, mean of the main rows."""
-    blocks = shared_by_readings(problem, noise.spread, replace(noise.shaken, joints=()))
-    return float(np.mean(_square(noise, blocks)[problem.main]))
+    size = common_size(problem, noise.spread) / noise.spread
+    return noise.shaken.axes * float(np.mean(size[problem.main] ** 2))
 
 
 def _settling(problem: Problem, noise: Noise, scale2: float) -> tuple[Settling, ...]:

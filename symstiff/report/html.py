@@ -9,14 +9,11 @@ from typing import Any
 from markupsafe import Markup
 
 from symstiff import __version__
-from symstiff.calibration.measurements import COMPONENTS
 from symstiff.codegen.emit import environment
 from symstiff.discrepancy import numbers
 from symstiff.discrepancy.finding import Finding
-from symstiff.discrepancy.noise import off
 from symstiff.discrepancy.reasons import Why
 from symstiff.discrepancy.result import CandidateResult, Found, Name, Quantity
-from symstiff.discrepancy.sharing import JOINTS
 from symstiff.discrepancy.speech import law_place
 from symstiff.discrepancy.verdict import AMBIGUOUS, INSUFFICIENT, NOTHING, UNEXPLAINED, UNTESTABLE
 from symstiff.display import few
@@ -27,13 +24,9 @@ from symstiff.report.code import Line, formulas
 from symstiff.report.deciding import NOWHERE, OTHERWISE, decides, load_axes, reached, separation_text
 from symstiff.report.tables import moved, rotates, shift, step_rows
 
-_SEEN = 0.01
-"""p-value below which something is said of the noise."""
 _MOST_CANDIDATES, _MOST_LAWS = 20, 5
 _MOST_PLACES, _SEEN_AT = 8, 6
 """Places of an effect from which on their number, or the best of them, stands for all, and those shown else."""
-_GROWS = 0.25
-"""Power of a quantity from which the noise is said to change with it."""
 _CHANGED = 2.0
 """Standard deviations by which a parameter that moved is marked."""
 _UNITS = {"positional": "mm", "rotational": "mrad", "x": "mm", "y": "mm", "z": "mm"}
@@ -75,7 +68,7 @@ def _context(finding: Finding, files: dict[str, Any], changes: list[Line]) -> di
         "files": files,
         "decide": _decide(files.get("decide")),
         "grown": len(finding.steps) > 1,
-        "noise": _noise(finding),
+        "noise": words.noise_lines(finding),
     }
 
 
@@ -368,34 +361,3 @@ def _value(value: float | None, std: float | None) -> str:
     if value is None or std is None:
         return "–"
     return numbers.quantity(Quantity(value, std, "plain")).removesuffix(" plain")
-
-
-def _noise(finding: Finding) -> list[str]:
-    n = finding.last.noise
-    left = "what is left after everything found" if finding.testable else "what the model leaves"
-    source = {"repeats": "repeated readings", "residual": left}
-    lines = [
-        f"standard deviation {words.size(n.sigma, finding)} from {source.get(n.source, n.source)} "
-        f"({n.degrees_of_freedom:.0f} degrees of freedom)"
-    ]
-    if n.stated is not None and n.ratio is not None:
-        text = f"stated {words.size(n.stated, finding)}: found/stated = {n.ratio:.2f}"
-        counts = n.ratio_interval is not None and off(n.ratio_interval)
-        agrees = (
-            ", which agree if the stated one counts the reading without load" if counts else ", which agree"
-        )
-        lines.append(text + (", which contradicts the stated one" if n.misstated else agrees))
-    if n.approach_p < _SEEN:
-        how = ", as if the joints had stopped beside their targets" if n.shared == JOINTS else ""
-        lines.append(f"a pose's rows share an error of {words.size(n.approach, finding)}{how}")
-    if n.reading > 0:
-        lines.append(f"the markers of one reading share {100 * n.reading:.0f} % of its variance")
-    lines += [str(joint) for joint in n.settling]
-    if n.homogeneity_p < _SEEN:
-        units = ("mm", "mrad")
-        by = ", ".join(f"{COMPONENTS[a]} {numbers.milli(s)} {units[a > 2]}" for a, s in n.by_axis.items())
-        lines.append(f"the noise differs between axes: {by}")
-    for what, power in n.growth.items():
-        if abs(power) > _GROWS:
-            lines.append(f"the noise changes with the {what} (power {power:+.2f})")
-    return lines

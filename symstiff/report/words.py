@@ -6,11 +6,14 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 from symstiff.calibration.checks import of_units
+from symstiff.calibration.measurements import COMPONENTS
 from symstiff.discrepancy.finding import Finding
+from symstiff.discrepancy.noise import off
 from symstiff.discrepancy.numbers import decimals_between, milli, p_equals
 from symstiff.discrepancy.reasons import Why
 from symstiff.discrepancy.remarks import FEW, hiding
 from symstiff.discrepancy.result import Found
+from symstiff.discrepancy.sharing import JOINTS
 from symstiff.discrepancy.speech import law_at, law_place
 from symstiff.discrepancy.verdict import AMBIGUOUS, INSUFFICIENT, NAMED, NOTHING, UNEXPLAINED
 from symstiff.display import sentence_case
@@ -26,6 +29,10 @@ _TWO_DIGITS = 10.0
 """Units of the last digit from which a size has two."""
 LOUDER = 1.08
 """Least residual over the stated sigma that is spoken of where nothing is missing."""
+_SEEN = 0.01
+"""p-value below which something is said of the noise."""
+_GROWS = 0.25
+"""Power of a quantity from which the noise is said to change with it."""
 
 
 def _nothing_missing(finding: Finding) -> str:
@@ -292,3 +299,35 @@ def _unexplained(finding: Finding) -> str:
             + explained(law)
         )
     return f"{text} (residual {size(finding.rms.after, finding)} rms per coordinate, {_noise(finding)})."
+
+
+def noise_lines(finding: Finding) -> list[str]:
+    """What was found out about the noise, a line each."""
+    n = finding.last.noise
+    left = "what is left after everything found" if finding.testable else "what the model leaves"
+    source = {"repeats": "repeated readings", "residual": left}
+    lines = [
+        f"standard deviation {size(n.sigma, finding)} from {source.get(n.source, n.source)} "
+        f"({n.degrees_of_freedom:.0f} degrees of freedom)"
+    ]
+    if n.stated is not None and n.ratio is not None:
+        text = f"stated {size(n.stated, finding)}: found/stated = {n.ratio:.2f}"
+        counts = n.ratio_interval is not None and off(n.ratio_interval)
+        agrees = (
+            ", which agree if the stated one counts the reading without load" if counts else ", which agree"
+        )
+        lines.append(text + (", which contradicts the stated one" if n.misstated else agrees))
+    if n.approach_p < _SEEN:
+        how = ", as if the joints had stopped beside their targets" if n.shared == JOINTS else ""
+        lines.append(f"a pose's rows share an error of {size(n.approach, finding)}{how}")
+    if n.reading > 0:
+        lines.append(f"the markers of one reading share {100 * n.reading:.0f} % of its variance")
+    lines += [str(joint) for joint in n.settling]
+    if n.homogeneity_p < _SEEN:
+        units = ("mm", "mrad")
+        by = ", ".join(f"{COMPONENTS[a]} {milli(s)} {units[a > 2]}" for a, s in n.by_axis.items())
+        lines.append(f"the noise differs between axes: {by}")
+    for what, power in n.growth.items():
+        if abs(power) > _GROWS:
+            lines.append(f"the noise changes with the {what} (power {power:+.2f})")
+    return lines
