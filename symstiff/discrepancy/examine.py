@@ -161,8 +161,7 @@ def against_sigma(outcome: Outcome, report: NoiseReport) -> Outcome:
     limit = REPEATABILITY if report.single else CONTRADICTED
     if outcome.verdict != NOTHING or report.ratio_interval is None or report.ratio_interval[0] < limit:
         return outcome
-    told = "; ".join(str(joint) for joint in report.settling)
-    because = Reason(Why.SETTLES, (told,)) if told else Reason(Why.SIGMA, (f"{report.ratio:.1f}",))
+    because = report.settles or Reason(Why.SIGMA, (f"{report.ratio:.1f}",))
     return replace(outcome, verdict=UNEXPLAINED, because=because)
 
 

@@ -11,6 +11,7 @@ from scipy import stats
 from symstiff.arrays import Array
 from symstiff.discrepancy.blocks import Roots, applied, raised
 from symstiff.discrepancy.problem import Problem
+from symstiff.discrepancy.reasons import Reason, Why
 from symstiff.discrepancy.shaking import STILL, Shaken, common_size, shared_by_readings
 from symstiff.discrepancy.sharing import (
     ALIKE,
@@ -165,6 +166,12 @@ class NoiseReport:
     """Part of the rows' own variance that the markers of one reading share."""
     settling: tuple[Settling, ...] = ()
     """Joints that stop elsewhere at every reading."""
+
+    @property
+    def settles(self) -> Reason | None:
+        """That joints stop elsewhere at every reading, as a sentence; None where none does."""
+        told = "; ".join(str(joint) for joint in self.settling)
+        return Reason(Why.SETTLES, (told,)) if told else None
 
     @property
     def mostly_shared(self) -> bool:

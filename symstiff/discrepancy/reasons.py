@@ -37,7 +37,7 @@ class Why(Enum):
         "names"
     )
     """The verdict rests on the stated sigma alone."""
-    SETTLES = "{}, which no law of loads, angles or time tells"
+    SETTLES = "{}, as one that sticks and slips or has clearance does, and no law of loads, angles or time tells that"
     """The residual contradicts the stated sigma, by what scatters along some joints."""
     POSES = "without the poses that are unlike all others nothing is missing"
     """The poses that bring what the catalogue has no name for."""

@@ -296,16 +296,13 @@ def _of_succession(view: View, last: Diagnosis) -> list[str]:
 
 def _of_settling(last: Diagnosis) -> list[str]:
     """Joints along which readings of one pose scatter, as no law tells."""
-    if not last.noise.settling or last.because.why is Why.SETTLES:  # there the verdict says so
+    told = last.noise.settles
+    if told is None or last.because.why is Why.SETTLES:  # there the verdict says so
         return []
     joints = {joint.joint for joint in last.noise.settling}
     here = [e for e in last.effects if e.set_number == 0 and e.where.get("joint") in joints]
     besides = "".join(f"; or the law of {named_at(e.effect, e.where)} is only close" for e in here)
-    return [
-        f"{'; '.join(str(joint) for joint in last.noise.settling)}, as one that sticks and slips or has clearance "
-        "does, and no law of loads, angles or time tells that: read each load several times, coming from both "
-        f"sides{besides}"
-    ]
+    return [f"{told}: read each load several times, coming from both sides{besides}"]
 
 
 def _alike(view: View, z: Array) -> tuple[Array, Array]:

@@ -62,7 +62,8 @@ def size(value: float | None, finding: Finding, decimals: int | None = None) -> 
 def headline(finding: Finding) -> str:
     """The verdict in a few words."""
     if not finding.testable:
-        return "Nothing can be tested with these data"
+        doubtful = finding.last.doubtful
+        return "The table has to be corrected first" if doubtful else "Nothing can be tested with these data"
     return _headline(finding) + (", if the units are right" if of_units(finding.table) else "")
 
 
@@ -91,7 +92,12 @@ def _headline(finding: Finding) -> str:
 def sentence(finding: Finding, decide: Mapping[str, Any] | None = None) -> str:
     """The verdict in a sentence, with units and confidence; ``decide`` is the record of the poses that decide."""
     if not finding.testable:
-        return f"Nothing can be tested with these data: {finding.reason}."
+        so_far = (
+            "is tested before the table is right"
+            if finding.last.doubtful
+            else "can be tested with these data"
+        )
+        return f"Nothing {so_far}: {finding.reason}."
     text = {
         NAMED: _named,
         NOTHING: _nothing,
@@ -261,9 +267,9 @@ def _further(finding: Finding) -> str:
 def _unexplained(finding: Finding) -> str:
     if finding.because.why is Why.SETTLES:
         return (
-            f"{sentence_case(finding.reason)}, as one that sticks and slips or has clearance does (residual "
-            f"{size(finding.rms.after, finding)} rms per coordinate, noise as stated "
-            f"{size(finding.last.noise.stated, finding)}): read each load several times, coming from both sides."
+            f"{sentence_case(finding.reason)} (residual {size(finding.rms.after, finding)} rms per coordinate, "
+            f"noise as stated {size(finding.last.noise.stated, finding)}): "
+            "read each load several times, coming from both sides."
         )
     if finding.last.against_sigma:
         return (
