@@ -10,15 +10,15 @@ import numpy as np
 import pytest
 
 from symstiff.arrays import Array
-from symstiff.discrepancy import search, verdict, workshop
+from symstiff.discrepancy import judging, verdict, workshop
 from symstiff.discrepancy.assemble import assemble
 from symstiff.discrepancy.bank import build
 from symstiff.discrepancy.examine import _as_single, beyond, examine
 from symstiff.discrepancy.prepare import prepare
 from symstiff.discrepancy.problem import ANGLE, CLOCK, Candidate, Parameter, Problem
+from symstiff.discrepancy.proposals import in_range, polish, proposals
 from symstiff.discrepancy.result import Name
 from symstiff.discrepancy.scan import Scan, coefficients
-from symstiff.discrepancy.search import polish
 from symstiff.discrepancy.workshop import Proposal, Workshop
 from tests.test_assemble import complete, truth_of
 from tests.test_assemble import design as experiment
@@ -82,6 +82,20 @@ def test_a_single_effect_is_not_named_where_two_others_account_for_the_data_as_w
     assert {"one", "other"} in sets.values()
 
 
+@pytest.mark.parametrize("seed", range(5))
+def test_two_effects_that_hide_each_other_are_seen_together(seed: int) -> None:
+    """As a payload and the zero of the sensor that weighs it: their difference is a hundredth of what each is."""
+    bare = arm(30).problem
+    a, b = (scaled(bare, law, 1.0) for law in (of_sign(bare, 0), of_branch(bare, 1)))
+    one, other = 10.0 * a + b, 10.0 * a - b
+    candidates = (lawful("one", one), lawful("other", other))
+    found = examine(measured(bare, 4.0 * (one - other), seed), candidates, QUICK)
+    assert found.candidates[0].p_value > QUICK.alpha > found.p_missing
+    assert {e.effect for e in found.effects} == {"one", "other"}
+    assert found.verdict == "named"
+    assert examine(measured(bare, 0.0 * a, seed), candidates, QUICK).verdict == "nothing_missing"
+
+
 @pytest.mark.parametrize(("poses", "seed"), [(20, 66), (40, 64)])
 def test_a_law_without_a_name_that_is_less_believable_than_nothing_makes_no_name_insufficient(
     poses: int, seed: int
@@ -110,7 +124,7 @@ def test_sets_that_explain_more_than_the_leader_compete_with_the_leader_and_one_
     assert ready.bank.place[:2] == ("joint 1", f"joint {at + 1}")
     shop = Workshop(ready.scan, np.array([True] * len(ready.bank.candidates)), QUICK)
     score = float(shop.evidence(()).score[0])
-    leader = search.judge(shop, Proposal((0,), (int(shop.evidence(()).best_entry[0]),), score))
+    leader = judging.judge(shop, Proposal((0,), (int(shop.evidence(()).best_entry[0]),), score))
 
     def beside(best: float) -> list[list[int]]:
         return [sorted(j.members) for j in verdict._as_many(shop, leader, best, lambda p: 0.0)]
@@ -125,7 +139,7 @@ def test_a_search_keeps_few_scans(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(workshop, "_SCANS", 3)
     shop = Workshop(ready.scan, np.array([True] * len(ready.bank.candidates)), QUICK)
     for entry in range(6):
-        judged = search.judge(shop, Proposal((int(ready.bank.owner[entry]),), (entry,), 0.0))
+        judged = judging.judge(shop, Proposal((int(ready.bank.owner[entry]),), (entry,), 0.0))
         assert not any(isinstance(value, Scan) for value in vars(judged).values())
     assert len(shop.scans) == 3
 
@@ -220,7 +234,7 @@ def test_a_size_out_of_its_range_costs_what_the_data_say_against_the_range(off: 
     limited = list(a.candidates)
     limited[number] = replace(limited[number], parameters=(Parameter("size", "rad", -np.inf, top),))
     ready = prepare(problem, limited)
-    kept = verdict._in_range(Proposal((number,), (entry,), 10.0), lambda p: beyond(problem, ready, p))
+    kept = in_range(Proposal((number,), (entry,), 10.0), lambda p: beyond(problem, ready, p))
     assert (kept is None) == (off > 2.0)
     assert kept is None or (kept.score, kept.lost) == pytest.approx(
         (10.0 - kept.lost, 0.5 * max(off, 0.0) ** 2)
@@ -330,7 +344,7 @@ def test_two_laws_of_one_joint_take_the_same_weight_for_granted() -> None:
     assert not scan.bank.contradict(entry[1, 0.4], (entry[0, 0.4],))
     shop = Workshop(scan, np.ones(len(scan.bank.candidates), bool), QUICK)
     base = Proposal((0,), (entry[0, 0.4],), 0.0)
-    (both,) = [p for p in search.proposals(shop, [base]) if set(p.members) == {0, 1}]
+    (both,) = [p for p in proposals(shop, [base]) if set(p.members) == {0, 1}]
     assert both.entries == (entry[0, 0.4], entry[1, 0.4])
     found = {
         name: examine(measured(bare, y, 1), (jump, bow), QUICK)

@@ -20,12 +20,12 @@ from symstiff.discrepancy.assemble import assemble
 from symstiff.discrepancy.doubts import doubted
 from symstiff.discrepancy.finding import Finding, Task
 from symstiff.discrepancy.growth import fit, grow
+from symstiff.discrepancy.judging import _lacking
 from symstiff.discrepancy.laws_of_angle import _soft_spots
 from symstiff.discrepancy.out_of_range import out_of_range
 from symstiff.discrepancy.problem import Options
 from symstiff.discrepancy.reasons import Why
 from symstiff.discrepancy.result import Found, Quantity
-from symstiff.discrepancy.search import _lacking
 from symstiff.discrepancy.sharing import AXES, EACH, Sharing
 from symstiff.discrepancy.strata import Stratum
 from symstiff.discrepancy.used import known_throughout

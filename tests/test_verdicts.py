@@ -10,10 +10,10 @@ import pytest
 
 from symstiff.discrepancy import verdict
 from symstiff.discrepancy.examine import doubted
+from symstiff.discrepancy.judging import Judged
 from symstiff.discrepancy.proof import HeldOut
 from symstiff.discrepancy.reasons import Reason, Why
 from symstiff.discrepancy.rivals import Rival, Rivals
-from symstiff.discrepancy.search import Judged
 from symstiff.discrepancy.verdict import Outcome
 from symstiff.discrepancy.workshop import Proposal
 from tests.test_discrepancy_engine import QUICK

@@ -12,6 +12,7 @@ from symstiff.discrepancy.bank import Bank
 from symstiff.discrepancy.design import confusability, share_left
 from symstiff.discrepancy.evidence import evidence
 from symstiff.discrepancy.instead import instead
+from symstiff.discrepancy.judging import Judged
 from symstiff.discrepancy.null import critical
 from symstiff.discrepancy.power import visible
 from symstiff.discrepancy.prepare import Prepared
@@ -28,7 +29,6 @@ from symstiff.discrepancy.scan import (
     likeliest,
     sum_entries,
 )
-from symstiff.discrepancy.search import Judged
 from symstiff.discrepancy.strata import strata
 from symstiff.discrepancy.testability import telling, why_untestable
 from symstiff.discrepancy.verdict import Outcome

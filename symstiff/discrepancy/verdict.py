@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from itertools import islice
 
 import numpy as np
@@ -11,12 +11,22 @@ from scipy.special import expit, logsumexp
 
 from symstiff.arrays import Array
 from symstiff.discrepancy.evidence import Evidence
+from symstiff.discrepancy.judging import Judged, judge
 from symstiff.discrepancy.null import Null
 from symstiff.discrepancy.problem import Options
+from symstiff.discrepancy.proposals import (
+    LEADING,
+    Beyond,
+    in_range,
+    p_of_pairs,
+    polish,
+    proposals,
+    ranked,
+    together,
+)
 from symstiff.discrepancy.reasons import Reason, Why
 from symstiff.discrepancy.rivals import AS_MUCH
 from symstiff.discrepancy.scan import Scan, directions
-from symstiff.discrepancy.search import Judged, judge, polish, proposals
 from symstiff.discrepancy.strata import Stratum
 from symstiff.discrepancy.workshop import Proposal, Workshop
 
@@ -26,11 +36,9 @@ INSUFFICIENT, UNEXPLAINED, UNTESTABLE = "named_insufficient", "unexplained", "un
 CALIBRATION = (0.0, 0.7, 4.5)
 """Offset, slope and limit of the confidence's logit, fitted on simulated benchmarks."""
 
-LEADING = 6
-"""Sets of a size whose sizes are looked at; those behind them are never judged."""
-_WEIGHED, _BASES, _JUDGED, _EQUALS = 24, 8, 4, 2
-"""Sets of a size, at most: those that count as rivals, those that larger ones are made from, those that are judged, and
-the leader's with one effect elsewhere. Each further one costs time."""
+_BASES, _JUDGED, _EQUALS = 8, 4, 2
+"""Sets of a size, at most: those that larger ones are made from, those that are judged, and the leader's with one
+effect elsewhere. Each further one costs time."""
 _TRAILS = 5.0
 """Log evidence by which a set may trail the first and still be judged: behind that it weighs less than a hundredth."""
 
@@ -43,9 +51,6 @@ CLEARLY, CLEAR_SHARE = 10.0, 0.1
 FAINT, FOURFOLD = 3.0, float(np.log(4.0))
 """Log evidence up to which a set is hardly more believable than nothing, and by which it has to lead all laws without a
 name together then: taken one by one, each of several hundred trails a little."""
-
-BEYOND = 2.0
-"""Log likelihood that a set may lose by its sizes' physical range: two standard deviations of one size."""
 
 PARTLY = 0.75
 """Confidence in what is there whatever else is, beside something that may have no name."""
@@ -69,8 +74,6 @@ _ROUNDING = 1e-9
 
 Tests = tuple[Null, Evidence, float, float]
 """Of the start: null distribution, evidence, p-values of the catalogue and of laws without a name."""
-Beyond = Callable[[Proposal], float]
-"""What a set loses of its log likelihood where a size is moved into its physical range."""
 
 
 @dataclass(frozen=True)
@@ -107,24 +110,26 @@ def decide(
     found = shop.evidence(())
     p_named = distribution.p_named(float(np.max(shop.score((), (), False), initial=-np.inf)))
     p_unnamed = distribution.p_generic(float(np.max(shop.score((), (), True), initial=-np.inf)))
-    tests = (distribution, found, p_named, p_unnamed)
     strata_p = min((s.p_value for s in parts if s.p_value is not None), default=1.0)
     seen = p_named < options.alpha
+    if not seen and (together_seen := p_of_pairs(shop, beyond)) < options.alpha_pair:
+        seen, p_named = True, together_seen
+    tests = (distribution, found, p_named, p_unnamed)
     if not seen and min(p_unnamed, strata_p) >= options.alpha_strata:
         return Outcome(NOTHING, Reason(Why.NOTHING), *tests, None, (), (), ())
     if not seen and p_unnamed >= options.alpha_strata:
         return Outcome(UNEXPLAINED, Reason(Why.ONE_STRATUM), *tests, None, (), (), ())
     tried: list[Judged] = []
     weighed: list[Proposal] = []
-    base = _together(shop, given)
+    base = together(shop, given)
     bases = [base]
     for size in range(max(len(given), 1), options.max_effects + 1 if seen else 1):
         progress(f"sets of {size}")
-        ranked = [base] if size == len(given) else _ranked(shop, bases, beyond)
-        if not ranked:
+        sets = [base] if size == len(given) else ranked(shop, bases, beyond)
+        if not sets:
             break
-        weighed += ranked
-        judged = [judge(shop, p) for p in ranked[:_JUDGED] if p.score > ranked[0].score - _TRAILS]
+        weighed += sets
+        judged = [judge(shop, p) for p in sets[:_JUDGED] if p.score > sets[0].score - _TRAILS]
         less = _without_idle(shop, judged[0], tried, beyond)
         if less is not None:
             judged = [less, *judged]
@@ -133,23 +138,12 @@ def decide(
         if _admissible(judged[0], options) and judged[0].score >= max(p.score for p in weighed) - _ROUNDING:
             if size < options.max_effects:
                 progress(f"other sets of {size + 1}")
-                others = _others(shop, judged[0], ranked[1:_BASES], beyond)
+                others = _others(shop, judged[0], sets[1:_BASES], beyond)
                 tried += others
                 weighed += [j.proposal for j in others]
             break
-        bases = ranked[:_BASES]
+        bases = sets[:_BASES]
     return _conclude(shop, tried, weighed, tests)
-
-
-def _together(shop: Workshop, members: Sequence[int]) -> Proposal:
-    """A set of candidates, each at its best shape beside those before it."""
-    entries: tuple[int, ...] = ()
-    score = 0.0
-    for member in members:
-        found = shop.own(member, entries)
-        score += found.score
-        entries = (*entries, found.best)
-    return Proposal(tuple(members), entries, score)
 
 
 def _without_idle(shop: Workshop, judged: Judged, tried: Sequence[Judged], beyond: Beyond) -> Judged | None:
@@ -159,33 +153,10 @@ def _without_idle(shop: Workshop, judged: Judged, tried: Sequence[Judged], beyon
     needed = [m for m, p in zip(judged.members, judged.p_members, strict=True) if p < shop.options.alpha]
     if not needed or len(needed) == len(judged.members):
         return None
-    less = _in_range(polish(shop, _together(shop, needed)), beyond)
+    less = in_range(polish(shop, together(shop, needed)), beyond)
     if less is None or any(sorted(j.entries) == sorted(less.entries) for j in tried):
         return None
     return judge(shop, less)
-
-
-def _in_range(proposal: Proposal, beyond: Beyond) -> Proposal | None:
-    """The proposal as far as its sizes are physical: less likely for what it loses by that, None beyond ``BEYOND``."""
-    lost = beyond(proposal)
-    return replace(proposal, score=proposal.score - lost, lost=lost) if lost < BEYOND else None
-
-
-def _ranked(
-    shop: Workshop, bases: list[Proposal], beyond: Beyond, but: frozenset[int] | None = None
-) -> list[Proposal]:
-    """Proposals without those that hold all of ``but``: first those that lead, polished and in range, best first."""
-    known, out = shop.start.bank.twin, list[Proposal]()
-    for proposal in proposals(shop, bases):
-        if len(out) >= _WEIGHED:
-            break
-        if but and but <= _set(proposal, known):
-            continue
-        done = polish(shop, proposal) if len(out) < _JUDGED else proposal
-        kept = _in_range(done, beyond) if len(out) < LEADING else done
-        if kept is not None:
-            out.append(kept)
-    return [*sorted(out[:LEADING], key=lambda p: -p.score), *out[LEADING:]]
 
 
 def _others(shop: Workshop, leader: Judged, bases: list[Proposal], beyond: Beyond) -> list[Judged]:
@@ -196,7 +167,7 @@ def _others(shop: Workshop, leader: Judged, bases: list[Proposal], beyond: Beyon
     to one whose shape is not at hand: they have to explain clearly more, and to leave nothing unless it is much more.
     """
     but = _set(leader, shop.start.bank.twin)
-    found = [*_joined(shop, leader, beyond), *_ranked(shop, bases, beyond, but)[:LEADING]]
+    found = [*_joined(shop, leader, beyond), *ranked(shop, bases, beyond, but)[:LEADING]]
     lead = [CLEARLY if _of_same_joints(shop, p, leader) else -CLOSE for p in found]
     close = (p for p, by in zip(found, lead, strict=True) if p.score > leader.score + by)
     others = (p for p in close if not _same_columns(shop.start, p, leader))
@@ -208,7 +179,7 @@ def _others(shop: Workshop, leader: Judged, bases: list[Proposal], beyond: Beyon
 
 def _as_many(shop: Workshop, leader: Judged, best: float, beyond: Beyond) -> list[Judged]:
     """The leading set and one effect elsewhere, where sets as large explain more than it: they are its equals."""
-    near = (p for p in _ranked(shop, [leader.proposal], beyond)[:LEADING] if p.score > best - CLOSE)
+    near = (p for p in ranked(shop, [leader.proposal], beyond)[:LEADING] if p.score > best - CLOSE)
     elsewhere = (p for p in near if not _of_same_joints(shop, p, leader))
     judged = [judge(shop, p) for p in islice(elsewhere, _EQUALS)]
     return [j for j in judged if _admissible(j, shop.options)]
@@ -227,7 +198,7 @@ def _joined(shop: Workshop, leader: Judged, beyond: Beyond) -> list[Proposal]:
     place = shop.start.bank.place
     joints = {place[m] for m in leader.members} - {""}
     more = (polish(shop, p) for p in proposals(shop, [leader.proposal]) if place[p.members[-1]] in joints)
-    return [kept for p in more if (kept := _in_range(p, beyond)) is not None]
+    return [kept for p in more if (kept := in_range(p, beyond)) is not None]
 
 
 def _leaves_something(judged: Judged, options: Options) -> bool:
@@ -308,7 +279,7 @@ def _sure(shop: Workshop, judged: Judged) -> Judged | None:
     sure = [m for m, c in zip(judged.members, judged.rivals.challenge, strict=True) if c < -CLOSE]
     if len(sure) == len(judged.members) or all(judged.bank.candidates[m].expected for m in sure):
         return None
-    alone = judge(shop, _together(shop, sure))
+    alone = judge(shop, together(shop, sure))
     return alone if _needs_all(alone, shop.options) else None
 
 

@@ -1,10 +1,9 @@
-"""Sets of effects: their evidence, and what they leave unexplained."""
+"""Sets of effects judged: what they leave unexplained, whether they need each member, what rivals them."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from itertools import combinations
 
 import numpy as np
 
@@ -24,8 +23,6 @@ from symstiff.discrepancy.sharing import Sharing
 from symstiff.discrepancy.strata import PROPORTIONAL, Stratum, fills
 from symstiff.discrepancy.workshop import Proposal, Workshop
 
-_BREADTH = 24
-"""Candidates that join a base, at most."""
 _UNCLEAR, _CLEAR = 10.0, 1e-5
 """Factor over the largest level, and p-value: beyond them the null distribution of the start decides, and only between
 them it is worth the time to draw the set's own."""
@@ -62,72 +59,6 @@ class Judged:
     def proposal(self) -> Proposal:
         """The set as one that others are made from or held against."""
         return Proposal(self.members, self.entries, self.score)
-
-
-def proposals(shop: Workshop, bases: list[Proposal]) -> list[Proposal]:
-    """Sets with one more member than their base, best first, each set once."""
-    made: dict[frozenset[int], Proposal] = {}
-    for base in bases:
-        score = shop.score(base.members, base.entries, False)
-        for candidate in np.argsort(score)[::-1][:_BREADTH]:
-            if not np.isfinite(score[candidate]):
-                break
-            entry, own = _entry(shop, int(candidate), base.entries)
-            members = (*base.members, int(candidate))
-            total = base.score + base.lost + own
-            key = frozenset(members)
-            if np.isfinite(own) and (key not in made or made[key].score < total):
-                made[key] = Proposal(members, (*base.entries, entry), total)
-    return sorted(made.values(), key=lambda p: -p.score)
-
-
-def _entry(shop: Workshop, member: int, others: tuple[int, ...]) -> tuple[int, float]:
-    """A candidate's best shape beside others that does not contradict what they take for granted, and its score."""
-    bank, found = shop.start.bank, shop.own(member, others)
-    if not bank.contradict(found.best, others):
-        return found.best, found.score
-    own = [found.first + k for k in range(len(found.entry)) if not bank.contradict(found.first + k, others)]
-    if not own:
-        return found.best, -np.inf
-    likely = [found.at(e) + np.log(max(bank.share[e], TINY)) for e in own]
-    entry = own[int(np.argmax(likely))]
-    return entry, found.at(entry)
-
-
-def polish(shop: Workshop, proposal: Proposal) -> Proposal:
-    """Choose each member's shape again, given the others, and count the evidence along the better path."""
-    if len(proposal.members) < 2:
-        return proposal
-    entries = list(_of_one_joint(shop, proposal))
-    for place, member in enumerate(proposal.members):
-        others = tuple(e for i, e in enumerate(entries) if i != place)
-        entry, own = _entry(shop, member, others)
-        entries[place] = entry if np.isfinite(own) else entries[place]
-    score = proposal.score
-    for place, member in enumerate(proposal.members):
-        others = tuple(e for i, e in enumerate(entries) if i != place)
-        if len(others) == 1:
-            first = proposal.members[1 - place]
-            path = shop.own(first, ()).at(others[0]) + shop.own(member, others).score
-            score = max(score, path)
-    return Proposal(proposal.members, tuple(entries), score)
-
-
-def _of_one_joint(shop: Workshop, proposal: Proposal) -> tuple[int, ...]:
-    """The entries, shapes of laws of one virtual joint chosen together: after the other, each fits a part of both."""
-    bank, entries = shop.start.bank, list(proposal.entries)
-    for a, b in combinations(range(len(entries)), 2):
-        first, second = proposal.members[a], proposal.members[b]
-        if bank.place[first] != bank.place[second] or not bank.place[first]:
-            continue
-        others = tuple(e for k, e in enumerate(entries) if k not in (a, b))
-        alone, best = shop.own(first, others), -np.inf
-        for entry in bank.alike(entries[a]):
-            partner, own = _entry(shop, second, (*others, entry))
-            value = alone.at(entry) + own
-            if value > best:
-                best, entries[a], entries[b] = value, entry, partner
-    return tuple(entries)
 
 
 def judge(shop: Workshop, proposal: Proposal) -> Judged:
