@@ -33,6 +33,13 @@ class Null:
         """Family-wise p-value of a candidate's score."""
         return tail(self.named, score)
 
+    def p_two(self, score: float) -> float:
+        """Family-wise p-value of the score of two candidates together.
+
+        What noise leaves beside one of them is noise again: their score is the sum of two such maxima.
+        """
+        return float(np.mean([tail(self.named, score - other) for other in self.named]))
+
     def p_generic(self, score: float) -> float:
         """Family-wise p-value of an unnamed law's score."""
         return tail(self.generic, score)

@@ -216,7 +216,7 @@ class Options:
 
     alpha: float = 0.025
     """Family-wise level of the candidate tests."""
-    alpha_pair: float = 0.01
+    alpha_pair: float = 0.005
     """Level of the test of two effects that hide each other, where that of single ones does not reject."""
     alpha_strata: float = 0.004
     """Level of the tests that name nothing (strata, smooth laws outside the catalogue)."""

@@ -123,12 +123,8 @@ def ranked(
     return [*sorted(out[:LEADING], key=lambda p: -p.score), *out[LEADING:]]
 
 
-def p_of_pairs(shop: Workshop, beyond: Beyond) -> float:
-    """P-value of two effects together, of which each may hide the other so that no test of a single one rejects.
-
-    Of tables without an effect at most one in N has a pair that is N times as believable as nothing, however many pairs
-    there are: their prior odds add up to less than one (Markov's inequality).
-    """
+def of_two(shop: Workshop, beyond: Beyond) -> float:
+    """Score of the likeliest two effects together, of which each may hide the other from tests of one."""
     likeliest = ranked(shop, [Proposal((), (), 0.0)], beyond)[:_HIDING]
     pairs = ranked(shop, likeliest, beyond) if likeliest else []
-    return float(np.exp(-max(pairs[0].score, 0.0))) if pairs else 1.0
+    return pairs[0].score if pairs else -np.inf

@@ -18,7 +18,7 @@ from symstiff.discrepancy.proposals import (
     LEADING,
     Beyond,
     in_range,
-    p_of_pairs,
+    of_two,
     polish,
     proposals,
     ranked,
@@ -111,9 +111,9 @@ def decide(
     p_named = distribution.p_named(float(np.max(shop.score((), (), False), initial=-np.inf)))
     p_unnamed = distribution.p_generic(float(np.max(shop.score((), (), True), initial=-np.inf)))
     strata_p = min((s.p_value for s in parts if s.p_value is not None), default=1.0)
+    if p_named >= options.alpha:
+        p_named = min(p_named, _p_two(shop, beyond))
     seen = p_named < options.alpha
-    if not seen and (together_seen := p_of_pairs(shop, beyond)) < options.alpha_pair:
-        seen, p_named = True, together_seen
     tests = (distribution, found, p_named, p_unnamed)
     if not seen and min(p_unnamed, strata_p) >= options.alpha_strata:
         return Outcome(NOTHING, Reason(Why.NOTHING), *tests, None, (), (), ())
@@ -144,6 +144,13 @@ def decide(
             break
         bases = sets[:_BASES]
     return _conclude(shop, tried, weighed, tests)
+
+
+def _p_two(shop: Workshop, beyond: Beyond) -> float:
+    """P-value of two effects that hide each other; one where they are no more believable than nothing, or unlikely."""
+    score = of_two(shop, beyond)
+    p = shop.null((), ()).p_two(score) if score > 0 else 1.0
+    return p if p < shop.options.alpha_pair else 1.0
 
 
 def _without_idle(shop: Workshop, judged: Judged, tried: Sequence[Judged], beyond: Beyond) -> Judged | None:
