@@ -16,7 +16,7 @@ from symstiff.discrepancy.bank import build
 from symstiff.discrepancy.examine import _as_single, beyond, examine
 from symstiff.discrepancy.prepare import prepare
 from symstiff.discrepancy.problem import ANGLE, CLOCK, Candidate, Parameter, Problem
-from symstiff.discrepancy.proposals import in_range, polish, proposals
+from symstiff.discrepancy.proposals import in_range, of_two, polish, proposals
 from symstiff.discrepancy.result import Name
 from symstiff.discrepancy.scan import Scan, coefficients
 from symstiff.discrepancy.workshop import Proposal, Workshop
@@ -94,6 +94,18 @@ def test_two_effects_that_hide_each_other_are_seen_together(seed: int) -> None:
     assert {e.effect for e in found.effects} == {"one", "other"}
     assert found.verdict == "named"
     assert examine(measured(bare, 0.0 * a, seed), candidates, QUICK).verdict == "nothing_missing"
+
+
+@pytest.mark.slow
+def test_the_p_value_of_two_effects_in_noise_is_as_likely_small_as_large() -> None:
+    bare = arm(30).problem
+    found = np.zeros(40)
+    for seed in range(len(found)):
+        ready = prepare(measured(bare, np.zeros(bare.rows), seed), catalogue(bare))
+        shop = Workshop(ready.scan, np.ones(len(ready.bank.candidates), bool), QUICK)
+        found[seed] = shop.null((), ()).p_two(of_two(shop, lambda p: 0.0))
+    assert np.sum(found < 0.1) <= 8
+    assert 8 <= np.sum(found < 0.5) <= 28
 
 
 @pytest.mark.parametrize(("poses", "seed"), [(20, 66), (40, 64)])
