@@ -34,8 +34,8 @@ def named() -> Finding:
         ),
         (
             (8.0, 143.2),
-            "they reach a separation of 143 (20 is ample).",
-            ", decide.csv (poses that reach a separation of 143 (20 is ample)), taken.csv (those of the data)",
+            "they reach a separation of 143 (9 decides).",
+            ", decide.csv (poses that reach a separation of 143 (9 decides)), taken.csv (those of the data)",
         ),
         (
             (),

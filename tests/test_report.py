@@ -352,7 +352,7 @@ def test_an_ambiguous_verdict_leaves_poses_that_decide(named: Finding, tmp_path:
     page = render(finding, {"code": CODE, "decide": decide}, [])
     assert "What would decide" in page
     assert "backlash at joint 2" in page
-    reached = f"a separation of {separation_text(decide['poses'][-1]['separation'])} (20 is ample)"
+    reached = f"a separation of {separation_text(decide['poses'][-1]['separation'])} (9 decides)"
     assert f"These poses reach {reached}." in page
     assert verdict_table(finding, decide)["sentence"].endswith(
         f"that tell them apart best; they reach {reached}."

@@ -27,8 +27,10 @@ def law_place(accused: str) -> str:
     return f"the {accused}" if accused.startswith(things) else accused
 
 
-def law_words(name: str) -> str:
-    """A law of a device in words; ``^1`` is left unsaid."""
+def law_words(name: str, place: str) -> str:
+    """A law of a device at its place in words; ``^1`` is left unsaid."""
+    if place.startswith("measurement axis"):
+        return f"a term in {name.replace('order', 'the order of the rows')}"
     article = "an" if name[0] in "aeo" else "a"
     return _DEVICE.get(name, f"{article} {name.removesuffix('^1')}")
 
@@ -36,5 +38,5 @@ def law_words(name: str) -> str:
 def law_at(law: str, place: str) -> str:
     """A law without a name in words, as far as it has some, and its place."""
     loaded = place.startswith(("joint", "link"))
-    told = _JOINT.get(law, f"a law of {law.replace('*', '·')}") if loaded else law_words(law)
+    told = _JOINT.get(law, f"a law of {law.replace('*', '·')}") if loaded else law_words(law, place)
     return f"{told} ({place})"

@@ -26,7 +26,11 @@ def separation_text(separation: float) -> str:
 
 def reach(separation: float) -> str:
     """How far some poses tell explanations apart, and whether that will do."""
-    verdict = " (20 is ample)" if separation >= DECIDES else f", which may not decide ({DECIDES:.0f} does)"
+    verdict = (
+        f" ({DECIDES:.0f} decides)"
+        if separation >= DECIDES
+        else f", which may not decide ({DECIDES:.0f} does)"
+    )
     return f"a separation of {separation_text(separation)}{verdict}"
 
 

@@ -6,7 +6,6 @@ import re
 from dataclasses import replace
 
 from symstiff.discrepancy.finding import Finding
-from symstiff.discrepancy.laws import READING
 from symstiff.discrepancy.localise import FittedDevice, FittedLaw
 from symstiff.discrepancy.numbers import number, quantity
 from symstiff.discrepancy.result import Quantity
@@ -41,11 +40,8 @@ def device_text(law: FittedDevice) -> str:
         parts[name].append(f"{part.replace('*', '·')} {size}".strip())
     if many and not clear:
         parts = {name: [f"{len(law.terms)} sizes, none of which is told by itself"] for name in parts}
-    own = law.place.startswith(READING)
     told = ", ".join(
-        f"{f'a term in {name}' if own else law_words(name)} ({', '.join(sizes)})"
-        for name, sizes in parts.items()
-        if sizes
+        f"{law_words(name, law.place)} ({', '.join(sizes)})" for name, sizes in parts.items() if sizes
     )
     return f"{told} explains {explained(law)}"
 

@@ -8,15 +8,16 @@ from typing import Any
 from symstiff.calibration.checks import of_units
 from symstiff.calibration.measurements import COMPONENTS
 from symstiff.discrepancy.finding import Finding
-from symstiff.discrepancy.noise import off
+from symstiff.discrepancy.noise import NoiseReport, off
 from symstiff.discrepancy.numbers import decimals_between, milli, p_equals
+from symstiff.discrepancy.problem import Options
 from symstiff.discrepancy.reasons import Why
 from symstiff.discrepancy.remarks import FEW, hiding
 from symstiff.discrepancy.result import Found
 from symstiff.discrepancy.sharing import JOINTS
 from symstiff.discrepancy.speech import law_at, law_place
 from symstiff.discrepancy.verdict import AMBIGUOUS, INSUFFICIENT, NAMED, NOTHING, UNEXPLAINED
-from symstiff.display import sentence_case
+from symstiff.display import sentence_case, times
 from symstiff.effects.places import named, place
 from symstiff.effects.registry import find
 from symstiff.report.deciding import deciding
@@ -35,11 +36,17 @@ _GROWS = 0.25
 """Power of a quantity from which the noise is said to change with it."""
 
 
+def _louder(noise: NoiseReport) -> str:
+    """How much larger the noise is than stated; empty where it is not."""
+    larger = noise.misstated and noise.ratio is not None and noise.ratio > LOUDER
+    return f"{times(noise.ratio or 1.0)} times the stated sigma" if larger else ""
+
+
 def _nothing_missing(finding: Finding) -> str:
     noise = finding.last.noise
     if not finding.last.growth:
         return "Nothing is missing"
-    if noise.misstated and noise.ratio is not None and noise.ratio > LOUDER:
+    if _louder(noise):
         return "Nothing found missing; the noise is larger than stated"
     if noise.mostly_shared:
         return "Nothing found missing; what a pose's rows share is more than noise"
@@ -192,11 +199,12 @@ def _nothing(finding: Finding) -> str:
     shown = [
         c for c in finding.candidates if kind in find(c.effect).seen_in and find(c.effect).places_in is None
     ]
+    louder = _louder(finding.last.noise)
     return (
         f"The model accounts for the data: {size(r.after, finding)} rms per coordinate is left, the noise is "
-        f"{size(r.noise, finding)} ({p_equals(finding.first.p_missing)} that anything of the catalogue is missing; "
-        f"{sum(c.testable for c in shown)} of {len(shown)} effects at their places that {data} can show could be "
-        f"tested)."
+        f"{size(r.noise, finding)}{f', {louder}' if louder else ''} (no effect of the catalogue stands out from it: "
+        f"{p_equals(finding.first.p_missing)}, where {Options.alpha:g} would; {sum(c.testable for c in shown)} of "
+        f"{len(shown)} effects at their places that {data} can show could be tested)."
     )
 
 
