@@ -14,7 +14,8 @@ from symstiff.errors import UserError
 from symstiff.reduction.svd import svd
 
 _FAR_BETTER = 0.25  # of the unexplained part that is left as measured
-_WORTH_A_WORD = 0.05  # unexplained part below which the data are not questioned
+WORTH_A_WORD = 0.05
+"""Part of the squares that a model leaves below which nobody asks how the data are told."""
 _SAME = 1.02  # two assignments this close in what they leave are not told apart
 _LETTERS = "xyz"
 
@@ -115,7 +116,7 @@ def _judge(left: Sequence[float]) -> AxisHint | None:
     """
     best = int(np.argmin(left))
     close = [i for i, value in enumerate(left) if value <= left[best] * _SAME + 1e-9]
-    if 0 in close or left[0] < _WORTH_A_WORD or left[best] > _FAR_BETTER * left[0]:
+    if 0 in close or left[0] < WORTH_A_WORD or left[best] > _FAR_BETTER * left[0]:
         return None
     changes = signed_permutations()
     found = next((i for i in close if np.all(changes[i] == -np.eye(3))), close[0])

@@ -10,7 +10,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from symstiff.arrays import TINY, Array
-from symstiff.calibration.axes import AxisHint
+from symstiff.calibration.axes import WORTH_A_WORD, AxisHint
 from symstiff.calibration.decomposition import unit_columns
 from symstiff.calibration.experiment.placement import closest
 from symstiff.calibration.measurements import Measurements
@@ -20,8 +20,6 @@ from symstiff.model import StiffnessModel
 from symstiff.reduction.svd import svd
 from symstiff.symbolic.numeric import forward
 
-_WORTH_A_WORD = 0.02
-"""Share of the squared deflections that a model leaves below which nobody asks how they are told."""
 _THROUGHOUT, _PARTLY = 0.3, 0.15
 """Part of the squares left as told up to which another reading of all poses, and of those from one on, is spoken of."""
 _LESS = 0.5
@@ -100,7 +98,7 @@ def _other(model: StiffnessModel, table: Measurements, otherwise: float) -> tupl
     told = _normal(model, some, order, scale)
     now = float(told.from_each(told).left()[0])
     share = now / max(float(e.y @ e.y), TINY)
-    if len(e.y) - len(scale) < _FEWEST or share < _WORTH_A_WORD:
+    if len(e.y) - len(scale) < _FEWEST or share < WORTH_A_WORD:
         return "", ""
     found = []
     for reading in _readings(model, some):
