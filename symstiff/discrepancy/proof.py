@@ -14,13 +14,15 @@ from symstiff.discrepancy.blocks import Roots
 from symstiff.discrepancy.evidence import evidence
 from symstiff.discrepancy.noise import Noise
 from symstiff.discrepancy.problem import Options, Problem
-from symstiff.discrepancy.scan import RANK, extend, open_scan
+from symstiff.discrepancy.scan import RANK, Scan, extend, open_scan
 from symstiff.reduction.svd import svd
 
 FEWEST = 4
 """Poses from which some are left out."""
 _MANY, _FOLDS = 20, 5
 """Poses from which on fewer folds do, and how many."""
+_STARTS = 3
+"""First members, at most, that a fold goes on from where it selects several: the likeliest alone may pass for two."""
 NO_GAP = 0.05
 """Gap, as a share of the noise, below which no share of it is told."""
 AGAIN = 0.5
@@ -148,27 +150,39 @@ def _inside(place: Index, batches: Roots) -> Roots:
 def _select(
     problem: Problem, bank: Bank, noise: Noise, rows: Index, allowed: Array, count: int
 ) -> tuple[tuple[str, ...], list[Array]]:
-    """Forward selection of some of the named candidates on some rows: their keys, and the columns (M, k) of each."""
-    names: list[str] = []
-    blocks: list[Array] = []
+    """Selection of some of the named candidates on some rows: their keys, and the columns (M, k) of each."""
     if count == 0:
-        return (), blocks
+        return (), []
     part = replace(bank, columns=bank.columns[rows])
     scan = open_scan(part, _rows(noise, rows), problem.y[rows], problem.A[rows])
     mask = np.array(allowed, dtype=bool)[: len(bank.candidates)]
-    for _ in range(count):
-        found = evidence(scan)
-        score = np.where(mask, found.score, -np.inf)
-        best = int(np.argmax(score)) if len(score) else -1
-        if best < 0 or not np.isfinite(score[best]):
-            break
-        candidate, entry = bank.candidates[best], int(found.best_entry[best])
-        shape = moved(scan, (), entry, rows)
+    score = np.where(mask, evidence(scan).score, -np.inf)
+    starts = [int(k) for k in np.argsort(score)[::-1][: _STARTS if count > 1 else 1] if np.isfinite(score[k])]
+    _, path = max(
+        (_forward(scan, mask, first, count) for first in starts), key=lambda f: f[0], default=(0, [])
+    )
+    blocks = []
+    for before, entry in path:
+        shape, candidate = moved(before, (), entry, rows), bank.candidates[int(bank.owner[entry])]
         blocks.append(bank.columns[:, bank.slice(entry)] if shape is None else candidate.columns(shape))
-        names.append(candidate.key)
-        mask[best] = False
-        scan = extend(scan, (entry,))
-    return tuple(names), blocks
+    return tuple(bank.candidates[int(bank.owner[entry])].key for _, entry in path), blocks
+
+
+def _forward(scan: Scan, mask: Array, first: int, count: int) -> tuple[float, list[tuple[Scan, int]]]:
+    """Forward selection from a first candidate on: the score of all, and each one's entry with the scan before it."""
+    path: list[tuple[Scan, int]] = []
+    total, free = 0.0, mask.copy()
+    for k in range(count):
+        found = evidence(scan)
+        score = np.where(free, found.score, -np.inf)
+        best = int(np.argmax(score)) if k else first
+        if not np.isfinite(score[best]):
+            break
+        path.append((scan, int(found.best_entry[best])))
+        total, free[best] = total + float(score[best]), False
+        if k + 1 < count:
+            scan = extend(scan, (path[-1][1],))
+    return total, path
 
 
 def _predict(problem: Problem, noise: Noise, train: Index, test: Index, blocks: Sequence[Array]) -> Array:
