@@ -82,6 +82,18 @@ def test_a_single_effect_is_not_named_where_two_others_account_for_the_data_as_w
     assert {"one", "other"} in sets.values()
 
 
+def test_folds_select_two_effects_where_a_single_one_passes_for_both() -> None:
+    """The one that explains most by itself is neither of them: with either of them it explains less than the two."""
+    bare = arm(30).problem
+    a, b, c = (scaled(bare, law, 1.0) for law in (of_sign(bare, 0), of_branch(bare, 1), of_branch(bare, 2)))
+    candidates = (lawful("both", a + b + 0.5 * c), lawful("one", a), lawful("other", b))
+    found = examine(measured(bare, 14.0 * (a + b)), candidates, replace(QUICK, held_out=True))
+    assert found.candidates[0].effect == "both"
+    assert {e.effect for e in found.effects if e.set_number == 0} == {"one", "other"}
+    assert found.held_out is not None
+    assert found.held_out.again > 0.8
+
+
 @pytest.mark.parametrize("seed", range(5))
 def test_two_effects_that_hide_each_other_are_seen_together(seed: int) -> None:
     """As a payload and the zero of the sensor that weighs it: their difference is a hundredth of what each is."""
