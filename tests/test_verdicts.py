@@ -77,7 +77,7 @@ def test_a_member_that_no_law_may_replace_is_told_where_the_rest_may_have_no_nam
     bank = SimpleNamespace(candidates=[SimpleNamespace(expected=False), SimpleNamespace(expected=expected)])
     both = judged(57.0, challenge[:1], challenge, bank)
     alone = SimpleNamespace(members=(1,), p_members=(0.0,))
-    monkeypatch.setattr(verdict, "_together", lambda shop, members: Proposal(tuple(members), (1,), 40.0))
+    monkeypatch.setattr(verdict, "together", lambda shop, members: Proposal(tuple(members), (1,), 40.0))
     monkeypatch.setattr(verdict, "judge", lambda shop, proposal: alone if proposal.members == (1,) else None)
     found = concluded(both)
     sure = ("named_insufficient", Why.SURE, (alone,), (verdict.PARTLY,))
