@@ -97,6 +97,7 @@ def test_a_sigma_that_counts_the_reading_without_load_is_right(stated: float, wr
     assert found.verdict == "nothing_missing"
     assert found.last.noise.misstated == wrong
     assert any("times the stated sigma" in r for r in found.remarks) == wrong
+    assert ("times the stated sigma" in words.sentence(found)) == (stated == 1.4e-5)
     told = " ".join(words.noise_lines(found))
     assert ("if the stated one counts the reading without load" in told) == (stated == 2.83e-5)
 

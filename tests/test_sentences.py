@@ -142,3 +142,4 @@ def test_laws_of_loads_are_told_in_words_where_they_have_some() -> None:
     assert law_at("gain*load", "force sensor axis 3") == (
         "a gain error that grows with the load (force sensor axis 3)"
     )
+    assert law_at("order", "measurement axis 1") == "a term in the order of the rows (measurement axis 1)"

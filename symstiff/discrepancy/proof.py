@@ -11,7 +11,7 @@ from symstiff.arrays import TINY, Array, Index
 from symstiff.discrepancy.bank import Bank
 from symstiff.discrepancy.between import moved
 from symstiff.discrepancy.blocks import Roots
-from symstiff.discrepancy.evidence import evidence
+from symstiff.discrepancy.evidence import Evidence, evidence
 from symstiff.discrepancy.noise import Noise
 from symstiff.discrepancy.problem import Options, Problem
 from symstiff.discrepancy.scan import RANK, Scan, extend, open_scan
@@ -156,11 +156,11 @@ def _select(
     part = replace(bank, columns=bank.columns[rows])
     scan = open_scan(part, _rows(noise, rows), problem.y[rows], problem.A[rows])
     mask = np.array(allowed, dtype=bool)[: len(bank.candidates)]
-    score = np.where(mask, evidence(scan).score, -np.inf)
-    starts = [int(k) for k in np.argsort(score)[::-1][: _STARTS if count > 1 else 1] if np.isfinite(score[k])]
-    _, path = max(
-        (_forward(scan, mask, first, count) for first in starts), key=lambda f: f[0], default=(0, [])
-    )
+    found = evidence(scan)
+    score = np.where(mask, found.score, -np.inf)
+    firsts = [int(k) for k in np.argsort(score)[::-1][: _STARTS if count > 1 else 1] if np.isfinite(score[k])]
+    paths = (_forward(scan, found, first, mask, count) for first in firsts)
+    path = max(paths, key=lambda p: p[0], default=(0.0, []))[1]
     blocks = []
     for before, entry in path:
         shape, candidate = moved(before, (), entry, rows), bank.candidates[int(bank.owner[entry])]
@@ -168,21 +168,23 @@ def _select(
     return tuple(bank.candidates[int(bank.owner[entry])].key for _, entry in path), blocks
 
 
-def _forward(scan: Scan, mask: Array, first: int, count: int) -> tuple[float, list[tuple[Scan, int]]]:
+def _forward(
+    scan: Scan, found: Evidence, first: int, mask: Array, count: int
+) -> tuple[float, list[tuple[Scan, int]]]:
     """Forward selection from a first candidate on: the score of all, and each one's entry with the scan before it."""
     path: list[tuple[Scan, int]] = []
-    total, free = 0.0, mask.copy()
-    for k in range(count):
+    total, best, free = 0.0, first, mask.copy()
+    while True:
+        path.append((scan, int(found.best_entry[best])))
+        total, free[best] = total + float(found.score[best]), False
+        if len(path) == count:
+            return total, path
+        scan = extend(scan, (path[-1][1],))
         found = evidence(scan)
         score = np.where(free, found.score, -np.inf)
-        best = int(np.argmax(score)) if k else first
+        best = int(np.argmax(score))
         if not np.isfinite(score[best]):
-            break
-        path.append((scan, int(found.best_entry[best])))
-        total, free[best] = total + float(score[best]), False
-        if k + 1 < count:
-            scan = extend(scan, (path[-1][1],))
-    return total, path
+            return total, path
 
 
 def _predict(problem: Problem, noise: Noise, train: Index, test: Index, blocks: Sequence[Array]) -> Array:

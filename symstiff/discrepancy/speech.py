@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from symstiff.discrepancy.laws import READING
+
 _DEVICE = {
     "gain": "a gain error",
     "gain*load": "a gain error that grows with the load",
@@ -29,7 +31,7 @@ def law_place(accused: str) -> str:
 
 def law_words(name: str, place: str) -> str:
     """A law of a device at its place in words; ``^1`` is left unsaid."""
-    if place.startswith("measurement axis"):
+    if place.startswith(READING):
         return f"a term in {name.replace('order', 'the order of the rows')}"
     article = "an" if name[0] in "aeo" else "a"
     return _DEVICE.get(name, f"{article} {name.removesuffix('^1')}")

@@ -147,7 +147,7 @@ def decide(
 
 
 def _p_two(shop: Workshop, beyond: Beyond) -> float:
-    """P-value of two effects that hide each other; one where they are no more believable than nothing, or unlikely."""
+    """P-value of two effects that hide each other; 1 unless it is small and they are more believable than nothing."""
     score = of_two(shop, beyond)
     p = shop.null((), ()).p_two(score) if score > 0 else 1.0
     return p if p < shop.options.alpha_pair else 1.0
