@@ -26,7 +26,7 @@ if TYPE_CHECKING:
     from symstiff.codegen.generate import generate
     from symstiff.codegen.options import Options
     from symstiff.compensation import compensate
-    from symstiff.discrepancy.finding import Task
+    from symstiff.discrepancy.findings.finding import Task
     from symstiff.discrepancy.workflow import diagnose
     from symstiff.errors import UserError
     from symstiff.model import StiffnessModel, load_model
@@ -72,7 +72,7 @@ _HOME = {
     "Load": "symstiff.calibration.plan",
     "Options": "symstiff.codegen.options",
     "StiffnessModel": "symstiff.model",
-    "Task": "symstiff.discrepancy.finding",
+    "Task": "symstiff.discrepancy.findings.finding",
     "UserError": "symstiff.errors",
     "compensate": "symstiff.compensation",
     "diagnose": "symstiff.discrepancy.workflow",

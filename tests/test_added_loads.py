@@ -9,8 +9,8 @@ import pytest
 
 from symstiff.calibration.measurements import Measurements, measurements
 from symstiff.discrepancy import workflow
-from symstiff.discrepancy.finding import Finding, Task
-from symstiff.discrepancy.growth import fit, grow
+from symstiff.discrepancy.bridge.growth import fit, grow
+from symstiff.discrepancy.findings.finding import Finding, Task
 from symstiff.discrepancy.workflow import diagnose
 from symstiff.effects.instance import EffectInstance
 from symstiff.model import StiffnessModel

@@ -11,7 +11,7 @@ from symstiff.calibration.identify import identify
 from symstiff.calibration.measurements import Measurements, measurements
 from symstiff.calibration.simulation import Truth, clean_response, nominal_truth
 from symstiff.calibration.simulation.truth import Effect
-from symstiff.discrepancy.finding import Task
+from symstiff.discrepancy.findings.finding import Task
 from symstiff.discrepancy.workflow import diagnose
 from symstiff.robot import Robot, load
 from symstiff.symbolic.chain import ElasticChain

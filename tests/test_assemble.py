@@ -20,9 +20,9 @@ from symstiff.calibration.simulation import (
     nominal_truth,
     simulate,
 )
-from symstiff.discrepancy.assemble import Assembly, assemble
+from symstiff.discrepancy.bridge.assemble import Assembly, assemble
 from symstiff.discrepancy.problem import Candidate
-from symstiff.discrepancy.scan import column_space
+from symstiff.discrepancy.statistics.scan import column_space
 from symstiff.effects import EffectInstance, catalogue
 from symstiff.errors import UserError
 from symstiff.model import StiffnessModel, joints_only

@@ -7,9 +7,9 @@ from collections.abc import Sequence
 import pytest
 
 from symstiff.discrepancy import conclusion
-from symstiff.discrepancy.finding import Task
-from symstiff.discrepancy.ranges import Extent
-from symstiff.discrepancy.result import Found
+from symstiff.discrepancy.bridge.ranges import Extent
+from symstiff.discrepancy.findings.finding import Task
+from symstiff.discrepancy.findings.result import Found
 from symstiff.discrepancy.workflow import diagnose
 from symstiff.robot import load
 from symstiff.robot.schema import Robot

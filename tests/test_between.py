@@ -12,12 +12,12 @@ from hypothesis import strategies as st
 from symstiff.arrays import Array
 from symstiff.calibration.measurements import Measurements, measurements
 from symstiff.calibration.simulation import Effect, Truth, clean_response, nominal_truth
-from symstiff.discrepancy import proof
-from symstiff.discrepancy.between import between, with_shapes
 from symstiff.discrepancy.examine import examine
-from symstiff.discrepancy.finding import Task
-from symstiff.discrepancy.prepare import prepare
+from symstiff.discrepancy.findings.finding import Task
 from symstiff.discrepancy.problem import Candidate, Options, Parameter, Problem, Shape
+from symstiff.discrepancy.search import proof
+from symstiff.discrepancy.statistics.between import between, with_shapes
+from symstiff.discrepancy.statistics.prepare import prepare
 from symstiff.discrepancy.workflow import diagnose
 from symstiff.effects.base import Move, Scales
 from symstiff.effects.registry import catalogue

@@ -11,7 +11,7 @@ import pytest
 
 from symstiff.calibration.simulation import Effect, Noise, Truth, clean_response, simulate
 from symstiff.calibration.table import read_table, write_table
-from symstiff.discrepancy.assemble import assemble
+from symstiff.discrepancy.bridge.assemble import assemble
 from symstiff.errors import UserError
 from symstiff.robot import load
 from tests.blind import __main__ as command

@@ -10,10 +10,10 @@ import pytest
 
 from symstiff.calibration.simulation.truth import Effect
 from symstiff.discrepancy.climb import Wider, frames_of, links_leave_less
-from symstiff.discrepancy.finding import Task
-from symstiff.discrepancy.localise import FittedDevice
+from symstiff.discrepancy.findings.finding import Task
+from symstiff.discrepancy.findings.result import Diagnosis, Name, Quantity, Rms
 from symstiff.discrepancy.reasons import Why
-from symstiff.discrepancy.result import Diagnosis, Name, Quantity, Rms
+from symstiff.discrepancy.search.localise import FittedDevice
 from symstiff.discrepancy.workflow import diagnose
 from symstiff.model import joints_only
 from symstiff.report.folder import write_report

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from symstiff.calibration.simulation import Effect, Truth, nominal_truth
-from symstiff.discrepancy.finding import Finding, Task
+from symstiff.discrepancy.findings.finding import Finding, Task
 from symstiff.discrepancy.workflow import diagnose
 from symstiff.effects.base import Scales
 from symstiff.effects.instance import EffectInstance

@@ -9,11 +9,11 @@ from typing import Any, cast
 import numpy as np
 import pytest
 
-from symstiff.discrepancy.prepare import prepare
 from symstiff.discrepancy.problem import Options
-from symstiff.discrepancy.rivals import Rival, Rivals
-from symstiff.discrepancy.verdict import _named, _nearly, decide
-from symstiff.discrepancy.workshop import Proposal
+from symstiff.discrepancy.search.rivals import Rival, Rivals
+from symstiff.discrepancy.search.verdict import _named, _nearly, decide
+from symstiff.discrepancy.search.workshop import Proposal
+from symstiff.discrepancy.statistics.prepare import prepare
 from tests.test_discrepancy_engine import QUICK, arm, measured, saturating, scaled
 
 

@@ -10,11 +10,11 @@ import pytest
 from symstiff.calibration.experiment.readings import experiment_of
 from symstiff.calibration.identify import start_model
 from symstiff.calibration.measurements import Measurements
-from symstiff.discrepancy.constancy import inconstancies
-from symstiff.discrepancy.evidence import evidence
-from symstiff.discrepancy.finding import Task
-from symstiff.discrepancy.prepare import prepare
-from symstiff.discrepancy.result import Inconstancy
+from symstiff.discrepancy.findings.constancy import inconstancies
+from symstiff.discrepancy.findings.finding import Task
+from symstiff.discrepancy.findings.result import Inconstancy
+from symstiff.discrepancy.statistics.evidence import evidence
+from symstiff.discrepancy.statistics.prepare import prepare
 from symstiff.discrepancy.workflow import diagnose, first_assembly
 from symstiff.report.verdict import verdict_table
 from symstiff.robot import load

@@ -9,7 +9,7 @@ import pytest
 
 from symstiff.calibration.experiment.situation import look
 from symstiff.calibration.measurements import Measurements
-from symstiff.discrepancy.assemble import Assembly
+from symstiff.discrepancy.bridge.assemble import Assembly
 from symstiff.discrepancy.problem import DeviceLaw
 from symstiff.robot import load
 from tests.test_assemble import assemble, complete, design, measured, readings, truth_of

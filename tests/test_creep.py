@@ -9,7 +9,7 @@ import pytest
 
 from symstiff.calibration.measurements import Measurements, measurements
 from symstiff.calibration.simulation import Truth, clean_response, nominal_truth
-from symstiff.discrepancy.finding import Task
+from symstiff.discrepancy.findings.finding import Task
 from symstiff.discrepancy.workflow import diagnose
 from symstiff.report.words import sentence
 from symstiff.robot import load

@@ -11,8 +11,7 @@ import pytest
 from symstiff.calibration.experiment.situation import look
 from symstiff.calibration.measurements import Measurements, concatenate
 from symstiff.calibration.planning import Box, Region
-from symstiff.discrepancy.candidates import scales_of
-from symstiff.discrepancy.deciding import (
+from symstiff.discrepancy.apart.deciding import (
     Choice,
     Rival,
     Setup,
@@ -22,6 +21,7 @@ from symstiff.discrepancy.deciding import (
     names_of,
     setups_like,
 )
+from symstiff.discrepancy.bridge.candidates import scales_of
 from symstiff.effects.instance import EffectInstance
 from symstiff.effects.registry import find
 from symstiff.model import StiffnessModel, joints_only

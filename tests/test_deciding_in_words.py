@@ -8,7 +8,7 @@ from html import unescape
 import pytest
 
 from symstiff.cli.diagnose import _more
-from symstiff.discrepancy.finding import Finding, Task
+from symstiff.discrepancy.findings.finding import Finding, Task
 from symstiff.discrepancy.workflow import diagnose
 from symstiff.report.html import render
 from symstiff.report.words import sentence

@@ -16,11 +16,11 @@ import pytest
 from symstiff.calibration.measurements import Measurements
 from symstiff.calibration.table import read_poses, read_table
 from symstiff.codegen.compiler import find_compiler
-from symstiff.discrepancy.finding import Task
+from symstiff.discrepancy.findings.finding import Task
+from symstiff.discrepancy.findings.remarks import remarked
+from symstiff.discrepancy.findings.result import Name
+from symstiff.discrepancy.findings.used import MOST_POSES, thinned
 from symstiff.discrepancy.reasons import Why
-from symstiff.discrepancy.remarks import remarked
-from symstiff.discrepancy.result import Name
-from symstiff.discrepancy.used import MOST_POSES, thinned
 from symstiff.discrepancy.workflow import diagnose
 from symstiff.model import load_model
 from symstiff.report import words

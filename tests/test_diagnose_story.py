@@ -14,7 +14,7 @@ from symstiff.calibration.seed_tables import FORCE, LEVELS, MARKERS, REACH, ROBO
 from symstiff.calibration.simulation.experiment import simulate
 from symstiff.calibration.simulation.truth import Noise
 from symstiff.discrepancy.climb import that_has
-from symstiff.discrepancy.finding import Finding, Task
+from symstiff.discrepancy.findings.finding import Finding, Task
 from symstiff.discrepancy.workflow import diagnose
 from symstiff.model import StiffnessModel
 from symstiff.reduction import reduce

@@ -6,11 +6,11 @@ import numpy as np
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from symstiff.discrepancy.design import confusability, detectable_noncentrality
-from symstiff.discrepancy.evidence import evidence
-from symstiff.discrepancy.null import tail
-from symstiff.discrepancy.prepare import prepare
-from symstiff.discrepancy.separation import Hypotheses, deciding_poses
+from symstiff.discrepancy.apart.separation import Hypotheses, deciding_poses
+from symstiff.discrepancy.statistics.design import confusability, detectable_noncentrality
+from symstiff.discrepancy.statistics.evidence import evidence
+from symstiff.discrepancy.statistics.null import tail
+from symstiff.discrepancy.statistics.prepare import prepare
 from tests.test_discrepancy_engine import arm, measured, saturating, scaled
 
 

@@ -8,14 +8,14 @@ import numpy as np
 import pytest
 
 from symstiff.arrays import Array
-from symstiff.discrepancy.design import share_left
-from symstiff.discrepancy.evidence import evidence
 from symstiff.discrepancy.examine import examine
-from symstiff.discrepancy.noise import Noise
-from symstiff.discrepancy.prepare import prepare
+from symstiff.discrepancy.noise.scales import Noise
+from symstiff.discrepancy.noise.sharing import AXES, JOINTS, Sharing
 from symstiff.discrepancy.problem import Candidate, Options, Parameter, Problem
-from symstiff.discrepancy.scan import explained, open_scan
-from symstiff.discrepancy.sharing import AXES, JOINTS, Sharing
+from symstiff.discrepancy.statistics.design import share_left
+from symstiff.discrepancy.statistics.evidence import evidence
+from symstiff.discrepancy.statistics.prepare import prepare
+from symstiff.discrepancy.statistics.scan import explained, open_scan
 from symstiff.errors import UserError
 from tests.blind import baselines
 

@@ -7,12 +7,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from symstiff.discrepancy.evidence import evidence
 from symstiff.discrepancy.examine import examine
-from symstiff.discrepancy.prepare import noise_told_anew, prepare
 from symstiff.discrepancy.problem import Candidate, Options, Parameter, Problem
-from symstiff.discrepancy.scan import extend, likeliest
-from symstiff.discrepancy.strata import strata
+from symstiff.discrepancy.statistics.evidence import evidence
+from symstiff.discrepancy.statistics.prepare import noise_told_anew, prepare
+from symstiff.discrepancy.statistics.scan import extend, likeliest
+from symstiff.discrepancy.statistics.strata import strata
 from tests.test_discrepancy_engine import QUICK, SIGMA, arm, catalogue, measured, saturating, scaled
 
 

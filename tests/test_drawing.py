@@ -10,8 +10,8 @@ import pytest
 from symstiff.calibration.experiment.situation import Laws, Situation, look
 from symstiff.calibration.measurements import Measurements, measurements
 from symstiff.calibration.simulation import Truth, clean_response, nominal_truth
-from symstiff.discrepancy.drawing import drawing_laws
-from symstiff.discrepancy.finding import Task
+from symstiff.discrepancy.findings.finding import Task
+from symstiff.discrepancy.laws.drawing import drawing_laws
 from symstiff.discrepancy.workflow import diagnose
 from symstiff.reduction.physical import original, terms_of
 from symstiff.robot import from_table, load

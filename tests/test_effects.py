@@ -15,7 +15,7 @@ import sympy as sp
 from symstiff.calibration.simulation.chain import chain_of, joint_index
 from symstiff.calibration.simulation.chain import posture as posture_of
 from symstiff.calibration.simulation.equilibrium import Mechanism, States, Weight, loads
-from symstiff.discrepancy.distinguish import distinction
+from symstiff.discrepancy.apart.distinguish import distinction
 from symstiff.effects import EffectInstance, catalogue
 from symstiff.effects.arm import weight_load
 from symstiff.effects.base import Effect, Scales

@@ -9,9 +9,9 @@ import pytest
 
 from symstiff.arrays import Array
 from symstiff.discrepancy.examine import examine
-from symstiff.discrepancy.prepare import prepare
+from symstiff.discrepancy.noise.sharing import EACH, JOINTS, LEARNED, sizes
 from symstiff.discrepancy.problem import Candidate, Parameter, Problem
-from symstiff.discrepancy.sharing import EACH, JOINTS, LEARNED, sizes
+from symstiff.discrepancy.statistics.prepare import prepare
 from tests.test_discrepancy_engine import QUICK, SIGMA, arm, measured
 
 

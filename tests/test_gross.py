@@ -10,8 +10,8 @@ import pytest
 
 from symstiff.calibration.measurements import Measurements
 from symstiff.calibration.table import read_table
-from symstiff.discrepancy.finding import Finding, Task
-from symstiff.discrepancy.gross import gross, in_usual
+from symstiff.discrepancy.findings.finding import Finding, Task
+from symstiff.discrepancy.findings.gross import gross, in_usual
 from symstiff.discrepancy.workflow import diagnose
 from symstiff.robot import load
 from tests.diagnosis_data import HARDENING, ROBOT, measured, saved

@@ -13,8 +13,8 @@ from symstiff.calibration.measurements import Measurements
 from symstiff.calibration.poses import with_markers
 from symstiff.calibration.redundant import redundant
 from symstiff.calibration.rows import predict
-from symstiff.discrepancy.distinguish import distinction
-from symstiff.discrepancy.finding import Task
+from symstiff.discrepancy.apart.distinguish import distinction
+from symstiff.discrepancy.findings.finding import Task
 from symstiff.discrepancy.workflow import diagnose
 from symstiff.effects import EffectInstance
 from symstiff.errors import UserError

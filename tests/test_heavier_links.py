@@ -7,8 +7,8 @@ import pytest
 
 from symstiff.calibration.measurements import Measurements, measurements
 from symstiff.calibration.simulation import Effect, Noise, Truth, nominal_truth, simulate
-from symstiff.discrepancy.assemble import assemble
-from symstiff.discrepancy.finding import Task
+from symstiff.discrepancy.bridge.assemble import assemble
+from symstiff.discrepancy.findings.finding import Task
 from symstiff.discrepancy.workflow import diagnose
 from symstiff.effects.registry import find
 from symstiff.model import joints_only

@@ -11,7 +11,7 @@ import sympy as sp
 from definition import observation, samples
 from numerics import assert_couplings_hold, columns, rank, raw_columns, scaled
 
-from symstiff.discrepancy.distinguish import distinction
+from symstiff.discrepancy.apart.distinguish import distinction
 from symstiff.model import StiffnessModel
 from symstiff.reduction import reduce
 from symstiff.reduction.circle import Circle, order_for, prime_with_roots, primes

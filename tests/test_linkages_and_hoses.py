@@ -9,8 +9,8 @@ import pytest
 
 from symstiff.calibration.experiment.situation import look
 from symstiff.calibration.measurements import Measurements
-from symstiff.discrepancy.finding import Finding, Task
-from symstiff.discrepancy.localise import FittedLaw
+from symstiff.discrepancy.findings.finding import Finding, Task
+from symstiff.discrepancy.search.localise import FittedLaw
 from symstiff.discrepancy.workflow import diagnose
 from symstiff.report.words import sentence
 from symstiff.robot import load

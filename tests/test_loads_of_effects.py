@@ -7,8 +7,8 @@ import pytest
 
 from symstiff.calibration.measurements import Measurements, measurements
 from symstiff.calibration.simulation import Effect, Noise, Truth, nominal_truth, simulate
-from symstiff.discrepancy.finding import Task
-from symstiff.discrepancy.scan import column_space
+from symstiff.discrepancy.findings.finding import Task
+from symstiff.discrepancy.statistics.scan import column_space
 from symstiff.discrepancy.workflow import diagnose, first_assembly
 from symstiff.model import StiffnessModel
 from symstiff.reduction.reduce import reduce

@@ -10,7 +10,7 @@ from dataclasses import replace
 import numpy as np
 
 from symstiff.calibration.measurements import Measurements
-from symstiff.discrepancy.finding import Finding, Task
+from symstiff.discrepancy.findings.finding import Finding, Task
 from symstiff.discrepancy.workflow import diagnose
 from symstiff.report.words import sentence
 from symstiff.robot import load

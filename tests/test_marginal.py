@@ -13,17 +13,17 @@ from hypothesis import strategies as st
 from symstiff.arrays import Array
 from symstiff.calibration.measurements import measurements
 from symstiff.calibration.simulation import Effect, Truth, clean_response, nominal_truth
-from symstiff.discrepancy.assemble import Assembly, assemble
-from symstiff.discrepancy.bank import build
-from symstiff.discrepancy.design import effective_rank
-from symstiff.discrepancy.evidence import evidence
-from symstiff.discrepancy.laws import unnamed_laws
-from symstiff.discrepancy.marginal import EXPECTED, log_bayes, of_ranks, of_sizes
-from symstiff.discrepancy.noise import start
-from symstiff.discrepancy.null import null, simulated_scores
+from symstiff.discrepancy.bridge.assemble import Assembly, assemble
+from symstiff.discrepancy.laws.unnamed import unnamed_laws
+from symstiff.discrepancy.noise.scales import start
+from symstiff.discrepancy.noise.sharing import Split
 from symstiff.discrepancy.problem import Candidate, Parameter
-from symstiff.discrepancy.scan import column_space, extend, open_scan
-from symstiff.discrepancy.sharing import Split
+from symstiff.discrepancy.statistics.bank import build
+from symstiff.discrepancy.statistics.design import effective_rank
+from symstiff.discrepancy.statistics.evidence import evidence
+from symstiff.discrepancy.statistics.marginal import EXPECTED, log_bayes, of_ranks, of_sizes
+from symstiff.discrepancy.statistics.null import null, simulated_scores
+from symstiff.discrepancy.statistics.scan import column_space, extend, open_scan
 from symstiff.effects.registry import find
 from symstiff.model import StiffnessModel
 from symstiff.reduction.reduce import reduce

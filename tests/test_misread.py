@@ -13,7 +13,7 @@ from symstiff.calibration.identify import identify
 from symstiff.calibration.measurements import Measurements
 from symstiff.calibration.simulation import Noise, Truth, nominal_truth, simulate
 from symstiff.calibration.slips import Reading, joint_hint, marker_hint
-from symstiff.discrepancy.finding import Finding, Task
+from symstiff.discrepancy.findings.finding import Finding, Task
 from symstiff.discrepancy.workflow import diagnose
 from symstiff.report.words import headline, sentence
 from symstiff.robot import load

@@ -18,7 +18,7 @@ from symstiff.calibration.kept import seen_in
 from symstiff.calibration.measurements import measurements
 from symstiff.calibration.rows import equations, stated_sigma
 from symstiff.calibration.writing import write_table
-from symstiff.discrepancy.finding import Task
+from symstiff.discrepancy.findings.finding import Task
 from symstiff.discrepancy.workflow import diagnose
 from symstiff.effects.base import Scales
 from symstiff.effects.instance import EffectInstance

@@ -11,8 +11,8 @@ import pytest
 
 from symstiff.codegen.compiler import find_compiler
 from symstiff.codegen.generate import generate
-from symstiff.discrepancy.finding import Task
-from symstiff.discrepancy.laws import laws_at
+from symstiff.discrepancy.findings.finding import Task
+from symstiff.discrepancy.laws.unnamed import laws_at
 from symstiff.discrepancy.workflow import diagnose
 from symstiff.effects import EffectInstance
 from symstiff.model import joints_only

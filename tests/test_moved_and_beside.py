@@ -11,11 +11,11 @@ from symstiff.arrays import Array
 from symstiff.calibration.measurements import Measurements
 from symstiff.calibration.simulation.experiment import simulate
 from symstiff.calibration.simulation.truth import truth_from_table
-from symstiff.discrepancy.finding import Finding, Task
-from symstiff.discrepancy.noise import start
-from symstiff.discrepancy.prepare import prepare
-from symstiff.discrepancy.proof import _predict
-from symstiff.discrepancy.sharing import Split
+from symstiff.discrepancy.findings.finding import Finding, Task
+from symstiff.discrepancy.noise.scales import start
+from symstiff.discrepancy.noise.sharing import Split
+from symstiff.discrepancy.search.proof import _predict
+from symstiff.discrepancy.statistics.prepare import prepare
 from symstiff.discrepancy.workflow import diagnose
 from symstiff.report import words
 from symstiff.robot import load

@@ -9,9 +9,9 @@ import pytest
 
 from symstiff.calibration.identify import identify
 from symstiff.calibration.measurements import Measurements
-from symstiff.discrepancy.finding import Task
-from symstiff.discrepancy.remarks import _of_approach
-from symstiff.discrepancy.sharing import AXES, JOINTS
+from symstiff.discrepancy.findings.finding import Task
+from symstiff.discrepancy.findings.remarks import _of_approach
+from symstiff.discrepancy.noise.sharing import AXES, JOINTS
 from symstiff.discrepancy.workflow import diagnose
 from symstiff.report import words
 from symstiff.robot import load

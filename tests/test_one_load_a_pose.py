@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from symstiff.discrepancy.finding import Task
+from symstiff.discrepancy.findings.finding import Task
 from symstiff.discrepancy.workflow import diagnose
 from symstiff.robot import load
 from tests.diagnosis_data import HARDENING, ROBOT, measured

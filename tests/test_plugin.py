@@ -20,8 +20,8 @@ import symstiff
 from symstiff.calibration.identify import identify
 from symstiff.calibration.table import read_table
 from symstiff.codegen.compiler import find_compiler
-from symstiff.discrepancy.distinguish import distinction
-from symstiff.discrepancy.finding import Task
+from symstiff.discrepancy.apart.distinguish import distinction
+from symstiff.discrepancy.findings.finding import Task
 from symstiff.discrepancy.workflow import diagnose
 from symstiff.effects import EffectInstance, catalogue
 from symstiff.errors import UserError

@@ -7,8 +7,8 @@ import pytest
 
 from symstiff.calibration.experiment.situation import Laws, Situation, look
 from symstiff.calibration.simulation import Effect, Truth, clean_response
-from symstiff.discrepancy.finding import Task
-from symstiff.discrepancy.posture import posture_laws
+from symstiff.discrepancy.findings.finding import Task
+from symstiff.discrepancy.laws.posture import posture_laws
 from symstiff.discrepancy.problem import DeviceLaw
 from symstiff.discrepancy.workflow import diagnose
 from symstiff.report.words import sentence

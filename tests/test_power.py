@@ -9,12 +9,12 @@ import pytest
 
 from symstiff.calibration.experiment.situation import look
 from symstiff.calibration.measurements import measurements
-from symstiff.discrepancy.candidates import scales_of
-from symstiff.discrepancy.evidence import evidence
-from symstiff.discrepancy.finding import Task
-from symstiff.discrepancy.null import critical, null, simulated_scores
-from symstiff.discrepancy.power import visible
-from symstiff.discrepancy.prepare import prepare
+from symstiff.discrepancy.bridge.candidates import scales_of
+from symstiff.discrepancy.findings.finding import Task
+from symstiff.discrepancy.statistics.evidence import evidence
+from symstiff.discrepancy.statistics.null import critical, null, simulated_scores
+from symstiff.discrepancy.statistics.power import visible
+from symstiff.discrepancy.statistics.prepare import prepare
 from symstiff.discrepancy.workflow import diagnose
 from symstiff.robot import load
 from symstiff.symbolic.terms import actuated_joint

@@ -17,10 +17,10 @@ from symstiff.calibration.identify import identify
 from symstiff.calibration.measurements import Measurements, measurements
 from symstiff.calibration.rows import predict
 from symstiff.cli.diagnose import _print
-from symstiff.discrepancy.finding import Finding, Task
-from symstiff.discrepancy.ranges import Extent, at_size, extent_of
-from symstiff.discrepancy.remarks import remarked
-from symstiff.discrepancy.result import Quantity
+from symstiff.discrepancy.bridge.ranges import Extent, at_size, extent_of
+from symstiff.discrepancy.findings.finding import Finding, Task
+from symstiff.discrepancy.findings.remarks import remarked
+from symstiff.discrepancy.findings.result import Quantity
 from symstiff.discrepancy.workflow import diagnose
 from symstiff.effects.base import Scales
 from symstiff.effects.registry import catalogue

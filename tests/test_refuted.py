@@ -6,13 +6,13 @@ import numpy as np
 import pytest
 
 from symstiff.discrepancy import examine as engine
-from symstiff.discrepancy.bank import build
-from symstiff.discrepancy.localise import _validated
-from symstiff.discrepancy.noise import start
-from symstiff.discrepancy.proof import HeldOut
-from symstiff.discrepancy.result import Rms
-from symstiff.discrepancy.scan import open_scan
-from symstiff.discrepancy.sharing import Split
+from symstiff.discrepancy.findings.result import Rms
+from symstiff.discrepancy.noise.scales import start
+from symstiff.discrepancy.noise.sharing import Split
+from symstiff.discrepancy.search.localise import _validated
+from symstiff.discrepancy.search.proof import HeldOut
+from symstiff.discrepancy.statistics.bank import build
+from symstiff.discrepancy.statistics.scan import open_scan
 from symstiff.report import words
 from tests.diagnosis_data import HARDENING, measured
 from tests.test_unnamed import _diagnosed, hardening

@@ -6,10 +6,10 @@ from dataclasses import replace
 
 import pytest
 
-from symstiff.discrepancy.finding import Finding, Task
-from symstiff.discrepancy.out_of_range import astray, out_of_range
-from symstiff.discrepancy.remarks import remarked
-from symstiff.discrepancy.result import Diagnosis, Found, Quantity
+from symstiff.discrepancy.findings.finding import Finding, Task
+from symstiff.discrepancy.findings.out_of_range import astray, out_of_range
+from symstiff.discrepancy.findings.remarks import remarked
+from symstiff.discrepancy.findings.result import Diagnosis, Found, Quantity
 from symstiff.discrepancy.workflow import diagnose
 from symstiff.effects.instance import EffectInstance
 from symstiff.robot import load

@@ -12,8 +12,8 @@ import pytest
 from symstiff.calibration.measurements import concatenate, measurements
 from symstiff.calibration.simulation.experiment import simulate
 from symstiff.calibration.simulation.truth import truth_from_table
-from symstiff.discrepancy.finding import Finding, Task
-from symstiff.discrepancy.remarks import _of_approach, _of_succession
+from symstiff.discrepancy.findings.finding import Finding, Task
+from symstiff.discrepancy.findings.remarks import _of_approach, _of_succession
 from symstiff.discrepancy.workflow import diagnose
 from symstiff.errors import UserError
 from symstiff.model import StiffnessModel, load_model

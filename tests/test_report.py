@@ -13,9 +13,9 @@ import pytest
 import sympy as sp
 
 from symstiff.calibration.table import read_poses
-from symstiff.discrepancy.finding import Finding, Task
+from symstiff.discrepancy.findings.finding import Finding, Task
+from symstiff.discrepancy.findings.result import Found, Name, Quantity, RivalLaw
 from symstiff.discrepancy.reasons import Reason, Why
-from symstiff.discrepancy.result import Found, Name, Quantity, RivalLaw
 from symstiff.discrepancy.workflow import diagnose
 from symstiff.effects import EffectInstance
 from symstiff.report.code import _abridged, core, difference, formulas

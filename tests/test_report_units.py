@@ -7,8 +7,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from symstiff.discrepancy.finding import Finding, Task
-from symstiff.discrepancy.result import Rms
+from symstiff.discrepancy.findings.finding import Finding, Task
+from symstiff.discrepancy.findings.result import Rms
 from symstiff.discrepancy.workflow import diagnose
 from symstiff.report import naming, words
 from symstiff.report.html import render

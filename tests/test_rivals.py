@@ -9,10 +9,10 @@ from typing import cast
 import numpy as np
 import pytest
 
-from symstiff.discrepancy import rivals
-from symstiff.discrepancy.finding import Task
+from symstiff.discrepancy.findings.finding import Task
+from symstiff.discrepancy.search import rivals
+from symstiff.discrepancy.search.workshop import Proposal, Workshop
 from symstiff.discrepancy.workflow import diagnose
-from symstiff.discrepancy.workshop import Proposal, Workshop
 from symstiff.robot import load
 from tests.diagnosis_data import ROBOT, measured
 

@@ -3,6 +3,8 @@
 import ast
 from pathlib import Path
 
+import pytest
+
 import symstiff
 
 PACKAGE = Path(symstiff.__file__).parent
@@ -11,6 +13,13 @@ ORDER = [
     {"effects"}, {"model", "model_file", "slopes"}, {"codegen"}, {"calibration", "compensation"},
     {"discrepancy"}, {"report"}, {"cli"},
 ]  # fmt: skip
+INSIDE = {
+    "discrepancy": [
+        {"problem", "reasons"}, {"noise"}, {"laws"}, {"statistics"}, {"search", "bridge"}, {"apart"}, {"findings"},
+        {"climb", "conclusion", "examine", "workflow"},
+    ],
+}  # fmt: skip
+"""The order within a room that has rooms of its own."""
 LEVEL = {room: k for k, rooms in enumerate(ORDER) for room in rooms} | {"__version__": 0}
 DOORS = {("model", "codegen.runtime")}
 """A model evaluates itself by its own compiled code."""
@@ -39,6 +48,25 @@ def test_nothing_imports_what_is_to_its_right() -> None:
             assert allowed, f"{'/'.join(place)} imports {module}"
 
 
+@pytest.mark.parametrize("room", INSIDE)
+def test_nothing_inside_a_room_imports_what_is_to_its_right(room: str) -> None:
+    order = {name: k for k, names in enumerate(INSIDE[room]) for name in names}
+    for path in (PACKAGE / room).rglob("*.py"):
+        place = path.relative_to(PACKAGE / room).with_suffix("").parts
+        own = (m.split(".") for m in _imports(path))
+        for module in (m for m in own if m[0] == room and place[0] != "__init__"):
+            assert order[module[1]] <= order[place[0]], f"{'/'.join(place)} imports {'.'.join(module)}"
+
+
+@pytest.mark.parametrize("room", INSIDE)
+def test_every_room_inside_a_room_has_its_place(room: str) -> None:
+    assert _names(PACKAGE / room) == set().union(*INSIDE[room])
+
+
 def test_every_room_has_its_place_in_the_order() -> None:
-    rooms = {p.name.removesuffix(".py") for p in PACKAGE.iterdir() if not p.name.startswith("_")}
-    assert rooms - {"py.typed"} == set().union(*ORDER)
+    assert _names(PACKAGE) - {"py.typed"} == set().union(*ORDER)
+
+
+def _names(folder: Path) -> set[str]:
+    """Modules and rooms of a folder."""
+    return {p.name.removesuffix(".py") for p in folder.iterdir() if not p.name.startswith("_")}

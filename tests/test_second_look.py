@@ -13,8 +13,8 @@ import pytest
 from symstiff.calibration.measurements import Measurements, measurements
 from symstiff.calibration.simulation import Effect, Noise, Truth, nominal_truth, simulate
 from symstiff.discrepancy import workflow
-from symstiff.discrepancy.finding import Finding, Task
-from symstiff.discrepancy.result import Diagnosis, Name
+from symstiff.discrepancy.findings.finding import Finding, Task
+from symstiff.discrepancy.findings.result import Diagnosis, Name
 from symstiff.discrepancy.workflow import diagnose
 from symstiff.robot import load
 

@@ -10,7 +10,7 @@ import pytest
 from symstiff.calibration.experiment.situation import look
 from symstiff.calibration.measurements import Measurements
 from symstiff.calibration.simulation import Truth
-from symstiff.discrepancy.finding import Task
+from symstiff.discrepancy.findings.finding import Task
 from symstiff.discrepancy.problem import DeviceLaw, Problem
 from symstiff.discrepancy.workflow import diagnose
 from symstiff.report.law_plots import draw_unnamed

@@ -13,10 +13,10 @@ from symstiff.calibration.rows import predict
 from symstiff.calibration.simulation.experiment import simulate
 from symstiff.calibration.simulation.truth import truth_from_table
 from symstiff.discrepancy.conclusion import _beyond_code
-from symstiff.discrepancy.finding import Finding, Task
-from symstiff.discrepancy.result import Instead, Name
-from symstiff.discrepancy.speech import law_at
-from symstiff.discrepancy.strata import Stratum
+from symstiff.discrepancy.findings.finding import Finding, Task
+from symstiff.discrepancy.findings.result import Instead, Name
+from symstiff.discrepancy.laws.speech import law_at
+from symstiff.discrepancy.statistics.strata import Stratum
 from symstiff.discrepancy.workflow import diagnose
 from symstiff.effects.instance import EffectInstance
 from symstiff.model import StiffnessModel

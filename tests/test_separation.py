@@ -14,8 +14,8 @@ from hypothesis import strategies as st
 
 from symstiff.calibration.table import write_table
 from symstiff.calibration.writing import LOADS
-from symstiff.discrepancy.separate import Wish, separate
-from symstiff.discrepancy.separation import Decider, Hypotheses, deciding_poses
+from symstiff.discrepancy.apart.separate import Wish, separate
+from symstiff.discrepancy.apart.separation import Decider, Hypotheses, deciding_poses
 from symstiff.errors import UserError
 from symstiff.robot import load
 

@@ -10,16 +10,16 @@ import numpy as np
 import pytest
 
 from symstiff.arrays import Array
-from symstiff.discrepancy import judging, verdict, workshop
-from symstiff.discrepancy.assemble import assemble
-from symstiff.discrepancy.bank import build
+from symstiff.discrepancy.bridge.assemble import assemble
 from symstiff.discrepancy.examine import _as_single, beyond, examine
-from symstiff.discrepancy.prepare import prepare
+from symstiff.discrepancy.findings.result import Name
 from symstiff.discrepancy.problem import ANGLE, CLOCK, Candidate, Parameter, Problem
-from symstiff.discrepancy.proposals import in_range, of_two, polish, proposals
-from symstiff.discrepancy.result import Name
-from symstiff.discrepancy.scan import Scan, coefficients
-from symstiff.discrepancy.workshop import Proposal, Workshop
+from symstiff.discrepancy.search import judging, verdict, workshop
+from symstiff.discrepancy.search.proposals import in_range, of_two, polish, proposals
+from symstiff.discrepancy.search.workshop import Proposal, Workshop
+from symstiff.discrepancy.statistics.bank import build
+from symstiff.discrepancy.statistics.prepare import prepare
+from symstiff.discrepancy.statistics.scan import Scan, coefficients
 from tests.test_assemble import complete, truth_of
 from tests.test_assemble import design as experiment
 from tests.test_assemble import measured as exact

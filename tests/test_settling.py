@@ -10,9 +10,9 @@ import pytest
 from symstiff.calibration.experiment.readings import experiment_of
 from symstiff.calibration.identify import start_model
 from symstiff.calibration.measurements import Measurements
-from symstiff.discrepancy.assemble import assemble
-from symstiff.discrepancy.finding import Finding, Task
-from symstiff.discrepancy.shaking import shaken as learned
+from symstiff.discrepancy.bridge.assemble import assemble
+from symstiff.discrepancy.findings.finding import Finding, Task
+from symstiff.discrepancy.noise.shaking import shaken as learned
 from symstiff.discrepancy.workflow import diagnose
 from symstiff.report.verdict import verdict_table
 from symstiff.report.words import headline, sentence

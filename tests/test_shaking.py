@@ -9,11 +9,11 @@ import pytest
 
 from symstiff.calibration.measurements import Measurements
 from symstiff.calibration.simulation import Effect, Truth, nominal_truth
-from symstiff.discrepancy import noise as noises
-from symstiff.discrepancy.assemble import assemble
-from symstiff.discrepancy.finding import Task
-from symstiff.discrepancy.shaking import Shaken, readings
-from symstiff.discrepancy.sharing import AXES, JOINTS, Sharing, Split
+from symstiff.discrepancy.bridge.assemble import assemble
+from symstiff.discrepancy.findings.finding import Task
+from symstiff.discrepancy.noise import scales as noises
+from symstiff.discrepancy.noise.shaking import Shaken, readings
+from symstiff.discrepancy.noise.sharing import AXES, JOINTS, Sharing, Split
 from symstiff.discrepancy.workflow import diagnose
 from symstiff.report.verdict import verdict_table
 from symstiff.robot import load

@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 from symstiff.calibration.measurements import Measurements
-from symstiff.discrepancy.assemble import assemble
-from symstiff.discrepancy.finding import Finding, Task
+from symstiff.discrepancy.bridge.assemble import assemble
+from symstiff.discrepancy.findings.finding import Finding, Task
 from symstiff.discrepancy.workflow import diagnose
 from symstiff.model import joints_only
 from symstiff.report.words import sentence

@@ -9,12 +9,12 @@ import pytest
 
 from symstiff.arrays import Array
 from symstiff.calibration.measurements import Measurements
-from symstiff.discrepancy.finding import Finding, Task
-from symstiff.discrepancy.law import Law, largest_load
-from symstiff.discrepancy.laws_of_angle import laws_of_angle
-from symstiff.discrepancy.localise import FittedLaw
+from symstiff.discrepancy.findings.finding import Finding, Task
+from symstiff.discrepancy.findings.remarks import _of_rows
+from symstiff.discrepancy.laws.law import Law, largest_load
+from symstiff.discrepancy.laws.of_angles import laws_of_angle
 from symstiff.discrepancy.problem import Problem
-from symstiff.discrepancy.remarks import _of_rows
+from symstiff.discrepancy.search.localise import FittedLaw
 from symstiff.discrepancy.workflow import diagnose
 from symstiff.effects.instance import EffectInstance
 from symstiff.report.code import formulas

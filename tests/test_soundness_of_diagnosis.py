@@ -15,20 +15,21 @@ from symstiff.calibration.experiment.placement import closest
 from symstiff.calibration.experiment.situation import Situation, look
 from symstiff.calibration.measurements import Measurements, concatenate
 from symstiff.calibration.simulation import Device, Truth, nominal_truth
-from symstiff.discrepancy import numbers, workflow
-from symstiff.discrepancy.assemble import assemble
-from symstiff.discrepancy.doubts import doubted
-from symstiff.discrepancy.finding import Finding, Task
-from symstiff.discrepancy.growth import fit, grow
-from symstiff.discrepancy.judging import _lacking
-from symstiff.discrepancy.laws_of_angle import _soft_spots
-from symstiff.discrepancy.out_of_range import out_of_range
+from symstiff.discrepancy import workflow
+from symstiff.discrepancy.bridge.assemble import assemble
+from symstiff.discrepancy.bridge.growth import fit, grow
+from symstiff.discrepancy.findings import numbers
+from symstiff.discrepancy.findings.doubts import doubted
+from symstiff.discrepancy.findings.finding import Finding, Task
+from symstiff.discrepancy.findings.out_of_range import out_of_range
+from symstiff.discrepancy.findings.result import Found, Quantity
+from symstiff.discrepancy.findings.used import known_throughout
+from symstiff.discrepancy.laws.of_angles import _soft_spots
+from symstiff.discrepancy.noise.sharing import AXES, EACH, Sharing
 from symstiff.discrepancy.problem import Options
 from symstiff.discrepancy.reasons import Why
-from symstiff.discrepancy.result import Found, Quantity
-from symstiff.discrepancy.sharing import AXES, EACH, Sharing
-from symstiff.discrepancy.strata import Stratum
-from symstiff.discrepancy.used import known_throughout
+from symstiff.discrepancy.search.judging import _lacking
+from symstiff.discrepancy.statistics.strata import Stratum
 from symstiff.discrepancy.workflow import diagnose
 from symstiff.effects.instance import EffectInstance
 from symstiff.errors import UserError

@@ -14,12 +14,12 @@ from symstiff.calibration.identify import identify
 from symstiff.calibration.measurements import Measurements, concatenate, measurements
 from symstiff.calibration.rows import predict
 from symstiff.calibration.simulation import Effect, Noise, Truth, nominal_truth, simulate
-from symstiff.discrepancy.deciding import setups_like
-from symstiff.discrepancy.finding import Finding, Task
-from symstiff.discrepancy.out_of_range import astray
+from symstiff.discrepancy.apart.deciding import setups_like
+from symstiff.discrepancy.findings.finding import Finding, Task
+from symstiff.discrepancy.findings.out_of_range import astray
+from symstiff.discrepancy.findings.remarks import remarked
+from symstiff.discrepancy.findings.result import Found, Quantity
 from symstiff.discrepancy.reasons import Why
-from symstiff.discrepancy.remarks import remarked
-from symstiff.discrepancy.result import Found, Quantity
 from symstiff.discrepancy.workflow import diagnose
 from symstiff.effects.base import Scales
 from symstiff.effects.instance import EffectInstance

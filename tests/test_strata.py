@@ -10,13 +10,13 @@ import pytest
 from scipy import stats
 
 from symstiff.arrays import Array
-from symstiff.discrepancy.bank import build
-from symstiff.discrepancy.noise import start
-from symstiff.discrepancy.prepare import prepare
+from symstiff.discrepancy.noise.scales import start
+from symstiff.discrepancy.noise.sharing import Sharing, Split
 from symstiff.discrepancy.problem import Problem
-from symstiff.discrepancy.scan import open_scan
-from symstiff.discrepancy.sharing import Sharing, Split
-from symstiff.discrepancy.strata import strata
+from symstiff.discrepancy.statistics.bank import build
+from symstiff.discrepancy.statistics.prepare import prepare
+from symstiff.discrepancy.statistics.scan import open_scan
+from symstiff.discrepancy.statistics.strata import strata
 from tests.test_discrepancy_engine import arm, measured, scaled
 
 

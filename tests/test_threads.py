@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 
 from symstiff import threads
-from symstiff.discrepancy.null import null
-from symstiff.discrepancy.prepare import prepare
-from symstiff.discrepancy.scan import extend
+from symstiff.discrepancy.statistics.null import null
+from symstiff.discrepancy.statistics.prepare import prepare
+from symstiff.discrepancy.statistics.scan import extend
 from symstiff.threads import in_threads
 from tests.test_discrepancy_engine import arm, measured
 

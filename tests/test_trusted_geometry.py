@@ -13,8 +13,8 @@ import pytest
 from symstiff.calibration.measurements import Measurements
 from symstiff.calibration.rows import predict
 from symstiff.calibration.simulation import Effect, Truth, nominal_truth
-from symstiff.discrepancy.finding import Task
-from symstiff.discrepancy.growth import fit_told, grow
+from symstiff.discrepancy.bridge.growth import fit_told, grow
+from symstiff.discrepancy.findings.finding import Task
 from symstiff.discrepancy.workflow import diagnose
 from symstiff.effects import EffectInstance
 from symstiff.robot import load

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from symstiff.calibration.simulation import Effect, Noise, Truth, nominal_truth, simulate
-from symstiff.discrepancy.finding import Finding, Task
+from symstiff.discrepancy.findings.finding import Finding, Task
 from symstiff.discrepancy.workflow import diagnose
 from symstiff.effects.instance import EffectInstance
 from symstiff.report import words

@@ -16,8 +16,8 @@ from symstiff.calibration.simulation import Effect, Truth, clean_response, nomin
 from symstiff.calibration.simulation.chain import chain_of
 from symstiff.calibration.simulation.chain import posture as posture_of
 from symstiff.discrepancy import workflow
-from symstiff.discrepancy.finding import Finding, Task
-from symstiff.discrepancy.result import Diagnosis
+from symstiff.discrepancy.findings.finding import Finding, Task
+from symstiff.discrepancy.findings.result import Diagnosis
 from symstiff.discrepancy.workflow import diagnose
 from symstiff.effects.arm import FARTHEST, MOMENTS, TAPERS, arm_load, assumed_arms, heaviest, own_load
 from symstiff.effects.base import Scales

@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 
 from symstiff.calibration.measurements import measurements
-from symstiff.discrepancy.assemble import assemble
-from symstiff.discrepancy.localise import best_law
-from symstiff.discrepancy.prepare import prepare
+from symstiff.discrepancy.bridge.assemble import assemble
+from symstiff.discrepancy.search.localise import best_law
+from symstiff.discrepancy.statistics.prepare import prepare
 from symstiff.model import joints_only
 from symstiff.robot import load
 from tests.test_assemble import complete, design, measured, truth_of

@@ -11,11 +11,11 @@ from symstiff.calibration.experiment.placement import placement_columns
 from symstiff.calibration.experiment.situation import look
 from symstiff.calibration.measurements import Measurements
 from symstiff.calibration.simulation.chain import chain_of, posture
-from symstiff.discrepancy.assemble import assemble
-from symstiff.discrepancy.finding import Finding, Task
-from symstiff.discrepancy.laws import _lagging, every_law
-from symstiff.discrepancy.localise import FittedLaw, _scales
+from symstiff.discrepancy.bridge.assemble import assemble
+from symstiff.discrepancy.findings.finding import Finding, Task
+from symstiff.discrepancy.laws.unnamed import _lagging, every_law
 from symstiff.discrepancy.problem import HISTORY, Problem
+from symstiff.discrepancy.search.localise import FittedLaw, _scales
 from symstiff.discrepancy.workflow import diagnose
 from symstiff.report import unnamed, words
 from symstiff.robot import load

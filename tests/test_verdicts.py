@@ -8,14 +8,14 @@ from typing import Any, cast
 import numpy as np
 import pytest
 
-from symstiff.discrepancy import verdict
 from symstiff.discrepancy.examine import doubted
-from symstiff.discrepancy.judging import Judged
-from symstiff.discrepancy.proof import HeldOut
 from symstiff.discrepancy.reasons import Reason, Why
-from symstiff.discrepancy.rivals import Rival, Rivals
-from symstiff.discrepancy.verdict import Outcome
-from symstiff.discrepancy.workshop import Proposal
+from symstiff.discrepancy.search import verdict
+from symstiff.discrepancy.search.judging import Judged
+from symstiff.discrepancy.search.proof import HeldOut
+from symstiff.discrepancy.search.rivals import Rival, Rivals
+from symstiff.discrepancy.search.verdict import Outcome
+from symstiff.discrepancy.search.workshop import Proposal
 from tests.test_discrepancy_engine import QUICK
 
 

@@ -17,9 +17,9 @@ from symstiff.calibration.measurements import Measurements, measurements
 from symstiff.calibration.point import find_point
 from symstiff.calibration.simulation import Truth, clean_response, nominal_truth
 from symstiff.calibration.writing import write_table
-from symstiff.discrepancy.finding import Task
-from symstiff.discrepancy.growth import fit
-from symstiff.discrepancy.scan import column_space
+from symstiff.discrepancy.bridge.growth import fit
+from symstiff.discrepancy.findings.finding import Task
+from symstiff.discrepancy.statistics.scan import column_space
 from symstiff.discrepancy.workflow import diagnose
 from symstiff.effects.instance import EffectInstance
 from symstiff.model import StiffnessModel, joints_only, load_model

@@ -10,11 +10,11 @@ import numpy as np
 import pytest
 
 from symstiff.calibration.simulation import Effect
-from symstiff.discrepancy.assemble import assemble
-from symstiff.discrepancy.finding import Finding
-from symstiff.discrepancy.localise import FittedDevice, FittedLaw
-from symstiff.discrepancy.numbers import decimals_between, milli, number, p_equals, quantity
-from symstiff.discrepancy.result import Found, Quantity
+from symstiff.discrepancy.bridge.assemble import assemble
+from symstiff.discrepancy.findings.finding import Finding
+from symstiff.discrepancy.findings.numbers import decimals_between, milli, number, p_equals, quantity
+from symstiff.discrepancy.findings.result import Found, Quantity
+from symstiff.discrepancy.search.localise import FittedDevice, FittedLaw
 from symstiff.effects import EffectInstance
 from symstiff.report.naming import magnitude, main_parameters, places
 from symstiff.report.unnamed import device_text, law_text

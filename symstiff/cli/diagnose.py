@@ -14,7 +14,7 @@ from symstiff.robot import load
 if TYPE_CHECKING:
     from rich.console import Console
 
-    from symstiff.discrepancy.finding import Finding
+    from symstiff.discrepancy.findings.finding import Finding
 
 
 @dataclass(frozen=True)
@@ -36,7 +36,7 @@ class DiagnoseRequest:
 def run_diagnose(request: DiagnoseRequest) -> None:
     """Read, diagnose, grow, write the folder, say the verdict."""
     from symstiff.calibration.table import read_table
-    from symstiff.discrepancy.finding import Task
+    from symstiff.discrepancy.findings.finding import Task
     from symstiff.discrepancy.workflow import diagnose
     from symstiff.report.folder import write_report
 
@@ -78,7 +78,7 @@ def _more(verdict: dict[str, Any]) -> str:
 def _print(out: Console, finding: Finding, sentence: str) -> None:
     from rich.table import Table
 
-    from symstiff.discrepancy.numbers import milli, p_text
+    from symstiff.discrepancy.findings.numbers import milli, p_text
     from symstiff.effects.places import named
     from symstiff.report.naming import shape_text
     from symstiff.report.tables import step_rows

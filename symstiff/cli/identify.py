@@ -156,7 +156,7 @@ def print_residuals(out: Console, parts: list[tuple[str, Any]]) -> None:
     """MAX and RMS by axis before and after compensation, as the seed's Table 2."""
     from rich.table import Table
 
-    from symstiff.discrepancy.numbers import milli
+    from symstiff.discrepancy.findings.numbers import milli
 
     for title, residuals in parts:
         if residuals is None:
@@ -181,7 +181,7 @@ def _print_steps(out: Console, residuals: ResidualTable) -> None:
     """What is left of absolute positions: of them the geometry explains most, and the model holds none of it."""
     from rich.table import Table
 
-    from symstiff.discrepancy.numbers import milli
+    from symstiff.discrepancy.findings.numbers import milli
 
     steps = {
         "placed, rigid and uncalibrated": residuals.before,

@@ -242,7 +242,7 @@ def _inputs(request: PlanRequest) -> list[str | Path]:
     given = [p for p in (request.robot, request.test_poses, request.separate) if p is not None]
     if request.separate is None:
         return given
-    from symstiff.discrepancy.separate import TAKEN
+    from symstiff.discrepancy.apart.separate import TAKEN
 
     return [*given, request.separate.parent / TAKEN]
 

@@ -13,7 +13,7 @@ from symstiff.robot.exact import Exact, parse_exact
 if TYPE_CHECKING:
     from rich.console import Console
 
-    from symstiff.discrepancy.distinguish import Distinction
+    from symstiff.discrepancy.apart.distinguish import Distinction
     from symstiff.effects.base import Effect, Where
     from symstiff.reduction import Reduction
 
@@ -184,7 +184,7 @@ def show_targets(json: str | None) -> None:
 
 def show_effects(robot: str, loads: str, measure: str, data: str, json: str | None) -> None:
     """The catalogue on a robot: what a class of experiments can tell of each effect from the complete model."""
-    from symstiff.discrepancy.distinguish import survey
+    from symstiff.discrepancy.apart.distinguish import survey
     from symstiff.effects.places import named
     from symstiff.model import StiffnessModel
     from symstiff.reduction import reduce

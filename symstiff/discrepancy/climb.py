@@ -16,12 +16,12 @@ from scipy import stats
 from symstiff.arrays import Index
 from symstiff.calibration.experiment.readings import ExperimentClass
 from symstiff.calibration.identify import start_model
-from symstiff.discrepancy.finding import Rung, Task
-from symstiff.discrepancy.growth import JointFit
+from symstiff.discrepancy.bridge.growth import JointFit
+from symstiff.discrepancy.findings.finding import Rung, Task
+from symstiff.discrepancy.findings.result import Diagnosis, Found, Quantity, Step
 from symstiff.discrepancy.problem import key_of
 from symstiff.discrepancy.reasons import Reason, Why
-from symstiff.discrepancy.result import Diagnosis, Found, Quantity, Step
-from symstiff.discrepancy.verdict import AMBIGUOUS, INSUFFICIENT, NAMED, NOTHING, UNEXPLAINED
+from symstiff.discrepancy.search.verdict import AMBIGUOUS, INSUFFICIENT, NAMED, NOTHING, UNEXPLAINED
 from symstiff.effects.common import link_axes
 from symstiff.effects.instance import EffectInstance
 from symstiff.effects.registry import catalogue

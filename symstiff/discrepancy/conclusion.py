@@ -10,18 +10,18 @@ import numpy as np
 from symstiff.calibration.measurements import Measurements
 from symstiff.calibration.redundant import redundant
 from symstiff.calibration.rows import predict
-from symstiff.discrepancy.assemble import Assembly
+from symstiff.discrepancy.bridge.assemble import Assembly
+from symstiff.discrepancy.bridge.growth import JointFit, fit_told, grow
+from symstiff.discrepancy.bridge.ranges import extent_of
 from symstiff.discrepancy.climb import Ladder
-from symstiff.discrepancy.finding import Finding, Rung, Task
-from symstiff.discrepancy.growth import JointFit, fit_told, grow
-from symstiff.discrepancy.numbers import milli
-from symstiff.discrepancy.out_of_range import astray, out_of_range
-from symstiff.discrepancy.proof import FEWEST
-from symstiff.discrepancy.ranges import extent_of
+from symstiff.discrepancy.findings.finding import Finding, Rung, Task
+from symstiff.discrepancy.findings.numbers import milli
+from symstiff.discrepancy.findings.out_of_range import astray, out_of_range
+from symstiff.discrepancy.findings.remarks import inconstant, remarked
+from symstiff.discrepancy.findings.result import Diagnosis, Found, Quantity
 from symstiff.discrepancy.reasons import Reason, Why
-from symstiff.discrepancy.remarks import inconstant, remarked
-from symstiff.discrepancy.result import Diagnosis, Found, Quantity
-from symstiff.discrepancy.verdict import AMBIGUOUS, NAMED, NOTHING, UNEXPLAINED, UNTESTABLE
+from symstiff.discrepancy.search.proof import FEWEST
+from symstiff.discrepancy.search.verdict import AMBIGUOUS, NAMED, NOTHING, UNEXPLAINED, UNTESTABLE
 from symstiff.display import few
 from symstiff.effects.places import named as named_at
 from symstiff.model import StiffnessModel

@@ -12,28 +12,9 @@ import numpy as np
 from scipy.stats import norm
 
 from symstiff.arrays import TINY, Array
-from symstiff.discrepancy.bank import Bank
-from symstiff.discrepancy.constancy import inconstancies
-from symstiff.discrepancy.evidence import Evidence
-from symstiff.discrepancy.localise import (
-    FittedDevice,
-    FittedLaw,
-    Localisation,
-    best_law,
-    device_law,
-    localise,
-    with_law,
-)
-from symstiff.discrepancy.noise import CONTRADICTED, REPEATABILITY, Noise, NoiseReport
-from symstiff.discrepancy.prepare import Prepared, noise_told_anew, prepare
-from symstiff.discrepancy.problem import Candidate, Options, Problem, key_of
-from symstiff.discrepancy.proof import HeldOut, held_out, poses_of_their_own
-from symstiff.discrepancy.reasons import Reason, Why
-from symstiff.discrepancy.result import Diagnosis, Name, Rms
-from symstiff.discrepancy.rivals import AS_MUCH
-from symstiff.discrepancy.scan import Scan, coefficients, column_space
-from symstiff.discrepancy.strata import Stratum, strata
-from symstiff.discrepancy.tables import (
+from symstiff.discrepancy.findings.constancy import inconstancies
+from symstiff.discrepancy.findings.result import Diagnosis, Name, Rms
+from symstiff.discrepancy.findings.tables import (
     alike,
     candidate_table,
     confusion,
@@ -44,8 +25,21 @@ from symstiff.discrepancy.tables import (
     steps,
     unavailable,
 )
-from symstiff.discrepancy.testability import testable
-from symstiff.discrepancy.verdict import (
+from symstiff.discrepancy.noise.scales import CONTRADICTED, REPEATABILITY, Noise, NoiseReport
+from symstiff.discrepancy.problem import Candidate, Options, Problem, key_of
+from symstiff.discrepancy.reasons import Reason, Why
+from symstiff.discrepancy.search.localise import (
+    FittedDevice,
+    FittedLaw,
+    Localisation,
+    best_law,
+    device_law,
+    localise,
+    with_law,
+)
+from symstiff.discrepancy.search.proof import HeldOut, held_out, poses_of_their_own
+from symstiff.discrepancy.search.rivals import AS_MUCH
+from symstiff.discrepancy.search.verdict import (
     AMBIGUOUS,
     EVEN,
     INSUFFICIENT,
@@ -56,7 +50,13 @@ from symstiff.discrepancy.verdict import (
     Outcome,
     decide,
 )
-from symstiff.discrepancy.workshop import Proposal
+from symstiff.discrepancy.search.workshop import Proposal
+from symstiff.discrepancy.statistics.bank import Bank
+from symstiff.discrepancy.statistics.evidence import Evidence
+from symstiff.discrepancy.statistics.prepare import Prepared, noise_told_anew, prepare
+from symstiff.discrepancy.statistics.scan import Scan, coefficients, column_space
+from symstiff.discrepancy.statistics.strata import Stratum, strata
+from symstiff.discrepancy.statistics.testability import testable
 
 ROUNDING = 1e-9
 """Share of the readings that the model leaves, from which there is something to test."""

@@ -24,21 +24,21 @@ from symstiff.calibration.loading import as_loading
 from symstiff.calibration.measurements import Measurements
 from symstiff.calibration.point import find_point
 from symstiff.calibration.soundness import outside_class, outside_fixed
-from symstiff.discrepancy.assemble import Assembly, added_loads, assemble
+from symstiff.discrepancy.bridge.assemble import Assembly, added_loads, assemble
+from symstiff.discrepancy.bridge.growth import fit, grow
 from symstiff.discrepancy.climb import Ladder, Wider, wider_model
 from symstiff.discrepancy.conclusion import Course, finding_of
-from symstiff.discrepancy.doubts import doubted
 from symstiff.discrepancy.examine import examine
-from symstiff.discrepancy.finding import Finding, Task
-from symstiff.discrepancy.gross import gross, left_out, nearly_all, remark, unlike
-from symstiff.discrepancy.growth import fit, grow
-from symstiff.discrepancy.localise import FittedDevice
-from symstiff.discrepancy.prepare import at_first
+from symstiff.discrepancy.findings.doubts import doubted
+from symstiff.discrepancy.findings.finding import Finding, Task
+from symstiff.discrepancy.findings.gross import gross, left_out, nearly_all, remark, unlike
+from symstiff.discrepancy.findings.result import Diagnosis, Found, Name, Quantity
+from symstiff.discrepancy.findings.used import used
 from symstiff.discrepancy.problem import Options, key_of
 from symstiff.discrepancy.reasons import Reason, Why
-from symstiff.discrepancy.result import Diagnosis, Found, Name, Quantity
-from symstiff.discrepancy.used import used
-from symstiff.discrepancy.verdict import AMBIGUOUS, NAMED, NOTHING, UNEXPLAINED, UNTESTABLE
+from symstiff.discrepancy.search.localise import FittedDevice
+from symstiff.discrepancy.search.verdict import AMBIGUOUS, NAMED, NOTHING, UNEXPLAINED, UNTESTABLE
+from symstiff.discrepancy.statistics.prepare import at_first
 from symstiff.display import of_poses
 from symstiff.effects.instance import EffectInstance
 from symstiff.effects.places import named as named_at

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from symstiff.arrays import Array
-from symstiff.discrepancy.deciding import Setup
+from symstiff.discrepancy.apart.deciding import Setup
 
 DECIDES = 9.0
 """Separation from which explanations are told apart: three standard deviations."""

@@ -15,10 +15,10 @@ from symstiff.calibration.experiment.readings import experiment_of
 from symstiff.calibration.identify import start_model
 from symstiff.calibration.measurements import COMPONENTS, Measurements
 from symstiff.calibration.writing import LOADS
-from symstiff.discrepancy.deciding import Choice, Rival, decide_by, setups_like
-from symstiff.discrepancy.finding import Finding
-from symstiff.discrepancy.separate import TAKEN
-from symstiff.discrepancy.verdict import AMBIGUOUS
+from symstiff.discrepancy.apart.deciding import Choice, Rival, decide_by, setups_like
+from symstiff.discrepancy.apart.separate import TAKEN
+from symstiff.discrepancy.findings.finding import Finding
+from symstiff.discrepancy.search.verdict import AMBIGUOUS
 from symstiff.effects.places import named
 from symstiff.errors import UserError
 from symstiff.files import DIAGNOSIS, new_folder

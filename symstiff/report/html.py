@@ -10,12 +10,12 @@ from markupsafe import Markup
 
 from symstiff import __version__
 from symstiff.codegen.emit import environment
-from symstiff.discrepancy import numbers
-from symstiff.discrepancy.finding import Finding
+from symstiff.discrepancy.findings import numbers
+from symstiff.discrepancy.findings.finding import Finding
+from symstiff.discrepancy.findings.result import CandidateResult, Found, Name, Quantity
+from symstiff.discrepancy.laws.speech import law_place
 from symstiff.discrepancy.reasons import Why
-from symstiff.discrepancy.result import CandidateResult, Found, Name, Quantity
-from symstiff.discrepancy.speech import law_place
-from symstiff.discrepancy.verdict import AMBIGUOUS, INSUFFICIENT, NOTHING, UNEXPLAINED, UNTESTABLE
+from symstiff.discrepancy.search.verdict import AMBIGUOUS, INSUFFICIENT, NOTHING, UNEXPLAINED, UNTESTABLE
 from symstiff.display import few
 from symstiff.effects.places import named, spoken
 from symstiff.effects.registry import catalogue

@@ -5,10 +5,10 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 
-from symstiff.discrepancy.finding import Finding
-from symstiff.discrepancy.numbers import number
-from symstiff.discrepancy.result import Found, Instead
-from symstiff.discrepancy.rivals import AS_MUCH
+from symstiff.discrepancy.findings.finding import Finding
+from symstiff.discrepancy.findings.numbers import number
+from symstiff.discrepancy.findings.result import Found, Instead
+from symstiff.discrepancy.search.rivals import AS_MUCH
 from symstiff.display import counted, sentence_case
 from symstiff.effects.places import named
 

@@ -12,9 +12,9 @@ import sympy as sp
 from symstiff.arrays import Array
 from symstiff.calibration.decomposition import unit_columns
 from symstiff.calibration.measurements import COMPONENTS
-from symstiff.discrepancy.finding import Finding
-from symstiff.discrepancy.localise import back_project
-from symstiff.discrepancy.result import Found
+from symstiff.discrepancy.findings.finding import Finding
+from symstiff.discrepancy.findings.result import Found
+from symstiff.discrepancy.search.localise import back_project
 from symstiff.display import sentence_case
 from symstiff.effects.places import named
 from symstiff.report.plots import AFTER, LAW, Picture, drawing

@@ -8,9 +8,9 @@ from typing import Any
 
 import numpy as np
 
-from symstiff.discrepancy.finding import Finding
-from symstiff.discrepancy.numbers import milli, quantity
-from symstiff.discrepancy.result import Found, Name, Quantity
+from symstiff.discrepancy.findings.finding import Finding
+from symstiff.discrepancy.findings.numbers import milli, quantity
+from symstiff.discrepancy.findings.result import Found, Name, Quantity
 from symstiff.display import few, listing
 from symstiff.effects.places import DETAILS, named, place, site, spoken
 

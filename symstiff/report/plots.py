@@ -13,8 +13,8 @@ import numpy as np
 
 from symstiff.arrays import Array
 from symstiff.calibration.measurements import COMPONENTS
-from symstiff.discrepancy.finding import Finding
-from symstiff.discrepancy.numbers import milli
+from symstiff.discrepancy.findings.finding import Finding
+from symstiff.discrepancy.findings.numbers import milli
 from symstiff.report.tables import by_state, standardised
 
 BEFORE, AFTER, NOISE, LAW = "#9aa7b4", "#1f6f8b", "#b8860b", "#c0392b"

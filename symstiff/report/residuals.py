@@ -9,7 +9,7 @@ import numpy as np
 
 from symstiff.calibration.measurements import COMPONENTS
 from symstiff.calibration.rows import predict
-from symstiff.discrepancy.numbers import milli
+from symstiff.discrepancy.findings.numbers import milli
 
 if TYPE_CHECKING:
     from symstiff.calibration.identify import Identification

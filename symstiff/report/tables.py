@@ -9,7 +9,7 @@ import numpy as np
 
 from symstiff.arrays import Array
 from symstiff.calibration.residuals import Size, sizes
-from symstiff.discrepancy.finding import Finding
+from symstiff.discrepancy.findings.finding import Finding
 
 
 def by_state(finding: Finding, rows: Array) -> Array:

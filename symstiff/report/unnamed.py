@@ -5,11 +5,11 @@ from __future__ import annotations
 import re
 from dataclasses import replace
 
-from symstiff.discrepancy.finding import Finding
-from symstiff.discrepancy.localise import FittedDevice, FittedLaw
-from symstiff.discrepancy.numbers import number, quantity
-from symstiff.discrepancy.result import Quantity
-from symstiff.discrepancy.speech import law_words
+from symstiff.discrepancy.findings.finding import Finding
+from symstiff.discrepancy.findings.numbers import number, quantity
+from symstiff.discrepancy.findings.result import Quantity
+from symstiff.discrepancy.laws.speech import law_words
+from symstiff.discrepancy.search.localise import FittedDevice, FittedLaw
 from symstiff.display import listing
 from symstiff.report.tables import rotates
 

@@ -8,10 +8,10 @@ from typing import Any
 
 import numpy as np
 
-from symstiff.discrepancy.finding import Finding, Rung
-from symstiff.discrepancy.result import CandidateResult, Found, Inconstancy, Name, Quantity
-from symstiff.discrepancy.sharing import JOINTS
-from symstiff.discrepancy.strata import Stratum
+from symstiff.discrepancy.findings.finding import Finding, Rung
+from symstiff.discrepancy.findings.result import CandidateResult, Found, Inconstancy, Name, Quantity
+from symstiff.discrepancy.noise.sharing import JOINTS
+from symstiff.discrepancy.statistics.strata import Stratum
 from symstiff.display import finite
 from symstiff.report.tables import sizes_of
 from symstiff.report.words import sentence

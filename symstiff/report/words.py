@@ -7,16 +7,16 @@ from typing import Any
 
 from symstiff.calibration.checks import of_units
 from symstiff.calibration.measurements import COMPONENTS
-from symstiff.discrepancy.finding import Finding
-from symstiff.discrepancy.noise import NoiseReport, off
-from symstiff.discrepancy.numbers import decimals_between, milli, p_equals
+from symstiff.discrepancy.findings.finding import Finding
+from symstiff.discrepancy.findings.numbers import decimals_between, milli, p_equals
+from symstiff.discrepancy.findings.remarks import FEW, hiding
+from symstiff.discrepancy.findings.result import Found
+from symstiff.discrepancy.laws.speech import law_at, law_place
+from symstiff.discrepancy.noise.scales import NoiseReport, off
+from symstiff.discrepancy.noise.sharing import JOINTS
 from symstiff.discrepancy.problem import Options
 from symstiff.discrepancy.reasons import Why
-from symstiff.discrepancy.remarks import FEW, hiding
-from symstiff.discrepancy.result import Found
-from symstiff.discrepancy.sharing import JOINTS
-from symstiff.discrepancy.speech import law_at, law_place
-from symstiff.discrepancy.verdict import AMBIGUOUS, INSUFFICIENT, NAMED, NOTHING, UNEXPLAINED
+from symstiff.discrepancy.search.verdict import AMBIGUOUS, INSUFFICIENT, NAMED, NOTHING, UNEXPLAINED
 from symstiff.display import sentence_case, times
 from symstiff.effects.places import named, place
 from symstiff.effects.registry import find

@@ -11,7 +11,7 @@ import numpy as np
 
 from symstiff.arrays import Array
 from symstiff.discrepancy.problem import Problem
-from symstiff.discrepancy.scan import Scan, basis_of, explained, extend, outside
+from symstiff.discrepancy.statistics.scan import Scan, basis_of, explained, extend, outside
 
 
 def information_criterion(scan: Scan, penalty: float, most: int = 3) -> tuple[int, ...]:

@@ -11,7 +11,7 @@ import numpy as np
 
 from symstiff.calibration.simulation import Effect, Truth, clean_response
 from symstiff.calibration.simulation.phenomena import shape_of
-from symstiff.discrepancy.scan import column_space
+from symstiff.discrepancy.statistics.scan import column_space
 
 if TYPE_CHECKING:
     from tests.blind.generate import Scene

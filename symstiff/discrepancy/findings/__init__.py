@@ -1,0 +1,1 @@
+"""What a diagnosis hands back, and what it says of a table."""

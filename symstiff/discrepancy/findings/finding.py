@@ -1,0 +1,115 @@
+"""What a diagnosis of a table is asked, and everything that it found, for reports and remarks."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from symstiff.arrays import Array
+from symstiff.calibration.kept import completed
+from symstiff.calibration.measurements import Measurements
+from symstiff.discrepancy.bridge.assemble import Assembly
+from symstiff.discrepancy.bridge.growth import JointFit, contribution
+from symstiff.discrepancy.findings.result import CandidateResult, Diagnosis, Found, Rms
+from symstiff.discrepancy.reasons import Reason, Why
+from symstiff.discrepancy.statistics.strata import Stratum
+from symstiff.display import of_poses
+from symstiff.model import StiffnessModel
+from symstiff.robot.schema import Robot
+
+
+@dataclass(frozen=True)
+class Task:
+    """What to diagnose; ``loads`` and ``measure`` are read from the data where None."""
+
+    robot: Robot
+    table: Measurements
+    start: str | StiffnessModel = "complete"
+    loads: str | None = None
+    measure: str | None = None
+    max_effects: int = 3
+    max_poses: int | None = None
+    seed: int = 0
+
+    @property
+    def origin(self) -> str:
+        """What the diagnosis starts from, as text."""
+        return self.start if isinstance(self.start, str) else "a model"
+
+
+@dataclass(frozen=True, eq=False)
+class Rung:
+    """A step of the growth path: what was added, and the residual (M,) that it leaves, m and rad."""
+
+    title: str
+    parameters: int
+    residual: Array
+    strata: tuple[Stratum, ...]
+    p_left: float
+
+
+@dataclass(frozen=True, eq=False)
+class Finding:
+    """Everything that a report of a diagnosis needs."""
+
+    task: Task
+    table: Measurements
+    start: JointFit
+    grown: JointFit
+    told: StiffnessModel
+    """The start model as it was told, with what the data cannot show."""
+    first: Diagnosis
+    last: Diagnosis
+    assembly: Assembly
+    """Of the last diagnosis."""
+    verdict: str
+    testable: bool
+    because: Reason
+    effects: tuple[Found, ...]
+    """The named set; all admissible sets, best first, where the verdict is ambiguous."""
+    alternatives: tuple[Found, ...]
+    """Admissible sets that trail so far that the verdict does not count them."""
+    steps: tuple[Rung, ...]
+    rms: Rms
+    remarks: tuple[str, ...]
+
+    @property
+    def reason(self) -> str:
+        """Why the verdict is what it is, as a sentence."""
+        return str(self.because)
+
+    @property
+    def model(self) -> StiffnessModel:
+        """The grown model, with what the data cannot show as it was told."""
+        return completed(self.grown.model, self.told, self.task.table.kind)
+
+    @property
+    def accused(self) -> str:
+        """Where what has no name comes from; empty where nothing tells."""
+        if self.because.why is Why.POSES:
+            return of_poses(self.because.told)
+        return self.last.localisation.accused if self.last.localisation else ""
+
+    @property
+    def named(self) -> tuple[Found, ...]:
+        """The leading set."""
+        return tuple(e for e in self.effects if e.set_number == 0)
+
+    @property
+    def candidates(self) -> tuple[CandidateResult, ...]:
+        """The catalogue on the first model."""
+        return self.first.candidates
+
+    def added(self, effect: Found) -> Array:
+        """(M,) what an effect adds to the rows of the problem, with its sizes [m, rad]."""
+        values = {name: size.value for name, size in effect.parameters.items()}
+        return contribution(self.assembly, effect.instance, values)
+
+    def __repr__(self) -> str:
+        from symstiff.discrepancy.findings.reading import finding_line
+
+        return f"Finding({finding_line(self)})"
+
+    def _repr_html_(self) -> str:
+        from symstiff.discrepancy.findings.reading import finding_html
+
+        return finding_html(self)

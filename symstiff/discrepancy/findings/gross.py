@@ -1,0 +1,123 @@
+"""Gross errors: single readings far beside the others of their pose, and poses that are unlike all others.
+
+They hide what is missing, and look like it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from symstiff.arrays import Array, Index
+from symstiff.calibration.experiment.current import sigma_of
+from symstiff.calibration.experiment.situation import View
+from symstiff.calibration.measurements import Measurements
+from symstiff.calibration.rows import predict
+from symstiff.discrepancy.findings.finding import Finding
+from symstiff.discrepancy.findings.numbers import milli
+from symstiff.discrepancy.findings.result import Diagnosis
+from symstiff.discrepancy.search.verdict import INSUFFICIENT, UNEXPLAINED
+from symstiff.display import of_poses
+
+FAR = 6.0
+"""Usual residuals by which a reading is beside the others of its pose; of normal noise two in a billion are."""
+ALONE = 2.5
+"""How far it stands above every other reading of its pose: what bends a pose as a whole is no slip of one reading."""
+FEWEST = 3
+"""Readings of a component in a pose from which one is told from the others."""
+_OF_MEDIAN = 0.6745
+"""Median of normal noise's size, in standard deviations."""
+MOST = 0.01
+"""Share of the rows that may be gross errors, two at least: more are something else."""
+_MOSTLY, _NEARLY_ALL = 0.5, 0.9
+"""Share of what is left that few poses bring from which they are spoken of, and left out whatever else there is."""
+
+
+def nearly_all(last: Diagnosis) -> bool:
+    """Whether the poses that are unlike all others bring nearly all that is left: they hide what else there is."""
+    return last.localisation is not None and last.localisation.suspected >= _NEARLY_ALL
+
+
+def unlike(table: Measurements, last: Diagnosis) -> list[int]:
+    """Numbers of the few poses that bring most of what the effects leave, worst first; none where nothing is left."""
+    where = last.localisation
+    if where is None or last.verdict not in (UNEXPLAINED, INSUFFICIENT) or where.suspected < _MOSTLY:
+        return []
+    return [int(np.unique(table.pose)[p]) for p in where.suspects]
+
+
+def gross(finding: Finding) -> Index:
+    """Rows of the diagnosed table that are gross errors, by what the grown model leaves; none where nothing was fitted.
+
+    A pose of which all readings are off is a bad pose, which is an effect of the catalogue, and so is what few readings
+    of a component tell: neither is a gross error.
+    """
+    last = finding.last
+    none = np.zeros(0, dtype=np.intp)
+    if not last.growth or len(last.growth[-1].residual) != len(finding.assembly.problem.y):
+        return none
+    far = _beside(finding, last.growth[-1].residual)
+    pose, rows = finding.table.pose, np.arange(len(finding.table))
+    found = [
+        r for r in np.flatnonzero(far > FAR) if _alone(far, rows[(pose == pose[r]) & (rows != r)], far[r])
+    ]
+    return np.array(found, dtype=np.intp) if len(found) <= max(MOST * len(rows), 2) else none
+
+
+def _alone(far: Array, others: Index, size: float) -> bool:
+    return len(others) + 1 >= FEWEST and bool(size > ALONE * np.max(far[others]))
+
+
+def _beside(finding: Finding, residual: Array) -> Array:
+    """(N,) how far each row is beside the middle of its pose, in usual distances; the largest of its components."""
+    problem, view = finding.assembly.problem, finding.assembly.situation.view
+    apart = np.array(residual)
+    lines = problem.lines
+    for k in np.unique(lines):
+        own = np.flatnonzero(lines == k)
+        apart[own] = residual[own] - np.median(residual[own]) if len(own) >= FEWEST else 0.0
+    return in_usual(view, np.abs(apart))
+
+
+def in_usual(view: View, size: Array) -> Array:
+    """(N,) the largest of each row's sizes (M,) in usual ones, as their median tells; translations and rotations apart.
+
+    By a stated sigma they may differ: far from a tracker large ones are usual. What is 0 is none: a middle reading is
+    no distance from itself.
+    """
+    largest, sigma = np.zeros(len(view.table)), sigma_of(view)
+    size = size if sigma is None else size / sigma
+    for kind in (view.component < 3, view.component >= 3):
+        known = kind & (size > 0)
+        if np.any(known):
+            np.maximum.at(largest, view.state[known], size[known] / (np.median(size[known]) / _OF_MEDIAN))
+    return largest
+
+
+def remark(finding: Finding, rows: Index) -> str:
+    """That they are left out, where they are and what to do."""
+    far = _beside(finding, finding.last.growth[-1].residual)[rows]
+    places = "; ".join(finding.table.place(int(r)) for r in rows[np.argsort(-far)])
+    if len(rows) == 1:
+        return (
+            f"a reading lies {far[0]:.0f} times the usual residual beside the others of its pose ({places}): a slip of "
+            "the reading, or of the pen. It is left out; look at it, or measure it again"
+        )
+    return (
+        f"{len(rows)} readings lie up to {far.max():.0f} times the usual residual beside the others of their poses "
+        f"({places}): slips, or readings that changed places. They are left out; look at them, or measure them again"
+    )
+
+
+def left_out(finding: Finding, rows: Measurements, names: Sequence[str]) -> str:
+    """A remark on rows of poses that were left out: of deflections how far they are beside the model of the others."""
+    told = f"{len(rows)} rows are left out, of {of_poses(names)}, unlike all others"
+    measured = rows.measured[:, :3]
+    if rows.kind == "deflection" and measured.any():
+        apart = (rows.values - predict(finding.model, rows))[:, :3][measured]
+        size = milli(float(np.sqrt(np.mean(apart**2))))
+        told += (
+            f": the readings are {size} mm rms per coordinate beside what the model of the others predicts"
+        )
+    return f"{told}; look at labels, loads and joint readings there, or measure again"

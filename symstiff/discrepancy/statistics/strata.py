@@ -1,0 +1,194 @@
+"""Lack of fit in orthogonal strata: proportional to load, loading against unloading, time, nonlinear in load, rest."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy import stats
+
+from symstiff.arrays import TINY, Array, Index, numbered
+from symstiff.discrepancy.problem import Problem
+from symstiff.discrepancy.statistics.scan import RANK, Scan, directions
+from symstiff.reduction.svd import svd
+
+PROPORTIONAL = "proportional to load, by pose"
+"""The stratum in which compliances, frames and sensors speak."""
+SEVERAL = 4
+"""Directions from which on something may fit what it is not."""
+_MOST = 0.7
+"""Share of what the model leaves in a stratum beyond which a candidate or a set would fit anything there."""
+_UNUSUAL = 10
+"""Directions, beside those that usual sizes take, in which what is something else would be seen by unusual sizes."""
+LEAST_REPEATS = 5
+"""Degrees of freedom between repeats from which strata are held against them."""
+_THEIRS = 1e-2
+"""Part of a direction outside others below which it is theirs: loads are told to a few digits, and never quite
+proportional."""
+
+
+@dataclass(frozen=True)
+class Stratum:
+    """One orthogonal part of the residual space."""
+
+    name: str
+    degrees_of_freedom: int
+    sum_of_squares: float
+    """In units of the noise variance of the reference."""
+    ratio: float
+    """Mean square over the reference's mean square."""
+    p_value: float | None
+    """Adjusted over the strata (Holm); None where there is nothing to hold the stratum against."""
+
+
+def fills(taken: float, left: float, usual: float) -> bool:
+    """Would fit anything what takes so many of the directions that the model leaves in a stratum?
+
+    Not where signals of ``usual`` sizes leave several of them: what is something else asks for unusual sizes there.
+    """
+    return taken >= SEVERAL and taken > _MOST * left and left - usual < _UNUSUAL
+
+
+def strata(problem: Problem, scan: Scan) -> tuple[Stratum, ...]:
+    """Split the whitened residual and test every stratum against repeats, else against the rest.
+
+    Columns that belong to one pose each are projected out pose by pose; the model and other columns that run over
+    all poses follow outside of them, so that no large matrix is factorised.
+    """
+    layer = scan.best
+    overall = layer.basis
+    y = (layer.y - overall @ (overall.T @ layer.y))[:, None]
+    local = np.zeros((problem.rows, 0))
+    before_square, before_rank = float(np.sum(y**2)), overall.shape[1]
+    parts: list[tuple[str, int, float]] = []
+    for name, columns, by_pose in _designs(problem):
+        W = scan.noise.apply(layer.whiten, columns / scan.noise.spread[:, None])
+        if by_pose:
+            local = np.hstack([local, W])
+        else:
+            overall = np.hstack([overall, W])
+        square, rank = _left(problem.pose, local, overall, y)
+        if rank >= problem.rows:
+            break
+        if rank > before_rank:
+            parts.append((name, rank - before_rank, max(before_square - square, 0.0)))
+        before_square, before_rank = square, rank
+    rest = problem.rows - before_rank
+    square = before_square
+    reference, freedom = square / max(rest, 1), rest
+    repeats, count = _between_repeats(problem, scan, local, overall, y)
+    if count >= LEAST_REPEATS:
+        reference, freedom = repeats / count, count
+        if rest > count:
+            parts.append(("rest", rest - count, max(square - repeats, 0.0)))
+    return _table(parts, reference, freedom, count >= LEAST_REPEATS, rest, square)
+
+
+def pure_error(problem: Problem, scan: Scan, entries: tuple[int, ...]) -> tuple[float, int]:
+    """Sum of squares between repeats that a scan with some entries leaves, whitened, and its degrees of freedom.
+
+    What differs between repeats because the model has it (a drift, an approach that each repeat has alone) is no noise.
+    """
+    layer = scan.best
+    overall = np.hstack([layer.basis, directions(scan, layer, entries)[0]])
+    return _between_repeats(problem, scan, np.zeros((problem.rows, 0)), overall, layer.y[:, None])
+
+
+def _between_repeats(
+    problem: Problem, scan: Scan, local: Array, overall: Array, y: Array
+) -> tuple[float, int]:
+    """The same of y (M, 1), further columns taken out: by pose, and over all poses."""
+    if len(np.unique(problem.cells)) == problem.rows:
+        return 0.0, 0
+    each = numbered(problem.case, problem.channel)
+    means = scan.noise.apply(scan.best.whiten, _indicators(each) / scan.noise.spread[:, None])
+    square, rank = _left(problem.pose, np.hstack([local, means]), overall, y)
+    return square, problem.rows - rank
+
+
+def _left(pose: Index, local: Array, overall: Array, y: Array) -> tuple[float, int]:
+    """Residual sum of squares of y (M, 1) and rank, for columns by pose and columns over all poses.
+
+    ``local`` (M, k) holds, row by row, values that each pose multiplies by coefficients of its own.
+    """
+    joined = np.hstack([y, overall])
+    rank = 0
+    if local.shape[1]:
+        joined = joined.copy()
+        for p in np.unique(pose):
+            rows = np.flatnonzero(pose == p)
+            U, s, _ = svd(local[rows])
+            U = U[:, s > RANK * max(float(s[0]), TINY)]
+            joined[rows] -= U @ (U.T @ joined[rows])
+            rank += U.shape[1]
+    length = np.linalg.norm(np.hstack([y, overall])[:, 1:], axis=0)
+    X = joined[:, 1:][:, length > 0] / length[length > 0]
+    U, s, _ = svd(X)
+    U = U[:, s > _THEIRS]
+    z = joined[:, 0] - U @ (U.T @ joined[:, 0])
+    return float(z @ z), rank + U.shape[1]
+
+
+def _table(
+    parts: list[tuple[str, int, float]],
+    reference: float,
+    freedom: int,
+    repeated: bool,
+    rest: int,
+    square: float,
+) -> tuple[Stratum, ...]:
+    testable = freedom >= 3 and reference > 0
+    raw = [
+        float(stats.f.sf(ss / df / reference, df, freedom)) if testable and df > 0 else 1.0
+        for _, df, ss in parts
+    ]
+    order = np.argsort(raw)
+    adjusted = np.ones(len(raw))
+    running = 0.0
+    for place, i in enumerate(order):
+        running = max(running, min(1.0, raw[i] * (len(raw) - place)))
+        adjusted[i] = running
+    scale = reference if testable else 1.0
+    out = [
+        Stratum(name, df, ss / scale, ss / max(df, 1) / scale, float(p) if testable else None)
+        for (name, df, ss), p in zip(parts, adjusted, strict=True)
+    ]
+    label, count = ("repeats", freedom) if repeated else ("rest", rest)
+    out.append(Stratum(label, count, (reference * freedom if repeated else square) / scale, 1.0, None))
+    return tuple(out)
+
+
+def _designs(problem: Problem) -> list[tuple[str, Array, bool]]:
+    """Columns of the strata in the order in which they take their share; True: with coefficients for each pose."""
+    channel = _indicators(problem.channel)
+    out: list[tuple[str, Array, bool]] = []
+    several = problem.load is not None and _levels(problem) > 1
+    load = problem.load if problem.load is not None and several else np.ones(problem.rows)
+    if problem.time is not None and np.ptp(problem.time) > 0:
+        s = (problem.time - problem.time.mean()) / np.ptp(problem.time)
+        out.append(("time", np.hstack([channel * s[:, None], channel * (s**2)[:, None]]), False))
+    if problem.temperature is not None and np.ptp(problem.temperature) > 0:
+        warm = (problem.temperature - problem.temperature.mean())[:, None]
+        out.append(("temperature", channel * warm, False))
+    if problem.branch is not None and np.ptp(problem.branch) > 0:
+        out.append(("loading against unloading", channel * problem.branch[:, None], True))
+    out.append((PROPORTIONAL, channel * load[:, None], True))
+    if several:
+        out.append(("common to a pose's load cases", channel, True))
+        if _levels(problem) > 2:
+            out.append(("nonlinear in load", channel * (load**2)[:, None], True))
+    return out
+
+
+def _levels(problem: Problem) -> int:
+    if problem.load is None:
+        return 1
+    return int(
+        np.median(
+            [len(np.unique(np.round(problem.load[problem.pose == p], 6))) for p in np.unique(problem.pose)]
+        )
+    )
+
+
+def _indicators(label: Index) -> Array:
+    return np.asarray(label[:, None] == np.unique(label)[None, :], dtype=float)
