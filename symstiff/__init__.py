@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     from symstiff.calibration.identify import identify
     from symstiff.calibration.plan import Goal, Load, plan
     from symstiff.calibration.simulation import load_truth, simulate
-    from symstiff.calibration.table import read_poses, read_table, write_table
+    from symstiff.calibration.tables.table import read_poses, read_table, write_table
     from symstiff.codegen.generate import generate
     from symstiff.codegen.options import Options
     from symstiff.compensation import compensate
@@ -84,13 +84,13 @@ _HOME = {
     "load_truth": "symstiff.calibration.simulation",
     "observation_matrix": "symstiff.symbolic.reading",
     "plan": "symstiff.calibration.plan",
-    "read_poses": "symstiff.calibration.table",
-    "read_table": "symstiff.calibration.table",
+    "read_poses": "symstiff.calibration.tables.table",
+    "read_table": "symstiff.calibration.tables.table",
     "reduce": "symstiff.reduction",
     "simulate": "symstiff.calibration.simulation",
     "virtual_jacobian": "symstiff.symbolic.reading",
     "write_report": "symstiff.report.folder",
-    "write_table": "symstiff.calibration.table",
+    "write_table": "symstiff.calibration.tables.table",
 }
 
 

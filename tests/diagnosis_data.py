@@ -6,10 +6,10 @@ from pathlib import Path
 
 import numpy as np
 
-from symstiff.calibration.measurements import Measurements, measurements
 from symstiff.calibration.simulation.experiment import simulate
 from symstiff.calibration.simulation.truth import truth_from_table
-from symstiff.calibration.table import write_table
+from symstiff.calibration.tables.measurements import Measurements, measurements
+from symstiff.calibration.tables.table import write_table
 
 ROBOT = "planar2r"
 MARKERS = ("p1", "p2", "p3")

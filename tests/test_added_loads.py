@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from symstiff.calibration.measurements import Measurements, measurements
+from symstiff.calibration.tables.measurements import Measurements, measurements
 from symstiff.discrepancy import workflow
 from symstiff.discrepancy.bridge.growth import fit, grow
 from symstiff.discrepancy.findings.finding import Finding, Task

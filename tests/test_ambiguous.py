@@ -12,8 +12,8 @@ from unittest.mock import patch
 import numpy as np
 import pytest
 
-from symstiff.calibration.measurements import Measurements, measurements
-from symstiff.calibration.table import read_poses, write_table
+from symstiff.calibration.tables.measurements import Measurements, measurements
+from symstiff.calibration.tables.table import read_poses, write_table
 from symstiff.cli import main
 
 ELBOW = """

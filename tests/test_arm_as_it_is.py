@@ -8,9 +8,9 @@ from definition import pose as defined_pose
 from definition import twist
 
 from symstiff.calibration.identify import identify
-from symstiff.calibration.measurements import Measurements, measurements
 from symstiff.calibration.simulation import Truth, clean_response, nominal_truth
 from symstiff.calibration.simulation.truth import Effect
+from symstiff.calibration.tables.measurements import Measurements, measurements
 from symstiff.discrepancy.findings.finding import Task
 from symstiff.discrepancy.workflow import diagnose
 from symstiff.robot import Robot, load

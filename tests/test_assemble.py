@@ -10,7 +10,6 @@ import numpy as np
 import pytest
 
 from symstiff.calibration.experiment.situation import Laws, Situation, look
-from symstiff.calibration.measurements import Measurements, measurements
 from symstiff.calibration.simulation import (
     Device,
     Effect,
@@ -20,6 +19,7 @@ from symstiff.calibration.simulation import (
     nominal_truth,
     simulate,
 )
+from symstiff.calibration.tables.measurements import Measurements, measurements
 from symstiff.discrepancy.bridge.assemble import Assembly, assemble
 from symstiff.discrepancy.problem import Candidate
 from symstiff.discrepancy.statistics.scan import column_space

@@ -10,8 +10,8 @@ from symstiff.calibration.experiment.arm import drawn
 from symstiff.calibration.experiment.placement import placed, turns_of
 from symstiff.calibration.experiment.situation import Laws, look
 from symstiff.calibration.identify import identify
-from symstiff.calibration.measurements import measurements
 from symstiff.calibration.simulation import Device, Noise, Truth, nominal_truth, simulate
+from symstiff.calibration.tables.measurements import measurements
 from symstiff.robot import from_table, load
 from symstiff.robot.exact import parse_exact
 from symstiff.robot.table import to_table

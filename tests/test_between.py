@@ -10,8 +10,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from symstiff.arrays import Array
-from symstiff.calibration.measurements import Measurements, measurements
 from symstiff.calibration.simulation import Effect, Truth, clean_response, nominal_truth
+from symstiff.calibration.tables.measurements import Measurements, measurements
 from symstiff.discrepancy.examine import examine
 from symstiff.discrepancy.findings.finding import Task
 from symstiff.discrepancy.problem import Candidate, Options, Parameter, Problem, Shape

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from symstiff.calibration.simulation import Effect, Noise, Truth, clean_response, simulate
-from symstiff.calibration.table import read_table, write_table
+from symstiff.calibration.tables.table import read_table, write_table
 from symstiff.discrepancy.bridge.assemble import assemble
 from symstiff.errors import UserError
 from symstiff.robot import load

@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from symstiff.calibration.table import read_poses
+from symstiff.calibration.tables.table import read_poses
 from symstiff.effects.instance import EffectInstance
 from symstiff.model import StiffnessModel, load_model
 from symstiff.reduction import reduce

@@ -8,9 +8,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from symstiff.calibration.checks import check_robot, without_copies, without_zeros
-from symstiff.calibration.measurements import Measurements, concatenate, measurements
-from symstiff.calibration.table import read_poses, read_table
+from symstiff.calibration.tables.checks import check_robot, without_copies, without_zeros
+from symstiff.calibration.tables.measurements import Measurements, concatenate, measurements
+from symstiff.calibration.tables.table import read_poses, read_table
 from symstiff.errors import UserError
 from symstiff.robot import Robot, from_table
 

@@ -11,9 +11,9 @@ import numpy as np
 import pytest
 from command_line import OBLIQUE, Result, Run, assert_users_mistake, run_command_line  # noqa: F401
 
-from symstiff.calibration.measurements import measurements
 from symstiff.calibration.rows import predict
-from symstiff.calibration.table import write_table
+from symstiff.calibration.tables.measurements import measurements
+from symstiff.calibration.tables.table import write_table
 from symstiff.effects.instance import EffectInstance
 from symstiff.model import StiffnessModel, joints_only
 from symstiff.robot import load

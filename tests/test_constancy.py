@@ -9,7 +9,7 @@ import pytest
 
 from symstiff.calibration.experiment.readings import experiment_of
 from symstiff.calibration.identify import start_model
-from symstiff.calibration.measurements import Measurements
+from symstiff.calibration.tables.measurements import Measurements
 from symstiff.discrepancy.findings.constancy import inconstancies
 from symstiff.discrepancy.findings.finding import Task
 from symstiff.discrepancy.findings.result import Inconstancy

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from symstiff.calibration.experiment.situation import look
-from symstiff.calibration.measurements import Measurements
+from symstiff.calibration.tables.measurements import Measurements
 from symstiff.discrepancy.bridge.assemble import Assembly
 from symstiff.discrepancy.problem import DeviceLaw
 from symstiff.robot import load

@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 
 from symstiff.calibration.experiment.situation import look
-from symstiff.calibration.measurements import Measurements, concatenate
 from symstiff.calibration.planning import Box, Region
+from symstiff.calibration.tables.measurements import Measurements, concatenate
 from symstiff.discrepancy.apart.deciding import (
     Choice,
     Rival,

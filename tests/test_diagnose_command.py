@@ -13,8 +13,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from symstiff.calibration.measurements import Measurements
-from symstiff.calibration.table import read_poses, read_table
+from symstiff.calibration.tables.measurements import Measurements
+from symstiff.calibration.tables.table import read_poses, read_table
 from symstiff.codegen.compiler import find_compiler
 from symstiff.discrepancy.findings.finding import Task
 from symstiff.discrepancy.findings.remarks import remarked

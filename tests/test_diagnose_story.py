@@ -9,10 +9,10 @@ import pytest
 from symstiff.calibration.plan import Goal, Load, Search
 from symstiff.calibration.plan import plan as choose_poses
 from symstiff.calibration.planning import Region, above_floor
-from symstiff.calibration.poses import with_markers
 from symstiff.calibration.seed_tables import FORCE, LEVELS, MARKERS, REACH, ROBOT, truth
 from symstiff.calibration.simulation.experiment import simulate
 from symstiff.calibration.simulation.truth import Noise
+from symstiff.calibration.tables.poses import with_markers
 from symstiff.discrepancy.climb import that_has
 from symstiff.discrepancy.findings.finding import Finding, Task
 from symstiff.discrepancy.workflow import diagnose

@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 from symstiff.calibration.experiment.situation import Laws, Situation, look
-from symstiff.calibration.measurements import Measurements, measurements
 from symstiff.calibration.simulation import Truth, clean_response, nominal_truth
+from symstiff.calibration.tables.measurements import Measurements, measurements
 from symstiff.discrepancy.findings.finding import Task
 from symstiff.discrepancy.laws.drawing import drawing_laws
 from symstiff.discrepancy.workflow import diagnose

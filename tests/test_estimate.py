@@ -11,13 +11,13 @@ import scipy.stats
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from symstiff.calibration.axes import assignment, axis_hint_refit, signed_permutations
-from symstiff.calibration.components import component_sigma
-from symstiff.calibration.constrained import constrain
-from symstiff.calibration.estimate import estimate, unit_of
+from symstiff.calibration.doubts.axes import assignment, axis_hint_refit, signed_permutations
+from symstiff.calibration.doubts.soundness import check_loads, check_poses
+from symstiff.calibration.fits.components import component_sigma
+from symstiff.calibration.fits.constrained import constrain
+from symstiff.calibration.fits.estimate import estimate, unit_of
+from symstiff.calibration.fits.robust import robust_estimate
 from symstiff.calibration.residuals import residual_table, split
-from symstiff.calibration.robust import robust_estimate
-from symstiff.calibration.soundness import check_loads, check_poses
 from symstiff.errors import UserError
 from symstiff.reduction.admissible import admissible_set
 from tests.small_chain import names, observation, reduction, sample, truth

@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from symstiff.calibration.components import component_sigma
-from symstiff.calibration.estimate import estimate
-from symstiff.calibration.robust import robust_estimate
+from symstiff.calibration.fits.components import component_sigma
+from symstiff.calibration.fits.estimate import estimate
+from symstiff.calibration.fits.robust import robust_estimate
 
 
 @pytest.mark.parametrize("poses", [4, 5, 8])

@@ -7,10 +7,10 @@ import pytest
 from scipy.optimize import least_squares
 
 from symstiff.calibration import fitting
+from symstiff.calibration.fits.robust import HUBER
 from symstiff.calibration.identify import identify
-from symstiff.calibration.measurements import Measurements, measurements
-from symstiff.calibration.robust import HUBER
 from symstiff.calibration.rows import predict
+from symstiff.calibration.tables.measurements import Measurements, measurements
 from symstiff.effects.instance import EffectInstance
 from symstiff.model import StiffnessModel, joints_only
 from symstiff.robot import load

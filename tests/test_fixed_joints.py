@@ -12,7 +12,7 @@ import pytest
 from command_line import Run, assert_users_mistake, run_command_line  # noqa: F401
 
 from symstiff.calibration.identify import identify
-from symstiff.calibration.measurements import measurements
+from symstiff.calibration.tables.measurements import measurements
 from symstiff.errors import UserError
 from symstiff.model import StiffnessModel, joints_only, load_model
 from symstiff.reduction.physical import physical_stages

@@ -13,12 +13,12 @@ import pytest
 from command_line import Run, run_command_line  # noqa: F401
 from definition import motion
 
-from symstiff.calibration.checks import check_robot
 from symstiff.calibration.complete import reconstruct_model
 from symstiff.calibration.identify import identify
-from symstiff.calibration.measurements import measurements
 from symstiff.calibration.simulation import SHAPES, load_truth
-from symstiff.calibration.table import read_poses, read_table
+from symstiff.calibration.tables.checks import check_robot
+from symstiff.calibration.tables.measurements import measurements
+from symstiff.calibration.tables.table import read_poses, read_table
 from symstiff.codegen.verify import Verification
 from symstiff.effects.registry import catalogue
 from symstiff.model import StiffnessModel

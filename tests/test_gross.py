@@ -8,8 +8,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from symstiff.calibration.measurements import Measurements
-from symstiff.calibration.table import read_table
+from symstiff.calibration.tables.measurements import Measurements
+from symstiff.calibration.tables.table import read_table
 from symstiff.discrepancy.findings.finding import Finding, Task
 from symstiff.discrepancy.findings.gross import gross, in_usual
 from symstiff.discrepancy.workflow import diagnose

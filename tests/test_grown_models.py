@@ -9,10 +9,10 @@ import numpy as np
 import pytest
 
 from symstiff.calibration.identify import identify
-from symstiff.calibration.measurements import Measurements
-from symstiff.calibration.poses import with_markers
 from symstiff.calibration.redundant import redundant
 from symstiff.calibration.rows import predict
+from symstiff.calibration.tables.measurements import Measurements
+from symstiff.calibration.tables.poses import with_markers
 from symstiff.discrepancy.apart.distinguish import distinction
 from symstiff.discrepancy.findings.finding import Task
 from symstiff.discrepancy.workflow import diagnose

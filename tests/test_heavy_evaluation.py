@@ -8,10 +8,10 @@ import warnings
 import numpy as np
 import pytest
 
-from symstiff.calibration.measurements import measurements
 from symstiff.calibration.plan import Goal, Search, workspace_for
 from symstiff.calibration.plan import plan as choose_poses
 from symstiff.calibration.rows import equations, predict
+from symstiff.calibration.tables.measurements import measurements
 from symstiff.codegen import library, runtime
 from symstiff.codegen.compiler import Compiler, find_compiler
 from symstiff.codegen.library import cache_folder

@@ -10,11 +10,11 @@ from symstiff.calibration.complete import reconstruct_model
 from symstiff.calibration.experiment.readings import experiment_of
 from symstiff.calibration.identify import identify
 from symstiff.calibration.levels import by_level
-from symstiff.calibration.measurements import Measurements, measurements
-from symstiff.calibration.poses import with_markers
 from symstiff.calibration.rows import equations, predict
 from symstiff.calibration.simulation import nominal_truth, simulate, truth_from_table
-from symstiff.calibration.table import read_table
+from symstiff.calibration.tables.measurements import Measurements, measurements
+from symstiff.calibration.tables.poses import with_markers
+from symstiff.calibration.tables.table import read_table
 from symstiff.compensation import compensate, compensate_online
 from symstiff.effects.instance import EffectInstance
 from symstiff.errors import UserError

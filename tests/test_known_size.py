@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from symstiff.calibration.measurements import Measurements
+from symstiff.calibration.tables.measurements import Measurements
 from tests.test_assemble import assemble, complete, design, measured, of, outside, truth_of
 
 WHERE = {"robot": "all"}

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from symstiff.calibration.experiment.situation import look
-from symstiff.calibration.measurements import Measurements
+from symstiff.calibration.tables.measurements import Measurements
 from symstiff.discrepancy.findings.finding import Finding, Task
 from symstiff.discrepancy.search.localise import FittedLaw
 from symstiff.discrepancy.workflow import diagnose

@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 from symstiff.calibration.identify import identify
-from symstiff.calibration.loading import as_loading, load_factor, turn_of
-from symstiff.calibration.measurements import Measurements, measurements
 from symstiff.calibration.simulation import Effect, Noise, Truth, nominal_truth, simulate
+from symstiff.calibration.tables.loading import as_loading, load_factor, turn_of
+from symstiff.calibration.tables.measurements import Measurements, measurements
 from symstiff.effects.instance import EffectInstance
 from symstiff.model import joints_only
 from symstiff.robot import load

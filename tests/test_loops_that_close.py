@@ -9,7 +9,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from symstiff.calibration.measurements import Measurements
+from symstiff.calibration.tables.measurements import Measurements
 from symstiff.discrepancy.findings.finding import Finding, Task
 from symstiff.discrepancy.workflow import diagnose
 from symstiff.report.words import sentence

@@ -11,8 +11,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from symstiff.arrays import Array
-from symstiff.calibration.measurements import measurements
 from symstiff.calibration.simulation import Effect, Truth, clean_response, nominal_truth
+from symstiff.calibration.tables.measurements import measurements
 from symstiff.discrepancy.bridge.assemble import Assembly, assemble
 from symstiff.discrepancy.laws.unnamed import unnamed_laws
 from symstiff.discrepancy.noise.scales import start

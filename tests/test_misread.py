@@ -9,10 +9,10 @@ from typing import Literal
 import numpy as np
 import pytest
 
+from symstiff.calibration.doubts.slips import Reading, joint_hint, marker_hint
 from symstiff.calibration.identify import identify
-from symstiff.calibration.measurements import Measurements
 from symstiff.calibration.simulation import Noise, Truth, nominal_truth, simulate
-from symstiff.calibration.slips import Reading, joint_hint, marker_hint
+from symstiff.calibration.tables.measurements import Measurements
 from symstiff.discrepancy.findings.finding import Finding, Task
 from symstiff.discrepancy.workflow import diagnose
 from symstiff.report.words import headline, sentence

@@ -15,9 +15,9 @@ from command_line import OBLIQUE, Run, assert_users_mistake, run_command_line  #
 import symstiff
 from symstiff.calibration.identify import identify
 from symstiff.calibration.kept import seen_in
-from symstiff.calibration.measurements import measurements
 from symstiff.calibration.rows import equations, stated_sigma
-from symstiff.calibration.writing import write_table
+from symstiff.calibration.tables.measurements import measurements
+from symstiff.calibration.tables.writing import write_table
 from symstiff.discrepancy.findings.finding import Task
 from symstiff.discrepancy.workflow import diagnose
 from symstiff.effects.base import Scales

@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 
 from symstiff.arrays import Array
-from symstiff.calibration.measurements import Measurements
 from symstiff.calibration.simulation.experiment import simulate
 from symstiff.calibration.simulation.truth import truth_from_table
+from symstiff.calibration.tables.measurements import Measurements
 from symstiff.discrepancy.findings.finding import Finding, Task
 from symstiff.discrepancy.noise.scales import start
 from symstiff.discrepancy.noise.sharing import Split

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from symstiff.calibration.identify import identify
-from symstiff.calibration.measurements import Measurements
+from symstiff.calibration.tables.measurements import Measurements
 from symstiff.discrepancy.findings.finding import Task
 from symstiff.discrepancy.findings.remarks import _of_approach
 from symstiff.discrepancy.noise.sharing import AXES, JOINTS

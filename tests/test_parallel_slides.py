@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 from symstiff.calibration.identify import identify
-from symstiff.calibration.measurements import Measurements, measurements
 from symstiff.calibration.simulation import Truth, clean_response
+from symstiff.calibration.tables.measurements import Measurements, measurements
 from symstiff.robot import Robot
 from symstiff.robot.loading import from_table
 

@@ -43,7 +43,7 @@ def test_one_pose_under_several_loads_becomes_several_only_where_its_commands_pa
     assert "pose a became a/1, a/2, …" in said
     labels = [row[0] for row in csv.reader(Path("m.toml").read_text().splitlines())]
     assert labels == ["pose", "a/1", "a/2", "a/3", "b"]
-    from symstiff.calibration.table import read_poses
+    from symstiff.calibration.tables.table import read_poses
 
     assert len(read_poses("m.toml")) == 4
 

@@ -32,7 +32,7 @@ from symstiff.calibration.planning.frames import origins
 from symstiff.calibration.planning.measurement import whitened_rows
 from symstiff.calibration.planning.refine import Problem, refine
 from symstiff.calibration.planning.region import allowed
-from symstiff.calibration.table import write_table
+from symstiff.calibration.tables.table import write_table
 from symstiff.errors import UserError
 from symstiff.report.figures import draw_map, draw_plan, save_figure
 from symstiff.robot import load
@@ -289,7 +289,7 @@ def test_two_values_of_a_joint_that_turns_round_make_a_plan_that_finds_every_par
 
 
 def test_the_poses_table_reads_back_as_the_plan(tmp_path):
-    from symstiff.calibration.table import read_poses
+    from symstiff.calibration.tables.table import read_poses
 
     plan = small_plan()
     path = tmp_path / "poses.csv"

@@ -18,7 +18,7 @@ import sympy as sp
 
 import symstiff
 from symstiff.calibration.identify import identify
-from symstiff.calibration.table import read_table
+from symstiff.calibration.tables.table import read_table
 from symstiff.codegen.compiler import find_compiler
 from symstiff.discrepancy.apart.distinguish import distinction
 from symstiff.discrepancy.findings.finding import Task

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from symstiff.calibration.experiment.situation import look
-from symstiff.calibration.measurements import measurements
+from symstiff.calibration.tables.measurements import measurements
 from symstiff.discrepancy.bridge.candidates import scales_of
 from symstiff.discrepancy.findings.finding import Task
 from symstiff.discrepancy.statistics.evidence import evidence

@@ -14,8 +14,8 @@ from rich.console import Console
 
 from symstiff.calibration.experiment.situation import look
 from symstiff.calibration.identify import identify
-from symstiff.calibration.measurements import Measurements, measurements
 from symstiff.calibration.rows import predict
+from symstiff.calibration.tables.measurements import Measurements, measurements
 from symstiff.cli.diagnose import _print
 from symstiff.discrepancy.bridge.ranges import Extent, at_size, extent_of
 from symstiff.discrepancy.findings.finding import Finding, Task

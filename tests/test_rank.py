@@ -9,8 +9,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from symstiff.calibration.estimate import estimate
-from symstiff.calibration.soundness import check_determined, missing_information
+from symstiff.calibration.doubts.soundness import check_determined, missing_information
+from symstiff.calibration.fits.estimate import estimate
 from symstiff.errors import UserError
 from tests.small_chain import observation, sample, truth
 from tests.test_estimate import ROW_SIGMA, identified

@@ -12,8 +12,8 @@ from hypothesis import strategies as st
 
 from symstiff.calibration.complete import reconstruct_model
 from symstiff.calibration.identify import identify
-from symstiff.calibration.measurements import measurements
 from symstiff.calibration.simulation import nominal_truth
+from symstiff.calibration.tables.measurements import measurements
 from symstiff.errors import UserError
 from symstiff.model import StiffnessModel
 from symstiff.reduction.admissible import BEAM_RATIO, admissible_set, link_matrices, scales

@@ -9,9 +9,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from symstiff.calibration.measurements import concatenate, measurements
 from symstiff.calibration.simulation.experiment import simulate
 from symstiff.calibration.simulation.truth import truth_from_table
+from symstiff.calibration.tables.measurements import concatenate, measurements
 from symstiff.discrepancy.findings.finding import Finding, Task
 from symstiff.discrepancy.findings.remarks import _of_approach, _of_succession
 from symstiff.discrepancy.workflow import diagnose

@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 import sympy as sp
 
-from symstiff.calibration.table import read_poses
+from symstiff.calibration.tables.table import read_poses
 from symstiff.discrepancy.findings.finding import Finding, Task
 from symstiff.discrepancy.findings.result import Found, Name, Quantity, RivalLaw
 from symstiff.discrepancy.reasons import Reason, Why

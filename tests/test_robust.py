@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from symstiff.calibration.robust import HUBER, robust_estimate
+from symstiff.calibration.fits.robust import HUBER, robust_estimate
 
 
 def test_the_deviations_of_a_robust_fit_count_how_few_rows_each_parameter_has():

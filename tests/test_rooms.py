@@ -14,6 +14,11 @@ ORDER = [
     {"discrepancy"}, {"report"}, {"cli"},
 ]  # fmt: skip
 INSIDE = {
+    "calibration": [
+        {"plausible"}, {"tables"}, {"fits"}, {"residuals", "rows"}, {"experiment"}, {"doubts"}, {"simulation"}, {"planning"},
+        {"absolute", "complete", "fitting", "foreseen", "identify", "kept", "levels", "plan", "reading", "redundant",
+         "remarks", "seed_tables"},
+    ],
     "discrepancy": [
         {"problem", "reasons"}, {"noise"}, {"laws"}, {"statistics"}, {"search", "bridge"}, {"apart"}, {"findings"},
         {"climb", "conclusion", "examine", "workflow"},

@@ -10,8 +10,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from symstiff.calibration.measurements import Measurements, measurements
 from symstiff.calibration.simulation import Effect, Noise, Truth, nominal_truth, simulate
+from symstiff.calibration.tables.measurements import Measurements, measurements
 from symstiff.discrepancy import workflow
 from symstiff.discrepancy.findings.finding import Finding, Task
 from symstiff.discrepancy.findings.result import Diagnosis, Name

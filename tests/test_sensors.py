@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 from symstiff.calibration.experiment.situation import look
-from symstiff.calibration.measurements import Measurements
 from symstiff.calibration.simulation import Truth
+from symstiff.calibration.tables.measurements import Measurements
 from symstiff.discrepancy.findings.finding import Task
 from symstiff.discrepancy.problem import DeviceLaw, Problem
 from symstiff.discrepancy.workflow import diagnose

@@ -12,8 +12,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from symstiff.calibration.table import write_table
-from symstiff.calibration.writing import LOADS
+from symstiff.calibration.tables.table import write_table
+from symstiff.calibration.tables.writing import LOADS
 from symstiff.discrepancy.apart.separate import Wish, separate
 from symstiff.discrepancy.apart.separation import Decider, Hypotheses, deciding_poses
 from symstiff.errors import UserError

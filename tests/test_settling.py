@@ -9,7 +9,7 @@ import pytest
 
 from symstiff.calibration.experiment.readings import experiment_of
 from symstiff.calibration.identify import start_model
-from symstiff.calibration.measurements import Measurements
+from symstiff.calibration.tables.measurements import Measurements
 from symstiff.discrepancy.bridge.assemble import assemble
 from symstiff.discrepancy.findings.finding import Finding, Task
 from symstiff.discrepancy.noise.shaking import shaken as learned

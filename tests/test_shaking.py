@@ -7,8 +7,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from symstiff.calibration.measurements import Measurements
 from symstiff.calibration.simulation import Effect, Truth, nominal_truth
+from symstiff.calibration.tables.measurements import Measurements
 from symstiff.discrepancy.bridge.assemble import assemble
 from symstiff.discrepancy.findings.finding import Task
 from symstiff.discrepancy.noise import scales as noises

@@ -9,15 +9,15 @@ import numpy as np
 import pytest
 import scipy.optimize
 
-from symstiff.calibration.constrained import constrain
-from symstiff.calibration.decomposition import own_columns
-from symstiff.calibration.estimate import estimate
+from symstiff.calibration.fits.constrained import constrain
+from symstiff.calibration.fits.decomposition import own_columns
+from symstiff.calibration.fits.estimate import estimate
+from symstiff.calibration.fits.robust import robust_estimate
+from symstiff.calibration.fits.shared import Blocks, Joints, _Components, shared_error
 from symstiff.calibration.fitting import fit_model
-from symstiff.calibration.poses import with_markers
-from symstiff.calibration.robust import robust_estimate
-from symstiff.calibration.shared import Blocks, Joints, _Components, shared_error
 from symstiff.calibration.simulation.experiment import simulate
 from symstiff.calibration.simulation.truth import truth_from_table
+from symstiff.calibration.tables.poses import with_markers
 from symstiff.model import StiffnessModel
 from symstiff.reduction import reduce
 from symstiff.robot import load
@@ -163,7 +163,7 @@ def test_a_search_that_begins_among_some_poses_ends_where_one_among_all_does(
     z += np.sum(moved * rng.normal(size=(poses, 2))[pose], axis=1)
     found = []
     for near in (50, 10**6):
-        monkeypatch.setattr("symstiff.calibration.shared._NEAR", near)
+        monkeypatch.setattr("symstiff.calibration.fits.shared._NEAR", near)
         found.append(shared_error(Q, z, both))
     assert found[0] is not None
     assert found[1] is not None

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from symstiff.arrays import Array
-from symstiff.calibration.measurements import Measurements
+from symstiff.calibration.tables.measurements import Measurements
 from symstiff.discrepancy.findings.finding import Finding, Task
 from symstiff.discrepancy.findings.remarks import _of_rows
 from symstiff.discrepancy.laws.law import Law, largest_load

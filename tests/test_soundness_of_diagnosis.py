@@ -13,8 +13,8 @@ import pytest
 
 from symstiff.calibration.experiment.placement import closest
 from symstiff.calibration.experiment.situation import Situation, look
-from symstiff.calibration.measurements import Measurements, concatenate
 from symstiff.calibration.simulation import Device, Truth, nominal_truth
+from symstiff.calibration.tables.measurements import Measurements, concatenate
 from symstiff.discrepancy import workflow
 from symstiff.discrepancy.bridge.assemble import assemble
 from symstiff.discrepancy.bridge.growth import fit, grow

@@ -11,9 +11,9 @@ import pytest
 from command_line import Run, assert_users_mistake, run_command_line  # noqa: F401
 
 from symstiff.calibration.identify import identify
-from symstiff.calibration.measurements import Measurements, concatenate, measurements
 from symstiff.calibration.rows import predict
 from symstiff.calibration.simulation import Effect, Noise, Truth, nominal_truth, simulate
+from symstiff.calibration.tables.measurements import Measurements, concatenate, measurements
 from symstiff.discrepancy.apart.deciding import setups_like
 from symstiff.discrepancy.findings.finding import Finding, Task
 from symstiff.discrepancy.findings.out_of_range import astray

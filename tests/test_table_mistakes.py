@@ -7,8 +7,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from symstiff.calibration.checks import check_robot
-from symstiff.calibration.table import read_table
+from symstiff.calibration.tables.checks import check_robot
+from symstiff.calibration.tables.table import read_table
 from symstiff.errors import UserError
 from symstiff.robot import from_table
 from tests.test_tables import GOOD, TWO, attempt, line_of, refusal, save

@@ -9,9 +9,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
-from symstiff.calibration.checks import check_robot, without_copies
-from symstiff.calibration.measurements import concatenate, measurements
-from symstiff.calibration.table import read_poses, read_table, write_table
+from symstiff.calibration.tables.checks import check_robot, without_copies
+from symstiff.calibration.tables.measurements import concatenate, measurements
+from symstiff.calibration.tables.table import read_poses, read_table, write_table
 from symstiff.errors import UserError
 from symstiff.robot import from_table, load
 

@@ -10,9 +10,9 @@ from functools import cache
 import numpy as np
 import pytest
 
-from symstiff.calibration.measurements import Measurements
 from symstiff.calibration.rows import predict
 from symstiff.calibration.simulation import Effect, Truth, nominal_truth
+from symstiff.calibration.tables.measurements import Measurements
 from symstiff.discrepancy.bridge.growth import fit_told, grow
 from symstiff.discrepancy.findings.finding import Task
 from symstiff.discrepancy.workflow import diagnose

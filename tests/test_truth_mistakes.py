@@ -12,7 +12,7 @@ from symstiff.calibration.simulation import (
     load_truth,
     simulate,
 )
-from symstiff.calibration.table import write_table
+from symstiff.calibration.tables.table import write_table
 from symstiff.cli.calibrate import run_simulate
 from symstiff.errors import UserError
 from tests.test_truths import BARE, TRUTH, design

@@ -8,7 +8,6 @@ import numpy as np
 import pytest
 from elastic_arm import compliance_matrix, poses
 
-from symstiff.calibration.measurements import measurements
 from symstiff.calibration.simulation import (
     SHAPES,
     Effect,
@@ -21,7 +20,8 @@ from symstiff.calibration.simulation import (
     simulate,
     truth_from_table,
 )
-from symstiff.calibration.table import read_table, write_table
+from symstiff.calibration.tables.measurements import measurements
+from symstiff.calibration.tables.table import read_table, write_table
 from symstiff.cli.calibrate import run_simulate
 from symstiff.robot import load
 

@@ -11,10 +11,10 @@ import numpy as np
 import pytest
 import sympy as sp
 
-from symstiff.calibration.measurements import Measurements, measurements
 from symstiff.calibration.simulation import Effect, Truth, clean_response, nominal_truth
 from symstiff.calibration.simulation.chain import chain_of
 from symstiff.calibration.simulation.chain import posture as posture_of
+from symstiff.calibration.tables.measurements import Measurements, measurements
 from symstiff.discrepancy import workflow
 from symstiff.discrepancy.findings.finding import Finding, Task
 from symstiff.discrepancy.findings.result import Diagnosis

@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from symstiff.calibration.measurements import measurements
+from symstiff.calibration.tables.measurements import measurements
 from symstiff.discrepancy.bridge.assemble import assemble
 from symstiff.discrepancy.search.localise import best_law
 from symstiff.discrepancy.statistics.prepare import prepare

@@ -9,8 +9,8 @@ import pytest
 
 from symstiff.calibration.experiment.placement import placement_columns
 from symstiff.calibration.experiment.situation import look
-from symstiff.calibration.measurements import Measurements
 from symstiff.calibration.simulation.chain import chain_of, posture
+from symstiff.calibration.tables.measurements import Measurements
 from symstiff.discrepancy.bridge.assemble import assemble
 from symstiff.discrepancy.findings.finding import Finding, Task
 from symstiff.discrepancy.laws.unnamed import _lagging, every_law

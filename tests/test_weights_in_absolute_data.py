@@ -11,12 +11,12 @@ import pytest
 from command_line import Run, assert_users_mistake, run_command_line  # noqa: F401
 
 from symstiff.calibration.absolute import fit_absolute
+from symstiff.calibration.doubts.point import find_point
 from symstiff.calibration.experiment.current import settled
 from symstiff.calibration.identify import identify
-from symstiff.calibration.measurements import Measurements, measurements
-from symstiff.calibration.point import find_point
 from symstiff.calibration.simulation import Truth, clean_response, nominal_truth
-from symstiff.calibration.writing import write_table
+from symstiff.calibration.tables.measurements import Measurements, measurements
+from symstiff.calibration.tables.writing import write_table
 from symstiff.discrepancy.bridge.growth import fit
 from symstiff.discrepancy.findings.finding import Task
 from symstiff.discrepancy.statistics.scan import column_space

@@ -7,14 +7,14 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from symstiff.calibration.decomposition import own_columns
-from symstiff.calibration.estimate import Estimate, estimate
 from symstiff.calibration.experiment.current import Current, settled, sigma_of
 from symstiff.calibration.experiment.placement import best_placed
-from symstiff.calibration.measurements import Measurements
+from symstiff.calibration.fits.decomposition import own_columns
+from symstiff.calibration.fits.estimate import Estimate, estimate
 from symstiff.calibration.plausible import implausible
 from symstiff.calibration.residuals import ResidualTable, residual_table, sizes
 from symstiff.calibration.rows import Equations, shared_blocks, weights
+from symstiff.calibration.tables.measurements import Measurements
 from symstiff.model import StiffnessModel
 from symstiff.reduction.svd import svd
 

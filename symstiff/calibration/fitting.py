@@ -7,10 +7,10 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from symstiff.calibration.estimate import Estimate, estimate
 from symstiff.calibration.experiment.rounding import without_rounding
-from symstiff.calibration.measurements import COMPONENTS, Measurements
-from symstiff.calibration.robust import HUBER, RobustEstimate, robust_estimate
+from symstiff.calibration.fits.estimate import Estimate, estimate
+from symstiff.calibration.fits.robust import HUBER, RobustEstimate, robust_estimate
+from symstiff.calibration.fits.shared import Blocks
 from symstiff.calibration.rows import (
     Equations,
     context_of,
@@ -20,7 +20,7 @@ from symstiff.calibration.rows import (
     shared_blocks,
     weights,
 )
-from symstiff.calibration.shared import Blocks
+from symstiff.calibration.tables.measurements import COMPONENTS, Measurements
 from symstiff.codegen.runtime import for_poses
 from symstiff.model import StiffnessModel, bilinear
 from symstiff.slopes import steps_at

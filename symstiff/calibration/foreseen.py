@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 
-from symstiff.calibration.estimate import estimate
-from symstiff.calibration.measurements import Measurements
+from symstiff.calibration.fits.estimate import estimate
 from symstiff.calibration.rows import at_points
 from symstiff.calibration.simulation.nominal import nominal_truth
+from symstiff.calibration.tables.measurements import Measurements
 from symstiff.model import StiffnessModel
 from symstiff.reduction import Reduction
 from symstiff.reduction.complete import complete_map

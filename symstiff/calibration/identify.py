@@ -11,17 +11,25 @@ import numpy as np
 
 from symstiff.arguments import real, require, whole
 from symstiff.calibration.absolute import fit_absolute
-from symstiff.calibration.checks import check_measured, check_robot, without_copies, without_zeros
-from symstiff.calibration.constrained import ConstrainedEstimate, constrain
-from symstiff.calibration.estimate import Estimate
+from symstiff.calibration.doubts.misread import misread
+from symstiff.calibration.doubts.point import find_point
+from symstiff.calibration.doubts.slips import left_by, slip
+from symstiff.calibration.doubts.soundness import (
+    check_beside_geometry,
+    check_determined,
+    check_same_robot,
+    outside_class,
+    outside_fixed,
+    unlike_file,
+    usable_model,
+)
 from symstiff.calibration.experiment.readings import ExperimentClass, experiment_of
+from symstiff.calibration.fits.constrained import ConstrainedEstimate, constrain
+from symstiff.calibration.fits.estimate import Estimate
+from symstiff.calibration.fits.robust import RobustEstimate
 from symstiff.calibration.fitting import Fitted, fit_model
 from symstiff.calibration.kept import completed, seen_in
 from symstiff.calibration.levels import by_level
-from symstiff.calibration.loading import as_loading
-from symstiff.calibration.measurements import Measurements
-from symstiff.calibration.misread import misread
-from symstiff.calibration.point import find_point
 from symstiff.calibration.redundant import redundant
 from symstiff.calibration.remarks import (
     axis_hint,
@@ -36,18 +44,10 @@ from symstiff.calibration.remarks import (
     unsettled,
 )
 from symstiff.calibration.residuals import ResidualTable, places, residual_table, split
-from symstiff.calibration.robust import RobustEstimate
 from symstiff.calibration.rows import Equations, equations, predict
-from symstiff.calibration.slips import left_by, slip
-from symstiff.calibration.soundness import (
-    check_beside_geometry,
-    check_determined,
-    check_same_robot,
-    outside_class,
-    outside_fixed,
-    unlike_file,
-    usable_model,
-)
+from symstiff.calibration.tables.checks import check_measured, check_robot, without_copies, without_zeros
+from symstiff.calibration.tables.loading import as_loading
+from symstiff.calibration.tables.measurements import Measurements
 from symstiff.display import counted, few
 from symstiff.effects.registry import find
 from symstiff.errors import UserError, printable

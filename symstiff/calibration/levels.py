@@ -7,10 +7,10 @@ from dataclasses import replace
 import numpy as np
 import scipy.linalg
 
-from symstiff.calibration.decomposition import unit_columns
 from symstiff.calibration.experiment.anywhere import any_loads, any_poses
-from symstiff.calibration.measurements import Measurements, measurements
+from symstiff.calibration.fits.decomposition import unit_columns
 from symstiff.calibration.rows import equations
+from symstiff.calibration.tables.measurements import Measurements, measurements
 from symstiff.effects.instance import EffectInstance
 from symstiff.effects.registry import catalogue
 from symstiff.errors import UserError

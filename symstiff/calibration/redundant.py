@@ -7,8 +7,8 @@ from dataclasses import replace
 import numpy as np
 
 from symstiff.calibration.experiment.anywhere import any_loads, any_poses
-from symstiff.calibration.measurements import Measurements
 from symstiff.calibration.rows import equations
+from symstiff.calibration.tables.measurements import Measurements
 from symstiff.model import StiffnessModel
 from symstiff.reduction.structural import Couplings
 from symstiff.reduction.svd import numeric_partition

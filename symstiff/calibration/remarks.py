@@ -8,14 +8,14 @@ import numpy as np
 import scipy.stats
 
 from symstiff.calibration.absolute import AbsoluteFit
-from symstiff.calibration.axes import AxisHint, axis_hint_refit
-from symstiff.calibration.estimate import Estimate
+from symstiff.calibration.doubts.axes import AxisHint, axis_hint_refit
+from symstiff.calibration.doubts.soundness import check_loads, check_poses
+from symstiff.calibration.fits.estimate import Estimate
+from symstiff.calibration.fits.shared import SharedError
 from symstiff.calibration.fitting import Fitted
-from symstiff.calibration.measurements import Measurements
 from symstiff.calibration.residuals import ResidualTable
 from symstiff.calibration.rows import Equations, weights
-from symstiff.calibration.shared import SharedError
-from symstiff.calibration.soundness import check_loads, check_poses
+from symstiff.calibration.tables.measurements import Measurements
 from symstiff.display import few
 from symstiff.model import StiffnessModel
 from symstiff.reduction import Reduction

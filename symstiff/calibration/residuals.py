@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from symstiff.arrays import Array, Index, numbered
-from symstiff.calibration.measurements import COMPONENTS
+from symstiff.calibration.tables.measurements import COMPONENTS
 from symstiff.errors import UserError
 
 

@@ -7,10 +7,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from symstiff.calibration.components import component_sigma
-from symstiff.calibration.loading import turn_of
-from symstiff.calibration.measurements import COMPONENTS, Measurements
-from symstiff.calibration.shared import Blocks, Joints
+from symstiff.calibration.fits.components import component_sigma
+from symstiff.calibration.fits.shared import Blocks, Joints
+from symstiff.calibration.tables.loading import turn_of
+from symstiff.calibration.tables.measurements import COMPONENTS, Measurements
 from symstiff.codegen.runtime import for_poses
 from symstiff.errors import UserError
 from symstiff.model import StiffnessModel

@@ -15,14 +15,14 @@ import numpy as np
 from symstiff.calibration.fitting import fit_model
 from symstiff.calibration.identify import data_rank
 from symstiff.calibration.levels import by_level
-from symstiff.calibration.measurements import Measurements
 from symstiff.calibration.plan import Goal, Load, Search
 from symstiff.calibration.plan import plan as choose_poses
 from symstiff.calibration.planning.region import Region, above_floor
-from symstiff.calibration.poses import with_markers
 from symstiff.calibration.residuals import ResidualTable, residual_table
 from symstiff.calibration.rows import predict
 from symstiff.calibration.simulation import Truth, nominal_truth, simulate, truth_from_table
+from symstiff.calibration.tables.measurements import Measurements
+from symstiff.calibration.tables.poses import with_markers
 from symstiff.model import StiffnessModel, joints_only
 from symstiff.reduction import reduce
 from symstiff.robot import load

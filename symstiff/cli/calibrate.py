@@ -12,7 +12,7 @@ from symstiff.display import counted, few
 from symstiff.errors import UserError
 
 if TYPE_CHECKING:
-    from symstiff.calibration.measurements import Measurements
+    from symstiff.calibration.tables.measurements import Measurements
     from symstiff.compensation import Compensated
     from symstiff.model import StiffnessModel
 
@@ -37,10 +37,10 @@ def run_simulate(
     """Run a virtual experiment."""
     from dataclasses import replace
 
-    from symstiff.calibration.checks import check_robot
-    from symstiff.calibration.measurements import COMPONENTS
     from symstiff.calibration.simulation import load_truth, simulate
-    from symstiff.calibration.table import read_poses, write_table
+    from symstiff.calibration.tables.checks import check_robot
+    from symstiff.calibration.tables.measurements import COMPONENTS
+    from symstiff.calibration.tables.table import read_poses, write_table
 
     if noise is not None and noise != 0 and not LEAST_NOISE <= noise < 100:
         raise UserError(
@@ -82,13 +82,19 @@ def run_simulate(
 
 def run_compensate(model_file: Path, trajectory: Path, output: Path, json: str | None) -> None:
     """Correct a trajectory."""
-    from symstiff.calibration.checks import check_robot
-    from symstiff.calibration.loading import as_loading
+    from symstiff.calibration.doubts.soundness import (
+        of_levers,
+        of_tool,
+        outside_class,
+        outside_fixed,
+        usable_model,
+    )
     from symstiff.calibration.remarks import of_sag
-    from symstiff.calibration.rewriting import rewrite_joints
     from symstiff.calibration.rows import context_of
-    from symstiff.calibration.soundness import of_levers, of_tool, outside_class, outside_fixed, usable_model
-    from symstiff.calibration.table import read_trajectory
+    from symstiff.calibration.tables.checks import check_robot
+    from symstiff.calibration.tables.loading import as_loading
+    from symstiff.calibration.tables.rewriting import rewrite_joints
+    from symstiff.calibration.tables.table import read_trajectory
     from symstiff.compensation import compensate
     from symstiff.effects.places import named
 

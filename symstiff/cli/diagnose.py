@@ -35,7 +35,7 @@ class DiagnoseRequest:
 
 def run_diagnose(request: DiagnoseRequest) -> None:
     """Read, diagnose, grow, write the folder, say the verdict."""
-    from symstiff.calibration.table import read_table
+    from symstiff.calibration.tables.table import read_table
     from symstiff.discrepancy.findings.finding import Task
     from symstiff.discrepancy.workflow import diagnose
     from symstiff.report.folder import write_report

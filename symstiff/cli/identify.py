@@ -49,7 +49,7 @@ def run_identify(request: IdentifyRequest) -> None:
     """Fit, report, save."""
     from symstiff.calibration.complete import reconstruct_model
     from symstiff.calibration.identify import identify
-    from symstiff.calibration.table import read_table
+    from symstiff.calibration.tables.table import read_table
 
     level = _joint(request.per_level)
     _check(request)

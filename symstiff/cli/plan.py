@@ -85,7 +85,7 @@ class _Asked:
     @property
     def together(self) -> tuple[float, float]:
         """Of the readings at all load steps together."""
-        from symstiff.calibration.poses import gain_of_steps
+        from symstiff.calibration.tables.poses import gain_of_steps
 
         gain = gain_of_steps(self.steps) ** 0.5
         return self.sigma[0] / gain, self.sigma[1] / gain
@@ -167,8 +167,8 @@ def _write_poses(
     """Write the poses as they are measured; the parameters that they may leave in doubt."""
     from symstiff.calibration.foreseen import doubtful
     from symstiff.calibration.planning import geometry, poses_table
-    from symstiff.calibration.poses import in_steps, with_markers
-    from symstiff.calibration.table import write_table
+    from symstiff.calibration.tables.poses import in_steps, with_markers
+    from symstiff.calibration.tables.table import write_table
 
     table = poses_table(plan, geometry(model.robot))
     if request.markers:
@@ -289,8 +289,8 @@ def _test_poses(request: PlanRequest, robot: Robot) -> tuple[Any, Any]:
         if request.criterion == "test":
             raise UserError("--criterion test needs --test-poses FILE: joint variables and loads that matter")
         return None, None
-    from symstiff.calibration.checks import check_robot
-    from symstiff.calibration.table import read_poses
+    from symstiff.calibration.tables.checks import check_robot
+    from symstiff.calibration.tables.table import read_poses
 
     table = read_poses(request.test_poses)
     check_robot(table, robot)

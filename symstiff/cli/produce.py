@@ -32,7 +32,7 @@ def run_generate(
     json: str | None,
 ) -> None:
     """Derive, reduce, emit, compile, verify, report."""
-    from symstiff.calibration.soundness import of_tool
+    from symstiff.calibration.doubts.soundness import of_tool
     from symstiff.codegen.generate import generate
     from symstiff.codegen.options import Options
     from symstiff.model import StiffnessModel
@@ -67,7 +67,7 @@ def run_generate(
 
 
 def _identified(robot: str, model_file: Path, loads: str | None, measure: str | None) -> StiffnessModel:
-    from symstiff.calibration.soundness import check_same_robot, usable_model
+    from symstiff.calibration.doubts.soundness import check_same_robot, usable_model
 
     model = usable_model(model_file)
     check_same_robot(model, load(robot), str(model_file))

@@ -15,7 +15,7 @@ if TYPE_CHECKING:
 
 def run_separate(request: PlanRequest, verdict: Path) -> None:
     """Write poses that decide among the explanations of an ambiguous verdict."""
-    from symstiff.calibration.table import write_table
+    from symstiff.calibration.tables.table import write_table
     from symstiff.discrepancy.apart.separate import Wish, separate
     from symstiff.report.deciding import DECIDES, OTHERWISE, assumed, reach
 

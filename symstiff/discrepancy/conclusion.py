@@ -7,9 +7,9 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from symstiff.calibration.measurements import Measurements
 from symstiff.calibration.redundant import redundant
 from symstiff.calibration.rows import predict
+from symstiff.calibration.tables.measurements import Measurements
 from symstiff.discrepancy.bridge.assemble import Assembly
 from symstiff.discrepancy.bridge.growth import JointFit, fit_told, grow
 from symstiff.discrepancy.bridge.ranges import extent_of

@@ -15,15 +15,15 @@ from dataclasses import replace
 import numpy as np
 
 from symstiff.arguments import require, whole
-from symstiff.calibration.checks import check_measured, check_robot, of_units
+from symstiff.calibration.doubts.point import find_point
+from symstiff.calibration.doubts.soundness import outside_class, outside_fixed
 from symstiff.calibration.experiment.readings import ExperimentClass, experiment_of
 from symstiff.calibration.experiment.situation import Laws
 from symstiff.calibration.identify import start_model
 from symstiff.calibration.kept import seen_in
-from symstiff.calibration.loading import as_loading
-from symstiff.calibration.measurements import Measurements
-from symstiff.calibration.point import find_point
-from symstiff.calibration.soundness import outside_class, outside_fixed
+from symstiff.calibration.tables.checks import check_measured, check_robot, of_units
+from symstiff.calibration.tables.loading import as_loading
+from symstiff.calibration.tables.measurements import Measurements
 from symstiff.discrepancy.bridge.assemble import Assembly, added_loads, assemble
 from symstiff.discrepancy.bridge.growth import fit, grow
 from symstiff.discrepancy.climb import Ladder, Wider, wider_model

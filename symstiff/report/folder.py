@@ -13,8 +13,8 @@ import numpy as np
 from symstiff.arguments import require
 from symstiff.calibration.experiment.readings import experiment_of
 from symstiff.calibration.identify import start_model
-from symstiff.calibration.measurements import COMPONENTS, Measurements
-from symstiff.calibration.writing import LOADS
+from symstiff.calibration.tables.measurements import COMPONENTS, Measurements
+from symstiff.calibration.tables.writing import LOADS
 from symstiff.discrepancy.apart.deciding import Choice, Rival, decide_by, setups_like
 from symstiff.discrepancy.apart.separate import TAKEN
 from symstiff.discrepancy.findings.finding import Finding
@@ -118,7 +118,7 @@ def write_deciding_poses(
     finding: Finding, folder: Path, tell: Callable[[str], None]
 ) -> dict[str, Any] | None:
     """decide.csv for an ambiguous verdict: poses and loads that tell the admissible sets apart; its record."""
-    from symstiff.calibration.table import write_table
+    from symstiff.calibration.tables.table import write_table
 
     if finding.verdict != AMBIGUOUS:
         return None

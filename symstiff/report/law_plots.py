@@ -10,8 +10,8 @@ import numpy as np
 import sympy as sp
 
 from symstiff.arrays import Array
-from symstiff.calibration.decomposition import unit_columns
-from symstiff.calibration.measurements import COMPONENTS
+from symstiff.calibration.fits.decomposition import unit_columns
+from symstiff.calibration.tables.measurements import COMPONENTS
 from symstiff.discrepancy.findings.finding import Finding
 from symstiff.discrepancy.findings.result import Found
 from symstiff.discrepancy.search.localise import back_project

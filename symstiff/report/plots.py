@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from symstiff.arrays import Array
-from symstiff.calibration.measurements import COMPONENTS
+from symstiff.calibration.tables.measurements import COMPONENTS
 from symstiff.discrepancy.findings.finding import Finding
 from symstiff.discrepancy.findings.numbers import milli
 from symstiff.report.tables import by_state, standardised

@@ -7,13 +7,13 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from symstiff.calibration.measurements import COMPONENTS
 from symstiff.calibration.rows import predict
+from symstiff.calibration.tables.measurements import COMPONENTS
 from symstiff.discrepancy.findings.numbers import milli
 
 if TYPE_CHECKING:
     from symstiff.calibration.identify import Identification
-    from symstiff.calibration.measurements import Measurements
+    from symstiff.calibration.tables.measurements import Measurements
     from symstiff.model import StiffnessModel
 
 

@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-from symstiff.calibration.checks import of_units
-from symstiff.calibration.measurements import COMPONENTS
+from symstiff.calibration.tables.checks import of_units
+from symstiff.calibration.tables.measurements import COMPONENTS
 from symstiff.discrepancy.findings.finding import Finding
 from symstiff.discrepancy.findings.numbers import decimals_between, milli, p_equals
 from symstiff.discrepancy.findings.remarks import FEW, hiding

@@ -9,8 +9,8 @@ from typing import Any
 
 import numpy as np
 
-from symstiff.calibration.measurements import Measurements, measurements
 from symstiff.calibration.simulation import Effect, Noise, Truth, nominal_truth, simulate
+from symstiff.calibration.tables.measurements import Measurements, measurements
 from symstiff.discrepancy.bridge.assemble import assemble
 from symstiff.discrepancy.climb import frames_of
 from symstiff.discrepancy.statistics.scan import column_space

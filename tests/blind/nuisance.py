@@ -5,11 +5,11 @@ from __future__ import annotations
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from symstiff.calibration.measurements import Measurements
 from symstiff.calibration.simulation import Device, Noise, Truth, clean_response
 from symstiff.calibration.simulation.chain import joint_index, posture
 from symstiff.calibration.simulation.equilibrium import States, loads
 from symstiff.calibration.simulation.experiment import prepare
+from symstiff.calibration.tables.measurements import Measurements
 from symstiff.robot import Robot
 
 APPROACH = (0.0, 0.3, 0.3, 1.0, 3.0)

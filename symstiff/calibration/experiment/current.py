@@ -9,7 +9,6 @@ from functools import lru_cache
 import numpy as np
 
 from symstiff.arrays import Array
-from symstiff.calibration.decomposition import unit_columns
 from symstiff.calibration.experiment.anywhere import any_loads, any_poses
 from symstiff.calibration.experiment.arm import Arm, drawn, standing
 from symstiff.calibration.experiment.full import full_laws
@@ -25,8 +24,9 @@ from symstiff.calibration.experiment.situation import (
     look,
     under_weights,
 )
-from symstiff.calibration.measurements import Measurements
+from symstiff.calibration.fits.decomposition import unit_columns
 from symstiff.calibration.rows import stated_sigma
+from symstiff.calibration.tables.measurements import Measurements
 from symstiff.effects.base import Realisation, Shape, Where
 from symstiff.effects.registry import find
 from symstiff.model import StiffnessModel

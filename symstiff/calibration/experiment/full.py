@@ -15,8 +15,8 @@ from collections.abc import Sequence
 import numpy as np
 
 from symstiff.arrays import TINY, Array
-from symstiff.calibration.decomposition import unit_columns
 from symstiff.calibration.experiment.situation import Laws, View, Weigh, linear_columns
+from symstiff.calibration.fits.decomposition import unit_columns
 from symstiff.model import StiffnessModel
 from symstiff.reduction.physical import Parameter, original, physical_stages, terms_of
 from symstiff.symbolic.terms import Term, actuated_joint

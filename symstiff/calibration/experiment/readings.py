@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from symstiff.calibration.measurements import Measurements
+from symstiff.calibration.tables.measurements import Measurements
 from symstiff.robot.schema import Robot
 
 _SAME = 1e-6  # m

@@ -15,8 +15,8 @@ import numpy as np
 import sympy as sp
 
 from symstiff.arrays import TINY, Array, Index, numbered
-from symstiff.calibration.loading import turn_of
-from symstiff.calibration.measurements import Measurements
+from symstiff.calibration.tables.loading import turn_of
+from symstiff.calibration.tables.measurements import Measurements
 from symstiff.effects.base import Body, at_lever
 from symstiff.effects.common import GRAVITY
 from symstiff.robot.schema import Robot

@@ -108,12 +108,12 @@ class Plan:
     seed: int
 
     def __repr__(self) -> str:
-        from symstiff.calibration.reading import plan_line
+        from symstiff.calibration.planning.reading import plan_line
 
         return f"Plan({plan_line(self)})"
 
     def _repr_html_(self) -> str:
-        from symstiff.calibration.reading import plan_html
+        from symstiff.calibration.planning.reading import plan_html
 
         return plan_html(self)
 

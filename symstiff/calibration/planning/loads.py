@@ -8,7 +8,7 @@ from typing import Any, Literal
 import numpy as np
 
 from symstiff.arguments import real
-from symstiff.calibration.units import LARGEST_LOAD
+from symstiff.calibration.tables.units import LARGEST_LOAD
 from symstiff.errors import UserError
 
 Kind = Literal["gravity", "force", "wrench"]

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
-from symstiff.calibration.measurements import Measurements, measurements
 from symstiff.calibration.planning.choice import Plan
 from symstiff.calibration.planning.frames import Geometry
+from symstiff.calibration.tables.measurements import Measurements, measurements
 
 
 def poses_table(plan: Plan, robot: Geometry) -> Measurements:

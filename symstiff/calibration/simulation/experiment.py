@@ -10,8 +10,6 @@ import numpy as np
 
 from symstiff.arguments import require, whole
 from symstiff.arrays import Array
-from symstiff.calibration.loading import as_loading
-from symstiff.calibration.measurements import Measurements, measurements
 from symstiff.calibration.simulation.chain import Chain, chain_of, posture
 from symstiff.calibration.simulation.equilibrium import (
     Mechanism,
@@ -24,6 +22,8 @@ from symstiff.calibration.simulation.nominal import linear_compliance
 from symstiff.calibration.simulation.phenomena import Additions, build
 from symstiff.calibration.simulation.rehearsal import CONTEXT, followed
 from symstiff.calibration.simulation.truth import Device, Noise, Truth
+from symstiff.calibration.tables.loading import as_loading
+from symstiff.calibration.tables.measurements import Measurements, measurements
 from symstiff.errors import UserError
 
 Kind = Literal["deflection", "absolute"]
@@ -78,8 +78,8 @@ def simulate(truth: Truth, design: Measurements, seed: int) -> Measurements:
     Raises UserError where the design does not fit the robot, no equilibrium exists, or a number is beyond what a
     table holds.
     """
-    from symstiff.calibration.checks import check_robot
-    from symstiff.calibration.table import check_limits
+    from symstiff.calibration.tables.checks import check_robot
+    from symstiff.calibration.tables.table import check_limits
 
     require(truth, Truth, "what is true", "load_truth('truth.toml') gives it")
     whole(seed, "seed")

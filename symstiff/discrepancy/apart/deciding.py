@@ -11,8 +11,8 @@ import numpy as np
 from symstiff.arrays import TINY, Array, Index
 from symstiff.calibration.experiment.placement import placement_columns
 from symstiff.calibration.experiment.situation import Laws, Situation, look, under_weights
-from symstiff.calibration.loading import load_factor
-from symstiff.calibration.measurements import Measurements, concatenate, measurements
+from symstiff.calibration.tables.loading import load_factor
+from symstiff.calibration.tables.measurements import Measurements, concatenate, measurements
 from symstiff.discrepancy.apart.separation import Decider, Hypotheses, deciding_poses
 from symstiff.discrepancy.bridge.candidates import scales_of
 from symstiff.discrepancy.bridge.growth import columns_of

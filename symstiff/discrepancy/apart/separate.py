@@ -11,13 +11,13 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from symstiff.arrays import Array
-from symstiff.calibration.checks import check_robot
 from symstiff.calibration.experiment.readings import ExperimentClass, read_at
 from symstiff.calibration.identify import start_model
-from symstiff.calibration.measurements import Measurements
 from symstiff.calibration.planning.loads import Load
 from symstiff.calibration.planning.measurement import BASELINE, Measurement
-from symstiff.calibration.writing import LOADS
+from symstiff.calibration.tables.checks import check_robot
+from symstiff.calibration.tables.measurements import Measurements
+from symstiff.calibration.tables.writing import LOADS
 from symstiff.discrepancy.apart.deciding import OFFERED, Choice, Rival, Setup, decide_poses, several_levels
 from symstiff.discrepancy.apart.separation import Decider
 from symstiff.effects.base import Scales
@@ -123,7 +123,7 @@ def _labels(table: Mapping[str, Any]) -> tuple[str, ...]:
 
 def _taken(robot: Robot, table: Mapping[str, Any], verdict: Path) -> Measurements | None:
     """Poses and loads of the data behind the verdict, marked as measured in the components that were."""
-    from symstiff.calibration.table import read_poses
+    from symstiff.calibration.tables.table import read_poses
 
     decide = table.get("decide", {})
     file = verdict.parent / TAKEN

@@ -12,11 +12,11 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from symstiff.arrays import TINY, Array, Mask, numbered
-from symstiff.calibration.checks import check_measured, check_robot
 from symstiff.calibration.experiment.current import Current, settled, sigma_of
 from symstiff.calibration.experiment.situation import Situation, View, loads_of, under_weights
-from symstiff.calibration.loading import load_factor
-from symstiff.calibration.measurements import Measurements
+from symstiff.calibration.tables.checks import check_measured, check_robot
+from symstiff.calibration.tables.loading import load_factor
+from symstiff.calibration.tables.measurements import Measurements
 from symstiff.discrepancy.bridge.candidates import UNLOADED, grouped, structural
 from symstiff.discrepancy.bridge.candidates import candidates as candidates_of
 from symstiff.discrepancy.laws.devices import DeviceLaws

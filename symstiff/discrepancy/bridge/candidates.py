@@ -20,7 +20,7 @@ from symstiff.calibration.experiment.situation import (
     look,
     under_weights,
 )
-from symstiff.calibration.measurements import Measurements
+from symstiff.calibration.tables.measurements import Measurements
 from symstiff.discrepancy.bridge.ranges import Extent, at_size, extent_of
 from symstiff.discrepancy.noise.scales import Noise
 from symstiff.discrepancy.problem import ANGLE, CLOCK, HISTORY, Candidate, Parameter, Problem

@@ -9,12 +9,12 @@ import numpy as np
 
 from symstiff.arrays import Array
 from symstiff.calibration.absolute import untold
-from symstiff.calibration.decomposition import own_columns
 from symstiff.calibration.experiment.placement import best_placed
 from symstiff.calibration.experiment.rounding import without_rounding
 from symstiff.calibration.experiment.situation import Situation
-from symstiff.calibration.measurements import Measurements
+from symstiff.calibration.fits.decomposition import own_columns
 from symstiff.calibration.plausible import implausible
+from symstiff.calibration.tables.measurements import Measurements
 from symstiff.discrepancy.bridge.assemble import Assembly, assemble
 from symstiff.discrepancy.noise.scales import Noise
 from symstiff.discrepancy.problem import Problem

@@ -4,14 +4,14 @@ from __future__ import annotations
 
 import numpy as np
 
+from symstiff.calibration.doubts.misread import misread
+from symstiff.calibration.doubts.slips import left_by, slip
 from symstiff.calibration.experiment.arm import drawn
 from symstiff.calibration.experiment.placement import placed
 from symstiff.calibration.experiment.situation import Laws, look
-from symstiff.calibration.measurements import Measurements
-from symstiff.calibration.misread import misread
 from symstiff.calibration.remarks import axis_hint
 from symstiff.calibration.rows import equations
-from symstiff.calibration.slips import left_by, slip
+from symstiff.calibration.tables.measurements import Measurements
 from symstiff.discrepancy.reasons import Reason, Why
 from symstiff.model import StiffnessModel
 

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 from symstiff.arrays import Array
 from symstiff.calibration.kept import completed
-from symstiff.calibration.measurements import Measurements
+from symstiff.calibration.tables.measurements import Measurements
 from symstiff.discrepancy.bridge.assemble import Assembly
 from symstiff.discrepancy.bridge.growth import JointFit, contribution
 from symstiff.discrepancy.findings.result import CandidateResult, Diagnosis, Found, Rms

@@ -12,8 +12,8 @@ import numpy as np
 from symstiff.arrays import Array, Index
 from symstiff.calibration.experiment.current import sigma_of
 from symstiff.calibration.experiment.situation import View
-from symstiff.calibration.measurements import Measurements
 from symstiff.calibration.rows import predict
+from symstiff.calibration.tables.measurements import Measurements
 from symstiff.discrepancy.findings.finding import Finding
 from symstiff.discrepancy.findings.numbers import milli
 from symstiff.discrepancy.findings.result import Diagnosis

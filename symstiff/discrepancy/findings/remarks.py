@@ -6,8 +6,8 @@ import numpy as np
 
 from symstiff.arrays import Array, numbered
 from symstiff.calibration.experiment.situation import View
-from symstiff.calibration.measurements import Measurements
 from symstiff.calibration.remarks import of_sag
+from symstiff.calibration.tables.measurements import Measurements
 from symstiff.discrepancy.bridge.ranges import at_size, extent_of
 from symstiff.discrepancy.findings.gross import in_usual, unlike
 from symstiff.discrepancy.findings.numbers import p_equals, quantity

@@ -7,8 +7,8 @@ from functools import partial
 
 import numpy as np
 
-from symstiff.calibration.checks import without_copies, without_zeros
-from symstiff.calibration.measurements import Measurements
+from symstiff.calibration.tables.checks import without_copies, without_zeros
+from symstiff.calibration.tables.measurements import Measurements
 from symstiff.discrepancy.findings.numbers import milli
 from symstiff.errors import UserError
 

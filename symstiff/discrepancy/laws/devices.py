@@ -11,8 +11,8 @@ import numpy as np
 
 from symstiff.arrays import Array
 from symstiff.calibration.experiment.situation import Situation, View, under_weights
-from symstiff.calibration.loading import load_factor
-from symstiff.calibration.measurements import Measurements, course
+from symstiff.calibration.tables.loading import load_factor
+from symstiff.calibration.tables.measurements import Measurements, course
 from symstiff.discrepancy.laws.drawing import drawing_laws
 from symstiff.discrepancy.laws.posture import posture_laws
 from symstiff.discrepancy.laws.sensors import FLANGE, SENSOR, sensor_laws

@@ -9,7 +9,7 @@ import numpy as np
 
 from symstiff.arrays import TINY, Array
 from symstiff.calibration.experiment.situation import Situation
-from symstiff.calibration.measurements import Measurements, course
+from symstiff.calibration.tables.measurements import Measurements, course
 from symstiff.discrepancy.problem import DeviceLaw, Parameter
 from symstiff.effects.blocks import all_pairs, block
 from symstiff.effects.common import load_of

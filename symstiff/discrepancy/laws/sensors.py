@@ -8,7 +8,7 @@ import numpy as np
 
 from symstiff.arrays import Array
 from symstiff.calibration.experiment.situation import Situation
-from symstiff.calibration.loading import load_factor
+from symstiff.calibration.tables.loading import load_factor
 from symstiff.discrepancy.problem import DeviceLaw, Parameter
 from symstiff.symbolic.terms import AXES, Term, VirtualJoint, w
 

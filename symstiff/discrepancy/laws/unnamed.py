@@ -12,7 +12,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from symstiff.arrays import Array
-from symstiff.calibration.measurements import course
+from symstiff.calibration.tables.measurements import course
 from symstiff.discrepancy.laws.law import TINY, Law, largest_load, load_on
 from symstiff.discrepancy.laws.of_angles import laws_of_angle, wave
 from symstiff.discrepancy.problem import ANGLE, CLOCK, HISTORY, Candidate, Parameter, Problem

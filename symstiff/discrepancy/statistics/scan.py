@@ -13,7 +13,7 @@ from functools import cached_property
 import numpy as np
 
 from symstiff.arrays import TINY, Array, Mask
-from symstiff.calibration.decomposition import unit_columns
+from symstiff.calibration.fits.decomposition import unit_columns
 from symstiff.discrepancy.noise.blocks import Roots
 from symstiff.discrepancy.noise.scales import Noise
 from symstiff.discrepancy.noise.sharing import Sharing

@@ -7,7 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from symstiff.calibration.measurements import Measurements, measurements
+from symstiff.calibration.tables.measurements import Measurements, measurements
 
 
 def with_markers(

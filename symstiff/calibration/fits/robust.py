@@ -10,12 +10,12 @@ import numpy as np
 import numpy.typing as npt
 
 from symstiff.arrays import Array
-from symstiff.calibration.compact import checked, compact
-from symstiff.calibration.components import doubt_of
-from symstiff.calibration.estimate import Estimate, estimate, interval_factor
-from symstiff.calibration.outliers import UNTESTABLE, HuberFit, Suspect, pose_suspects, row_suspects
-from symstiff.calibration.rank import combinations, resolved_root
-from symstiff.calibration.shared import Blocks, SharedError, shared_error
+from symstiff.calibration.fits.compact import checked, compact
+from symstiff.calibration.fits.components import doubt_of
+from symstiff.calibration.fits.estimate import Estimate, estimate, interval_factor
+from symstiff.calibration.fits.outliers import UNTESTABLE, HuberFit, Suspect, pose_suspects, row_suspects
+from symstiff.calibration.fits.rank import combinations, resolved_root
+from symstiff.calibration.fits.shared import Blocks, SharedError, shared_error
 from symstiff.display import finite
 from symstiff.reduction.svd import svd
 

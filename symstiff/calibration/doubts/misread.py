@@ -10,12 +10,12 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from symstiff.arrays import TINY, Array
-from symstiff.calibration.axes import WORTH_A_WORD, AxisHint
-from symstiff.calibration.decomposition import unit_columns
+from symstiff.calibration.doubts.axes import WORTH_A_WORD, AxisHint
+from symstiff.calibration.doubts.slips import some_poses
 from symstiff.calibration.experiment.placement import closest
-from symstiff.calibration.measurements import Measurements
+from symstiff.calibration.fits.decomposition import unit_columns
 from symstiff.calibration.rows import equations
-from symstiff.calibration.slips import some_poses
+from symstiff.calibration.tables.measurements import Measurements
 from symstiff.model import StiffnessModel
 from symstiff.reduction.svd import svd
 from symstiff.symbolic.numeric import forward

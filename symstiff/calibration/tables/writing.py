@@ -12,7 +12,7 @@ import numpy as np
 
 from symstiff.arguments import A_TABLE, require
 from symstiff.arrays import Array
-from symstiff.calibration.measurements import COMPONENTS, Measurements
+from symstiff.calibration.tables.measurements import COMPONENTS, Measurements
 from symstiff.errors import UserError
 from symstiff.files import write_file
 

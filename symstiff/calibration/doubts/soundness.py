@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from symstiff.arrays import Array
-from symstiff.calibration.rank import RankDecision
+from symstiff.calibration.fits.rank import RankDecision
 from symstiff.display import few
 from symstiff.errors import UserError
 from symstiff.reduction.admissible import JOINT, LINK

@@ -11,9 +11,9 @@ from dataclasses import replace
 import numpy as np
 
 from symstiff.arrays import Array
+from symstiff.calibration.doubts.soundness import check_tool
 from symstiff.calibration.experiment.placement import closest
-from symstiff.calibration.measurements import Measurements
-from symstiff.calibration.soundness import check_tool
+from symstiff.calibration.tables.measurements import Measurements
 from symstiff.model import StiffnessModel
 from symstiff.robot.schema import Robot
 from symstiff.robot.tool import tool_of, with_tool

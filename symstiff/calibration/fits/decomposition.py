@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from symstiff.arrays import Array
-from symstiff.calibration.compact import triangular
+from symstiff.calibration.fits.compact import triangular
 from symstiff.reduction.svd import independent
 
 

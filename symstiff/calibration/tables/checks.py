@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 
 from symstiff.arguments import A_ROBOT, A_TABLE, require
-from symstiff.calibration.columns import SHOWN
-from symstiff.calibration.measurements import Measurements
 from symstiff.calibration.plausible import SOFTEST
+from symstiff.calibration.tables.columns import SHOWN
+from symstiff.calibration.tables.measurements import Measurements
 from symstiff.errors import UserError, printable
 from symstiff.robot import Robot
 

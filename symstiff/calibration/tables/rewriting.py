@@ -9,10 +9,10 @@ from pathlib import Path
 import numpy as np
 
 from symstiff.arrays import Array
-from symstiff.calibration.checks import same_configuration
-from symstiff.calibration.columns import read_header
-from symstiff.calibration.measurements import Measurements
-from symstiff.calibration.table import Cells
+from symstiff.calibration.tables.checks import same_configuration
+from symstiff.calibration.tables.columns import read_header
+from symstiff.calibration.tables.measurements import Measurements
+from symstiff.calibration.tables.table import Cells
 from symstiff.files import write_file
 
 

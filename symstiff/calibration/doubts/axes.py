@@ -9,7 +9,7 @@ from itertools import permutations, product
 import numpy as np
 
 from symstiff.arrays import TINY, Array
-from symstiff.calibration.decomposition import unit_columns
+from symstiff.calibration.fits.decomposition import unit_columns
 from symstiff.errors import UserError
 from symstiff.reduction.svd import svd
 

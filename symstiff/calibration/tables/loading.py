@@ -12,7 +12,7 @@ from dataclasses import replace
 import numpy as np
 
 from symstiff.arrays import Array, Index
-from symstiff.calibration.measurements import Measurements
+from symstiff.calibration.tables.measurements import Measurements
 
 
 def as_loading(table: Measurements) -> Measurements:

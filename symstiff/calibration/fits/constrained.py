@@ -11,7 +11,7 @@ import numpy as np
 import scipy.stats
 
 from symstiff.arrays import Array
-from symstiff.calibration.estimate import Estimate
+from symstiff.calibration.fits.estimate import Estimate
 from symstiff.display import finite
 from symstiff.errors import UserError
 from symstiff.reduction.admissible import AdmissibleSet, admissible_set, scales

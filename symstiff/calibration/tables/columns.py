@@ -8,8 +8,8 @@ from dataclasses import dataclass
 from math import inf
 from typing import Literal
 
-from symstiff.calibration.measurements import COMPONENTS, CONTEXT, Kind
-from symstiff.calibration.units import FACTORS, LARGEST_LOAD, dimensions, parse_header
+from symstiff.calibration.tables.measurements import COMPONENTS, CONTEXT, Kind
+from symstiff.calibration.tables.units import FACTORS, LARGEST_LOAD, dimensions, parse_header
 from symstiff.errors import UserError, printable
 
 _LOADS = {"fx": "force", "fy": "force", "fz": "force", "mx": "moment", "my": "moment", "mz": "moment"}

@@ -11,7 +11,7 @@ import numpy as np
 import scipy.linalg
 
 from symstiff.arrays import Array
-from symstiff.calibration.compact import Compact
+from symstiff.calibration.fits.compact import Compact
 
 _NEGLIGIBLE = 1e-6  # of a scaled column: below it a coefficient of a coupling is rounding
 _NOTHING = 1e-150  # singular value that stands for zero where all are: its inverse has a square

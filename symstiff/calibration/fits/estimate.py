@@ -12,10 +12,10 @@ import numpy.typing as npt
 import scipy.stats
 
 from symstiff.arrays import Array
-from symstiff.calibration.compact import Compact, checked, compact
-from symstiff.calibration.components import doubt_of
-from symstiff.calibration.rank import Combination, RankDecision, combinations, decide_rank, resolved_root
-from symstiff.calibration.shared import Blocks, SharedError, shared_error
+from symstiff.calibration.fits.compact import Compact, checked, compact
+from symstiff.calibration.fits.components import doubt_of
+from symstiff.calibration.fits.rank import Combination, RankDecision, combinations, decide_rank, resolved_root
+from symstiff.calibration.fits.shared import Blocks, SharedError, shared_error
 from symstiff.display import finite
 from symstiff.errors import UserError
 from symstiff.reduction.svd import svd

@@ -9,7 +9,7 @@ import numpy as np
 import scipy.stats
 
 from symstiff.arrays import Array, Index
-from symstiff.calibration.shared import SharedError
+from symstiff.calibration.fits.shared import SharedError
 
 UNTESTABLE = 1e-6  # of the noise variance: a residual that the fit itself forces to zero says nothing
 _EFFICIENCY = 0.3676

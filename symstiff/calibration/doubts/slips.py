@@ -13,9 +13,9 @@ from itertools import combinations, permutations
 import numpy as np
 
 from symstiff.arrays import Array
-from symstiff.calibration.decomposition import unit_columns
-from symstiff.calibration.measurements import Measurements
+from symstiff.calibration.fits.decomposition import unit_columns
 from symstiff.calibration.rows import equations
+from symstiff.calibration.tables.measurements import Measurements
 from symstiff.model import StiffnessModel
 
 _EXCHANGED, _READ = 0.5, 0.3

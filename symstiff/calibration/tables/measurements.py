@@ -74,12 +74,12 @@ class Measurements:
                 object.__setattr__(self, name, array)
 
     def __repr__(self) -> str:
-        from symstiff.calibration.reading import measurements_line
+        from symstiff.calibration.tables.reading import measurements_line
 
         return f"Measurements({measurements_line(self)})"
 
     def _repr_html_(self) -> str:
-        from symstiff.calibration.reading import measurements_html
+        from symstiff.calibration.tables.reading import measurements_html
 
         return measurements_html(self)
 
@@ -135,7 +135,7 @@ class Measurements:
         """Return the rows as a pandas DataFrame, in the units of the CSV file (rad, mm, N)."""
         import pandas as pd
 
-        from symstiff.calibration.writing import columns
+        from symstiff.calibration.tables.writing import columns
 
         return pd.DataFrame(columns(self))
 

@@ -13,8 +13,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from symstiff.arrays import Array
-from symstiff.calibration.compact import triangular
-from symstiff.calibration.decomposition import unit_columns
+from symstiff.calibration.fits.compact import triangular
+from symstiff.calibration.fits.decomposition import unit_columns
 from symstiff.reduction.svd import svd
 
 _EXPECTED = 1.0

@@ -19,18 +19,18 @@ import numpy as np
 
 from symstiff.arguments import require, require_path
 from symstiff.arrays import Array, Index
-from symstiff.calibration.checks import check_rows, check_sigmas
-from symstiff.calibration.columns import SHOWN, Columns, read_header
-from symstiff.calibration.measurements import (
+from symstiff.calibration.tables.checks import check_rows, check_sigmas
+from symstiff.calibration.tables.columns import SHOWN, Columns, read_header
+from symstiff.calibration.tables.measurements import (
     COMPONENTS,
     CONTEXT,
     Kind,
     Measurements,
     concatenate,
 )
-from symstiff.calibration.units import KELVIN
-from symstiff.calibration.writing import columns as columns_of
-from symstiff.calibration.writing import write_table
+from symstiff.calibration.tables.units import KELVIN
+from symstiff.calibration.tables.writing import columns as columns_of
+from symstiff.calibration.tables.writing import write_table
 from symstiff.errors import UserError, printable
 
 __all__ = ["read_poses", "read_table", "write_table"]
