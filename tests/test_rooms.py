@@ -15,7 +15,8 @@ ORDER = [
 ]  # fmt: skip
 INSIDE = {
     "calibration": [
-        {"plausible"}, {"tables"}, {"fits"}, {"residuals", "rows"}, {"experiment"}, {"doubts"}, {"simulation"}, {"planning"},
+        {"plausible"}, {"tables"}, {"fits"}, {"residuals", "rows"}, {"experiment"}, {"doubts"},
+        {"simulation"}, {"planning"},
         {"absolute", "complete", "fitting", "foreseen", "identify", "kept", "levels", "plan", "reading", "redundant",
          "remarks", "seed_tables"},
     ],

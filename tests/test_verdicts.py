@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from types import SimpleNamespace
 from typing import Any, cast
 
@@ -28,10 +29,11 @@ def judged(score: float, leads: tuple[float, ...], challenge: tuple[float, ...],
     ))  # fmt: skip
 
 
-def concluded(*tried: Judged) -> Outcome:
+def concluded(*tried: Judged, weighed: Sequence[Proposal] = ()) -> Outcome:
     """The verdict on sets, of tests that saw something."""
     shop = cast(Any, SimpleNamespace(options=QUICK))
-    return verdict._conclude(shop, [*tried], [], cast(Any, (None, None, 0.0, 0.0)))
+    evidence = SimpleNamespace(entry=np.zeros(9), best_entry=np.arange(9), candidate=np.zeros(9))
+    return verdict._conclude(shop, [*tried], [*weighed], cast(Any, (None, evidence, 0.0, 0.0)))
 
 
 @pytest.mark.parametrize(("lead", "told"), [(2.0, "named_insufficient"), (4.0, "unexplained")])
@@ -60,6 +62,21 @@ def test_what_is_faint_has_to_lead_the_laws_without_a_name_together(
     if not told:
         found = concluded(faint)
         assert (found.verdict, found.because.why) == ("unexplained", Why.NOT_ALONE)
+
+
+@pytest.mark.parametrize(("lead", "told"), [(-0.4, Why.AS_WELL), (-2.0, Why.AHEAD)])
+def test_a_name_is_ahead_of_a_law_without_one_only_by_more_than_what_counts_as_the_same(
+    lead: float, told: Why
+) -> None:
+    """A joint that is softer at some angles was a base and a wrist coupling with 0.9, a tenth ahead."""
+    bank = SimpleNamespace(
+        twin=(0,), place=("a1.joint",), candidates=[SimpleNamespace(shapes=((),), expected=False)]
+    )
+    leader = judged(20.0, (lead,), (lead,), bank)
+    found = concluded(leader, weighed=[Proposal((0,), (0,), 20.0)])
+    assert found.because.why is told
+    assert (found.verdict == "named") == (told is Why.AHEAD)
+    assert found.confidence == (verdict.EVEN,) or found.verdict == "named"
 
 
 @pytest.mark.parametrize(

@@ -298,7 +298,10 @@ def _insufficient(leader: Judged, why: Why, tried: list[Judged], tests: Tests) -
 def _named(
     good: list[Judged], tried: list[Judged], weighed: list[Proposal], tests: Tests, options: Options
 ) -> Outcome:
-    """The verdict where sets are admissible, ``good``, best first: the leader alone, or several."""
+    """The verdict where sets are admissible, ``good``, best first: the leader alone, or several.
+
+    A leader alone that is hardly ahead of a law without a name explains no more than that.
+    """
     leader = good[0]
     known = leader.bank.twin
     good = [*good, *sorted((j for j in tried if _nearly(j, options)), key=lambda j: -j.score)]
@@ -319,6 +322,8 @@ def _named(
     kept = tuple(j for j in good if share[_set(j, known)] > _LISTED * own and first[_set(j, known)] is j)
     ahead = own >= options.name_at and (at_best[_set(leader, known)] >= _AT_BEST or _without_shape(leader))
     verdict = NAMED if ahead or len(kept) < 2 else AMBIGUOUS
+    if verdict == NAMED and leader.rivals.best >= -AS_MUCH:
+        return _insufficient(leader, Why.AS_WELL, tried, tests)
     because = Reason(Why.AHEAD if verdict == NAMED else Why.SEVERAL)
     return Outcome(verdict, because, *tests, leader, kept, confidence, tuple(tried))
 
