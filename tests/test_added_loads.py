@@ -68,7 +68,7 @@ def test_a_fit_puts_loads_and_laws_together_as_the_code_does() -> None:
 
 @pytest.fixture(scope="module")
 def finding() -> Finding:
-    return diagnose(Task(load(ROBOT), measured({**HARDENING, "a": 1.5e-3}, BIAS, poses=10)))
+    return diagnose(Task(load(ROBOT), measured({**HARDENING, "a": 1.5e-3}, BIAS, poses=12)))
 
 
 def test_a_gear_under_a_biased_sensor_is_named_with_its_size(finding: Finding) -> None:
@@ -87,5 +87,5 @@ def test_without_the_second_look_the_gap_stays_open(
     finding: Finding, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(workflow, "_WORTH", np.inf)
-    once = diagnose(Task(load(ROBOT), measured({**HARDENING, "a": 1.5e-3}, BIAS, poses=10)))
+    once = diagnose(Task(load(ROBOT), measured({**HARDENING, "a": 1.5e-3}, BIAS, poses=12)))
     assert finding.rms.after < 0.5 * once.rms.after

@@ -10,7 +10,9 @@ import numpy as np
 import pytest
 
 from symstiff.discrepancy.findings.finding import Task
+from symstiff.discrepancy.reasons import Why
 from symstiff.discrepancy.search import rivals
+from symstiff.discrepancy.search.verdict import EVEN
 from symstiff.discrepancy.search.workshop import Proposal, Workshop
 from symstiff.discrepancy.workflow import diagnose
 from symstiff.robot import load
@@ -72,10 +74,10 @@ def test_what_does_as_well_as_a_name_is_told_beside_it_and_lowers_its_confidence
     found = diagnose(
         Task(load(ROBOT), replace(told, branch=branch, w=told.w / (1.0 - 0.05 * branch)[:, None]))
     )
-    assert found.verdict == "named"
+    assert (found.verdict, found.because.why) == ("named_insufficient", Why.AS_WELL)
     remark = next(r for r in found.remarks if "may be another thing" in r)
     assert "friction in the rig" in remark
     assert "(force sensor)" in remark
     assert found.last.alike is not None
     assert -2.0 < found.last.alike.lead < 3.0
-    assert found.effects[0].confidence < 0.95
+    assert found.effects[0].confidence == EVEN
