@@ -198,7 +198,8 @@ def _diagnosed(
     under = _but(assemble(model, table, noise=believed.noise, believed=believed.model), without)
     again = examine(under.problem, under.candidates, options, tell, given, like=like)
     enough = again.verdict == NAMED and not Counter(_names(again)) - Counter(_names(found))
-    stands = enough if found.verdict == NAMED else again.verdict in (NAMED, AMBIGUOUS)
+    accounts = again.verdict in (NAMED, AMBIGUOUS) or again.because.why is Why.AS_WELL
+    stands = enough if found.verdict == NAMED else accounts
     kept = {named_at(n.effect, n.where) for n in given} <= set(_names(again))
     return (under, _no_surer(again, found, given)) if stands and kept else (assembly, found)
 

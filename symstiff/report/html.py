@@ -108,7 +108,7 @@ def _explanations(finding: Finding) -> list[dict[str, Any]]:
     common, own = words.explanations(finding)
     out = [{"title": "In every explanation", "cards": _effects(finding, common)}] if common else []
     for k, members in enumerate(own, start=1):
-        sure = f": {naming.confidence(members)}" if members else ": nothing more"
+        sure = f": {naming.confidence(finding, members)}" if members else ": nothing more"
         out.append({"title": f"Explanation {k}{sure}", "cards": _effects(finding, members)})
     return out
 
@@ -141,7 +141,7 @@ def _card(finding: Finding, group: list[Found]) -> dict[str, Any]:
         "parameters": [(n, numbers.quantity(size)) for n, size in sizes.items() if n not in zero],
         "zero": zero,
         "p": numbers.p_equals(max(g.p_value for g in group)),
-        "confidence": naming.confidence(group, words.even(finding)),
+        "confidence": naming.confidence(finding, group),
         "confounded": few(confounded, 6),
         "shape": naming.shape_text(finding, e),
     }

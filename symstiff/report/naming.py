@@ -11,6 +11,7 @@ import numpy as np
 from symstiff.discrepancy.findings.finding import Finding
 from symstiff.discrepancy.findings.numbers import milli, quantity
 from symstiff.discrepancy.findings.result import Found, Name, Quantity
+from symstiff.discrepancy.search.verdict import EVEN, INSUFFICIENT
 from symstiff.display import few, listing
 from symstiff.effects.places import DETAILS, named, place, site, spoken
 
@@ -121,19 +122,21 @@ def magnitude(finding: Finding, effect: Found) -> str:
     return f"{known} compliances that move a reading by up to {milli(float(moved.max()))} mm"
 
 
-def confidence(group: Sequence[Found], bet: bool = False) -> str:
-    """The least confidence of a group; a set that does not suffice is an even bet at most."""
-    return "at most an even bet" if bet else f"confidence {100 * min(e.confidence for e in group):.0f} %"
+def confidence(finding: Finding, group: Sequence[Found]) -> str:
+    """The least confidence of a group; what is in doubt of a set that does not suffice is an even bet at most."""
+    least = min(e.confidence for e in group)
+    bet = finding.verdict == INSUFFICIENT and least <= EVEN
+    return "at most an even bet" if bet else f"confidence {100 * least:.0f} %"
 
 
-def each_told(finding: Finding, group: list[Found], bet: bool = False) -> list[str]:
+def each_told(finding: Finding, group: list[Found]) -> list[str]:
     """Effects of one kind with sizes and confidence, each by itself; many in one breath."""
     if len(group) > MANY:
         count = sum(math.isfinite(size.std) for e in group for size in e.parameters.values())
-        return [f"{names(group)} ({count} parameters, {confidence(group, bet)})"]
+        return [f"{names(group)} ({count} parameters, {confidence(finding, group)})"]
     return [
         f"{named(e.effect, e.where)}{_or_else(e)} "
-        f"({', '.join(t for t in (_over(finding, e, magnitude(finding, e)), confidence([e], bet)) if t)})"
+        f"({', '.join(t for t in (_over(finding, e, magnitude(finding, e)), confidence(finding, [e])) if t)})"
         for e in group
     ]
 

@@ -10,12 +10,13 @@ from symstiff.calibration.tables.measurements import COMPONENTS
 from symstiff.discrepancy.findings.finding import Finding
 from symstiff.discrepancy.findings.numbers import decimals_between, milli, p_equals
 from symstiff.discrepancy.findings.remarks import FEW, hiding
-from symstiff.discrepancy.findings.result import Found
+from symstiff.discrepancy.findings.result import Found, RivalLaw
 from symstiff.discrepancy.laws.speech import law_at, law_place
 from symstiff.discrepancy.noise.scales import NoiseReport, off
 from symstiff.discrepancy.noise.sharing import JOINTS
 from symstiff.discrepancy.problem import Options
 from symstiff.discrepancy.reasons import Why
+from symstiff.discrepancy.search.rivals import AS_MUCH
 from symstiff.discrepancy.search.verdict import AMBIGUOUS, INSUFFICIENT, NAMED, NOTHING, UNEXPLAINED
 from symstiff.display import sentence_case, times
 from symstiff.effects.places import named, place
@@ -121,12 +122,7 @@ def listed(finding: Finding) -> str:
     kinds: dict[str, list[Found]] = {}
     for e in finding.named:
         kinds.setdefault(e.effect, []).append(e)
-    return "; ".join(part for group in kinds.values() for part in each_told(finding, group, even(finding)))
-
-
-def even(finding: Finding) -> bool:
-    """Whether the set does not suffice, and none of it is sure all the same."""
-    return finding.verdict == INSUFFICIENT and finding.because.why is not Why.SURE
+    return "; ".join(part for group in kinds.values() for part in each_told(finding, group))
 
 
 def gap(finding: Finding) -> str:
@@ -225,7 +221,7 @@ def _ambiguous(finding: Finding) -> str:
     common, own = explanations(finding)
     texts = [
         f"{names(members).replace('; ', ' with ') or 'nothing more'}"
-        + (f" ({confidence(members)})" if members else "")
+        + (f" ({confidence(finding, members)})" if members else "")
         for members in own
     ]
     beside = f"Beside {'; '.join(each_told(finding, common))}, " if common else ""
@@ -237,8 +233,7 @@ def _insufficient(finding: Finding) -> str:
     if finding.because.why is Why.SURE:
         known = {named(e.effect, e.where) for e in finding.named}
         rest = [text for text in _leading(finding) if text not in known]
-        rival = finding.last.rival
-        law = "" if rival is None else f": {law_at(rival.law, rival.place)}"
+        law = _told(finding.last.rival)
         return (
             f"What is missing is sure in part: {listed(finding)}; for the rest, {_not_alone(rest)}{law}; "
             f"{gap(finding)}."
@@ -247,12 +242,18 @@ def _insufficient(finding: Finding) -> str:
         "a law still stands out in what it leaves: another shape of it, or a further effect too faint to name"
     )
     if finding.because.why is Why.AS_WELL:
-        why = "a law without a name accounts for the data as well"
+        rivals = (r for r in (finding.last.rival, finding.last.alike) if r is not None and r.lead >= -AS_MUCH)
+        why = f"a law without a name accounts for the data as well{_told(next(rivals, None))}"
     if finding.because.why is Why.ENOUGH:
         why = f"{_further(finding)} stands out beside as many effects as were looked for: allow more (--max-effects)"
     if finding.because.why is Why.REFUTED:
         why = f"{finding.reason}: measure more poses before relying on it"
     return f"The leading explanation is {listed(finding)}, but {why}; {gap(finding)}."
+
+
+def _told(rival: RivalLaw | None) -> str:
+    """A law without a name and its place, after a colon; nothing where there is none."""
+    return "" if rival is None else f": {law_at(rival.law, rival.place)}"
 
 
 def _leading(finding: Finding) -> list[str]:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import islice
 
 import numpy as np
@@ -300,7 +300,7 @@ def _named(
 ) -> Outcome:
     """The verdict where sets are admissible, ``good``, best first: the leader alone, or several.
 
-    A leader alone that is hardly ahead of a law without a name explains no more than that.
+    A leader alone that is hardly ahead of a law without a name explains no more than that, which is told.
     """
     leader = good[0]
     known = leader.bank.twin
@@ -323,9 +323,18 @@ def _named(
     ahead = own >= options.name_at and (at_best[_set(leader, known)] >= _AT_BEST or _without_shape(leader))
     verdict = NAMED if ahead or len(kept) < 2 else AMBIGUOUS
     if verdict == NAMED and leader.rivals.best >= -AS_MUCH:
-        return _insufficient(leader, Why.AS_WELL, tried, tests)
+        return replace(
+            _insufficient(leader, Why.AS_WELL, tried, tests), confidence=_in_doubt(leader, confidence)
+        )
     because = Reason(Why.AHEAD if verdict == NAMED else Why.SEVERAL)
     return Outcome(verdict, because, *tests, leader, kept, confidence, tuple(tried))
+
+
+def _in_doubt(leader: Judged, confidence: Sequence[float]) -> tuple[float, ...]:
+    """An even bet on the members that a law without a name may replace."""
+    challenged = (c >= -CLOSE for c in leader.rivals.challenge)
+    most = (EVEN if doubt else PARTLY for doubt in challenged)
+    return tuple(min(c, m) for c, m in zip(confidence, most, strict=True))
 
 
 def _set(found: Proposal | Judged, twin: Sequence[int]) -> frozenset[int]:
