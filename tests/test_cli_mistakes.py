@@ -51,6 +51,7 @@ def test_a_spoilt_robot_file_is_one_line_and_nothing_is_written(
 BAD_OPTIONS = [
     (("inspect", "nowhere.toml"), ("nowhere.toml", "no such robot")),
     (("inspect", "."), ("is a directory",)),
+    (("identify", "planar2r", "d.csv", "-o", "-"), ("-o -: only --json writes to the screen",)),
     (("diagnose", "planar2r", "d.csv", "-o", ""), ("'--output': expected a folder, found no name",)),
     (("inspect", "planar2r", "--loads", "weight"), ("--loads: unknown 'weight'", "wrench, force, gravity")),
     (("plan", "planar2r", "--poses", "5", "--force", "1e12", "-o", "p.csv"), ("1e+12 N", "up to 1e+07")),
@@ -144,6 +145,7 @@ BAD_USAGE = [
     (("frob",), ("no such command 'frob'", "symstiff --help")),
     (("generate",), ("missing argument 'robot'", "symstiff generate --help")),
     (("diagnose", "planar2r"), ("missing argument 'data'", "symstiff diagnose --help")),
+    (("inspect", "planar2r", "--json"), ("'--json' requires an argument", "symstiff inspect --help")),
     (("generate", "planar2r", "--frob", "1", "-o", "x"), ("--frob", "symstiff generate --help")),
     (("plan", "planar2r", "--poses", "few", "-o", "x"), ("--poses", "symstiff plan --help")),
 ]

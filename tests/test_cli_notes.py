@@ -13,7 +13,7 @@ from command_line import OBLIQUE, Result, Run, assert_users_mistake, run_command
 
 from symstiff.calibration.rows import predict
 from symstiff.calibration.tables.measurements import measurements
-from symstiff.calibration.tables.table import write_table
+from symstiff.calibration.tables.table import read_table, write_table
 from symstiff.effects.instance import EffectInstance
 from symstiff.model import StiffnessModel, joints_only
 from symstiff.robot import load
@@ -67,6 +67,13 @@ def test_deflections_of_nanometres_have_another_unit(run: Run) -> None:
 def test_deflections_of_centimetres_a_newton_have_another_unit(run: Run) -> None:
     measured(Path("data.csv"), scale=1e-3)
     assert "mm a newton, which no serial robot is soft enough for" in notes(run, *IDENTIFY)
+
+
+def test_deflections_of_a_tenth_of_the_arm_have_another_unit(run: Run) -> None:
+    measured(Path("data.csv"), scale=0.02, turns=0.3)
+    table = read_table([Path("data.csv")])
+    write_table(replace(table, values=200.0 * table.values, w=200.0 * table.w), Path("data.csv"))
+    assert "mm, which no arm that reaches 0.9 m bends by" in notes(run, *IDENTIFY)
 
 
 def test_a_sigma_of_translations_alone_is_told_to_be_unused(run: Run) -> None:

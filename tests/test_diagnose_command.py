@@ -71,6 +71,10 @@ def test_the_verdict_has_the_keys_that_other_programs_rely_on(verdict: dict) -> 
     wanted = {"effect", "where", "p_value", "testable", "sufficient", "smallest_detectable"}
     assert wanted <= set(candidate)
     assert {"value", "unit"} <= set(candidate["smallest_detectable"])
+    (leading,) = verdict["leading"]
+    assert all(effect[key] == leading[key] for key in ("effect", "where", "shape"))
+    assert set(leading["parameters"]) == set(effect["parameters"])
+    assert verdict["rival"] is None or set(verdict["rival"]) == {"place", "law", "lead"}
     assert set(verdict["rms_mm"]) == {"before", "after", "held_out_before", "held_out_after", "noise"}
     assert 0 <= effect["p_value"] < 0.01
     assert 0.5 < effect["confidence"] <= 1

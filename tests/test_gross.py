@@ -71,6 +71,16 @@ def test_how_far_off_is_counted_in_stated_sigmas() -> None:
     assert in_usual(far, size)[40] == pytest.approx(2.0 * in_usual(far, size)[0])
 
 
+def test_what_lies_within_the_stated_deviation_is_no_gross_error() -> None:
+    """Where few rows are left to fit, the usual residual is small, and half a stated sigma many times that."""
+    found = diagnosed(measured())
+    noise = 0.05 * SIGMA * np.random.default_rng(5).normal(size=len(found.assembly.problem.y))
+    noise[7] += SIGMA
+    assert not len(gross(_leaving(found, noise)))
+    noise[7] += 4 * SIGMA
+    assert gross(_leaving(found, noise)).tolist() == [7 // 3]
+
+
 def test_noise_has_no_gross_errors_and_many_of_them_are_something_else() -> None:
     found = diagnosed(measured())
     rows = len(found.assembly.problem.y)

@@ -92,8 +92,8 @@ def test_rows_without_a_correction_and_commands_beyond_the_limits_are_named_by_t
     rows = ("a,10,40,50", "b,20,40,50000", "c,180,40,50")
     Path("way.csv").write_text("pose,q1[deg],q2[deg],fy[N]\n" + "\n".join(rows) + "\n")
     said = notes(run, "compensate", "model.toml", "way.csv", "--json", "out.json")
-    assert "1 of 3 poses (line 3) keep their command: a joint would have to move by more" in said
-    assert "1 of 3 poses (line 4) have a command beyond the joint limits" in said
+    assert "1 of 3 rows (line 3) keep their command: a joint would have to move by more" in said
+    assert "1 of 3 rows (line 4) have a command beyond the joint limits" in said
     told = json.loads(Path("out.json").read_text())
     assert told["kept"] == [{"line": 3, "pose": "b", "reason": "too_far"}]
     assert told["beyond_limits"] == [4]

@@ -298,6 +298,34 @@ def test_a_plugin_that_cannot_be_used_is_named_with_its_package(path: Path, text
         catalogue()
 
 
+def test_a_plugin_that_fails_where_it_is_asked_is_named(path: Path) -> None:
+    install(
+        path,
+        "belt",
+        BELT.replace("places=lambda robot: ", "places=lambda robot: 1 / 0 or "),
+        "belt = belt:BELT\n",
+    )
+    with pytest.raises(
+        UserError, match=r"^plugin belt of package belt: its places fails \(ZeroDivisionError"
+    ):
+        EffectInstance("soft_belt", {"joint": 1}).realise(load(ROBOT))
+    assert catalogue()["backlash"].places(load(ROBOT))
+
+
+def test_an_effect_is_seen_in_data_that_there_are(path: Path) -> None:
+    install(path, "belt", BELT.replace('{"deflection"}', '{"photographs"}'), "belt = belt:BELT\n")
+    with pytest.raises(
+        UserError, match=r"seen_in is \['photographs'\]: give some of \['absolute', 'deflection'\]"
+    ):
+        catalogue()
+
+
+def test_a_parameter_has_an_si_unit(path: Path) -> None:
+    install(path, "belt", BELT.replace('"rad/(N*m)"', '"furlong"'), "belt = belt:BELT\n")
+    with pytest.raises(UserError, match="the unit of soft_belt_1_c cannot be 'furlong': give SI units"):
+        EffectInstance("soft_belt", {"joint": 1}).realise(load(ROBOT))
+
+
 def test_two_packages_that_bring_one_effect_are_told(path: Path) -> None:
     for module in ("belt_a", "belt_b"):
         install(path, module, BELT, f"{module} = {module}:BELT\n")

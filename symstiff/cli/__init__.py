@@ -122,6 +122,14 @@ def _usage(error: Any) -> int:
         return int(error.exit_code)
     said = " ".join(error.format_message().split()).rstrip(".?").replace(". Did", "; did")
     said = _PARSED.sub(lambda m: f"expected {_ASKED.get(m[1], f'a number {m[1]}')}", said)
-    command = context.command_path if context is not None else "symstiff"
+    command = context.command_path if context is not None else _command()
     print(f"symstiff: {said[:1].lower()}{said[1:]}: see {command} --help", file=sys.stderr)
     return int(error.exit_code)
+
+
+def _command() -> str:
+    """The command that was asked for, as typed."""
+    from symstiff.cli.app import app
+
+    known = {c.name or getattr(c.callback, "__name__", "") for c in app.registered_commands}
+    return " ".join(["symstiff", *(a for a in sys.argv[1:2] if a in known)])

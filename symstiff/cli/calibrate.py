@@ -120,13 +120,17 @@ def run_compensate(model_file: Path, trajectory: Path, output: Path, json: str |
     split = rewrite_joints(cells, table, found.q_cmd, output)
     beyond = _beyond(model, found.q_cmd)
     rms_mm = {"before": 1e3 * before, "after": 1e3 * after}
-    write_json(json, {"poses": len(table), "rms_mm": rms_mm, **_record(found, beyond, table)})
+    poses = len(set(table.pose.tolist()))
+    write_json(json, {"poses": poses, "rows": len(table), "rms_mm": rms_mm, **_record(found, beyond, table)})
     for warning in known:
         note(out, warning)
     if without:
         note(out, f"without {', '.join(without)}: no law of joints or links, not compensated")
-    poses, error, left = counted(len(table), "pose"), _millimetres(before), _millimetres(after)
-    out.print(f"{poses}: predicted error {error} rms, after compensation {left} by the model")
+    error, left = _millimetres(before), _millimetres(after)
+    rows = f" in {len(table)} rows" if poses < len(table) else ""
+    out.print(
+        f"{counted(poses, 'pose')}{rows}: predicted error {error} rms, after compensation {left} by the model"
+    )
     unloaded = not table.w.any() and before < _NO_ERROR
     for remark in (
         *of_levers(model.robot, before), *_of_loads(unloaded, split), *_of_rows(found, beyond, table)
@@ -163,7 +167,9 @@ def _of_rows(found: Compensated, beyond: np.ndarray, table: Measurements) -> lis
     """Remarks on rows that keep their command, by reason, and on those (N,) whose command leaves the joint limits."""
 
     def lines(rows: np.ndarray) -> str:
-        return f"{rows.sum()} of {len(table)} poses (line {few([str(k) for k in table.line[rows]])})"
+        return (
+            f"{rows.sum()} of {counted(len(table), 'row')} (line {few([str(k) for k in table.line[rows]])})"
+        )
 
     told = [
         f"{lines(found.kept == reason)} keep their command: {words}"

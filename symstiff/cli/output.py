@@ -77,6 +77,8 @@ def check_targets(
     for option, place in targets.items():
         if place is None or (option == "--json" and place == "-"):
             continue
+        if str(place) == "-":
+            raise UserError(f"{option} -: only --json writes to the screen: name a file")
         if option == "--plot" and Path(place).suffix.lower() not in _PICTURES:
             raise UserError(f"{option} {place}: a plot is written as .png or .svg")
         check_file(place, option, inputs)

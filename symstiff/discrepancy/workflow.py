@@ -65,7 +65,7 @@ def diagnose(task: Task, tell: Tell = lambda stage: None) -> Finding:
         whole(task.max_poses, "max_poses", 1)
     warnings = check_robot(task.table, task.robot)
     warnings = [
-        w for w in warnings if w not in of_units(task.table)
+        w for w in warnings if w not in of_units(task.table, task.robot)
     ]  # the verdict's sentence begins with these
     check_measured(task.table)
     task = replace(task, table=as_loading(task.table))

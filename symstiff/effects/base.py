@@ -21,6 +21,10 @@ Where = Mapping[str, Any]
 Shape = Mapping[str, float]
 NAME = re.compile(r"[A-Za-z][A-Za-z0-9_]*", re.ASCII)
 """Identifiers and names of parameters."""
+UNIT = re.compile(r"(?:1|m|rad|kg|s|K|N|[*/()^0-9])+", re.ASCII)
+"""Units of parameters: SI, as ``rad/(N*m)``."""
+_KINDS = frozenset({"deflection", "absolute"})
+"""Kinds of data."""
 
 
 @dataclass(frozen=True)
@@ -227,3 +231,7 @@ class Effect:
     def __post_init__(self) -> None:
         if not NAME.fullmatch(self.identifier):
             raise UserError(f"an effect cannot be called {self.identifier!r}: use letters, digits and _")
+        if not self.seen_in or not self.seen_in <= _KINDS:
+            raise UserError(
+                f"{self.identifier}: seen_in is {sorted(self.seen_in)}: give some of {sorted(_KINDS)}"
+            )

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from symstiff.arguments import require
-from symstiff.effects.base import NAME, Effect, Realisation, Shape, Where
+from symstiff.effects.base import NAME, UNIT, Effect, Realisation, Shape, Where
 from symstiff.effects.lawful import check_laws
 from symstiff.effects.places import site
 from symstiff.effects.registry import find
@@ -54,7 +54,7 @@ class EffectInstance:
             raise UserError(f"{self.effect} cannot be at {dict(self.where)} on {robot.name}")
         try:
             found = entry.realise(robot, self.where, self.shape)
-            _check_names(found)
+            _check_parameters(found)
             check_laws(found.terms, robot)
             return found
         except UserError as error:
@@ -156,8 +156,16 @@ def _acceptable(entry: Effect, robot: Robot, where: Where) -> bool:
     return any(site(place) == own for place in entry.places(robot))
 
 
-def _check_names(found: Realisation) -> None:
-    """Refuse names that no C struct can hold; what has no terms has no code, and its names may tell of rows."""
+def _check_parameters(found: Realisation) -> None:
+    """Refuse units that are none, and names that no C struct can hold.
+
+    What has no terms has no code, and its names may tell of rows.
+    """
+    for p in found.parameters:
+        if not UNIT.fullmatch(p.unit):
+            raise UserError(
+                f"the unit of {p.name} cannot be {p.unit!r}: give SI units, as rad/(N*m), m/N, kg or 1"
+            )
     for p in found.parameters if found.terms else ():
         if not NAME.fullmatch(p.name) or p.name in C_WORDS | _MEMBERS:
             raise UserError(

@@ -5,12 +5,18 @@ A plugin registers an ``Effect`` under the entry point group ``symstiff.effects`
 
 from __future__ import annotations
 
-from functools import cache
+from collections.abc import Callable
+from dataclasses import replace
+from functools import cache, wraps
 from importlib import import_module, metadata
 from pkgutil import iter_modules
+from typing import Any
 
 from symstiff.effects.base import Effect
 from symstiff.errors import UserError
+
+_ASKED = ("places", "shapes", "columns", "places_in", "moves", "odds", "unlikely", "alike", "levels")
+"""What an effect is asked beside its law, whose failures are told with the place."""
 
 
 @cache
@@ -44,7 +50,27 @@ def _loaded(point: metadata.EntryPoint) -> Effect:
         ) from error
     if not isinstance(effect, Effect):
         raise UserError(f"{_of(point)}: {point.value} is no Effect: see symstiff.effects.base")
-    return effect
+    own = {name: getattr(effect, name) for name in _ASKED}
+    telling: Any = {name: _told(point, name, f) for name, f in own.items() if f is not None}
+    return replace(effect, **telling)
+
+
+def _told(point: metadata.EntryPoint, name: str, asked: Callable[..., Any]) -> Callable[..., Any]:
+    """A plugin's function, whose failure names the plugin."""
+
+    @wraps(asked)
+    def telling(*arguments: Any) -> Any:
+        try:
+            return asked(*arguments)
+        except UserError:
+            raise
+        except Exception as error:  # whatever another package's function raises
+            raise UserError(
+                f"{_of(point)}: its {name} fails ({type(error).__name__}: {str(error)[:200]}): repair or uninstall "
+                "the package"
+            ) from error
+
+    return telling
 
 
 def _of(point: metadata.EntryPoint) -> str:

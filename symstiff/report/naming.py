@@ -12,7 +12,7 @@ from symstiff.discrepancy.findings.finding import Finding
 from symstiff.discrepancy.findings.numbers import milli, quantity
 from symstiff.discrepancy.findings.result import Found, Name, Quantity
 from symstiff.discrepancy.search.verdict import EVEN, INSUFFICIENT
-from symstiff.display import few, listing
+from symstiff.display import counted, few, listing
 from symstiff.effects.places import DETAILS, named, place, site, spoken
 
 _FEW = 3
@@ -119,7 +119,8 @@ def magnitude(finding: Finding, effect: Found) -> str:
     if len(effect.parameters) <= _FEW or not moved.size or not all("/N" in u or "/(N" in u for u in units):
         return main_parameters(effect)
     known = sum(math.isfinite(e.std) for e in effect.parameters.values())
-    return f"{known} compliances that move a reading by up to {milli(float(moved.max()))} mm"
+    verb = "moves" if known == 1 else "move"
+    return f"{counted(known, 'compliance')} that {verb} a reading by up to {milli(float(moved.max()))} mm"
 
 
 def confidence(finding: Finding, group: Sequence[Found]) -> str:

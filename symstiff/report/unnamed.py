@@ -22,11 +22,13 @@ _MANY, _CLEAR = 6, 2.0
 
 
 def explained(law: FittedLaw | FittedDevice) -> str:
-    """How much a law explains; where that is little, as among much noise, its own size too."""
+    """How much a law explains; where that is little, as among much noise, its own size too; whether it holds."""
     text = f"{100 * law.explained:.0f} % of what the model leaves"
-    if law.explained >= _LITTLE or isinstance(law, FittedDevice) or not law.deviations:
+    if isinstance(law, FittedDevice):
         return text
-    return f"{text}: a size of {law.deviations:.2g} standard deviations"
+    if law.explained < _LITTLE and law.deviations:
+        text += f": a size of {law.deviations:.2g} standard deviations"
+    return text if law.cross_validated > 0 else f"{text}, and nothing on poses that were left out"
 
 
 def device_text(law: FittedDevice) -> str:

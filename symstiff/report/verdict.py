@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
+from dataclasses import asdict
 from typing import Any
 
 import numpy as np
@@ -48,6 +49,11 @@ def verdict_table(finding: Finding, decide: Mapping[str, Any] | None = None) -> 
         "accused": finding.accused or None,
         "law": _law(finding),
         "device_law": _device_law(finding),
+        "leading": [
+            {**_name(name), "shape": _json(shape), "parameters": _estimates(sizes)}
+            for name, shape, sizes in last.leading
+        ],
+        "rival": None if last.rival is None else asdict(last.rival),
         "inconstant": [_inconstant(o) for o in last.inconstant],
         "confusability": {
             "names": [_name(n) for n in last.confusability_names],

@@ -72,7 +72,9 @@ def headline(finding: Finding) -> str:
     if not finding.testable:
         doubtful = finding.last.doubtful
         return "The table has to be corrected first" if doubtful else "Nothing can be tested with these data"
-    return _headline(finding) + (", if the units are right" if of_units(finding.table) else "")
+    return _headline(finding) + (
+        ", if the units are right" if of_units(finding.table, finding.task.robot) else ""
+    )
 
 
 def _headline(finding: Finding) -> str:
@@ -113,7 +115,9 @@ def sentence(finding: Finding, decide: Mapping[str, Any] | None = None) -> str:
         INSUFFICIENT: _insufficient,
         UNEXPLAINED: _unexplained,
     }[finding.verdict](finding)
-    text = " ".join([*(f"{sentence_case(doubt)}." for doubt in of_units(finding.table)), text])
+    text = " ".join(
+        [*(f"{sentence_case(doubt)}." for doubt in of_units(finding.table, finding.task.robot)), text]
+    )
     return text if decide is None else f"{text} {deciding(decide)}"
 
 

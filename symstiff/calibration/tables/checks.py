@@ -15,6 +15,7 @@ _SAME_POSE = 1e-3  # rad or m; commanded configurations of one label agree far b
 _FAR_OUTSIDE = 0.1  # of the joint's range
 _SHOWN = 3
 _STIFFEST = 1e-8  # m/N; machine tools have 1e-8, robots of any size a hundred times as much
+_BENT = 0.1  # of the reach; springs of laboratories, at most
 _TINY = float(np.radians(6.4))
 _FEW = 3  # configurations that may all be near zero
 _LEAST_LOAD = 1e-20  # N, N·m; far below what rounding leaves of a load that is 0
@@ -196,7 +197,7 @@ def check_robot(table: Measurements, robot: Robot) -> list[str]:
                 f"{table.place(int(rows[0]))}: robot {robot.name} has no marker {printable(name, SHOWN)!r}: "
                 f"use one of {', '.join(sorted(known))}, or add a [[marker]] to the robot file"
             )
-    return _outside_limits(table, robot) + _tiny_angles(table) + of_units(table) + _half_stated(table)
+    return _outside_limits(table, robot) + _tiny_angles(table) + of_units(table, robot) + _half_stated(table)
 
 
 def _outside_limits(table: Measurements, robot: Robot) -> list[str]:
@@ -228,25 +229,26 @@ def _tiny_angles(table: Measurements) -> list[str]:
     ]
 
 
-def of_units(table: Measurements) -> list[str]:
+def of_units(table: Measurements, robot: Robot) -> list[str]:
     """Deflections or forces in another unit than the header says: metres under mm, newtons under kN, kN under N."""
     loads = np.linalg.norm(table.w, axis=1)  # moments as of a lever of a metre
     loaded = table.w[:, :3].any(axis=1)
     if table.kind != "deflection" or not loaded.any() or not table.measured[loaded, :3].any():
         return []
     moved = np.sqrt(np.nansum(table.values[loaded, :3] ** 2, axis=1))
-    a_newton = float(np.median(moved / loads[loaded]))
-    if a_newton == 0.0 or _STIFFEST <= a_newton <= SOFTEST:
-        return []
-    size, no_robot = (
-        (f"{1e9 * a_newton:.2g} nm", "stiff")
-        if a_newton < _STIFFEST
-        else (f"{1e3 * a_newton:.2g} mm", "soft")
-    )
-    return [
-        f"the deflections are {size} a newton, which no serial robot is {no_robot} enough for: look at the units of "
-        "deflections and forces"
-    ]
+    told = _no_robot(float(np.median(moved)), float(np.median(moved / loads[loaded])), robot.reach)
+    return [f"the deflections are {told}: look at the units of deflections and forces"] if told else []
+
+
+def _no_robot(moved: float, a_newton: float, reach: float) -> str:
+    """Deflections, absolute and under a newton [m, m/N], that no arm of a reach [m] has, in words; else nothing."""
+    if 0.0 < a_newton < _STIFFEST:
+        return f"{1e9 * a_newton:.2g} nm a newton, which no serial robot is stiff enough for"
+    if a_newton > SOFTEST:
+        return f"{1e3 * a_newton:.2g} mm a newton, which no serial robot is soft enough for"
+    if moved > _BENT * reach:
+        return f"{1e3 * moved:.2g} mm, which no arm that reaches {reach:.2g} m bends by"
+    return ""
 
 
 def _half_stated(table: Measurements) -> list[str]:

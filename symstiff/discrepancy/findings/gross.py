@@ -22,6 +22,8 @@ from symstiff.display import of_poses
 
 FAR = 6.0
 """Usual residuals by which a reading is beside the others of its pose; of normal noise two in a billion are."""
+_BEYOND = 3.0
+"""Stated standard deviations that it is beside them: where few rows are left to fit, usual residuals are small."""
 ALONE = 2.5
 """How far it stands above every other reading of its pose: what bends a pose as a whole is no slip of one reading."""
 FEWEST = 3
@@ -57,11 +59,11 @@ def gross(finding: Finding) -> Index:
     none = np.zeros(0, dtype=np.intp)
     if not last.growth or len(last.growth[-1].residual) != len(finding.assembly.problem.y):
         return none
-    far = _beside(finding, last.growth[-1].residual)
+    apart = _apart(finding, last.growth[-1].residual)
+    far = in_usual(finding.assembly.situation.view, apart)
+    beyond = (far > FAR) & (_in_stated(finding.assembly.situation.view, apart) > _BEYOND)
     pose, rows = finding.table.pose, np.arange(len(finding.table))
-    found = [
-        r for r in np.flatnonzero(far > FAR) if _alone(far, rows[(pose == pose[r]) & (rows != r)], far[r])
-    ]
+    found = [r for r in np.flatnonzero(beyond) if _alone(far, rows[(pose == pose[r]) & (rows != r)], far[r])]
     return np.array(found, dtype=np.intp) if len(found) <= max(MOST * len(rows), 2) else none
 
 
@@ -69,15 +71,24 @@ def _alone(far: Array, others: Index, size: float) -> bool:
     return len(others) + 1 >= FEWEST and bool(size > ALONE * np.max(far[others]))
 
 
-def _beside(finding: Finding, residual: Array) -> Array:
-    """(N,) how far each row is beside the middle of its pose, in usual distances; the largest of its components."""
-    problem, view = finding.assembly.problem, finding.assembly.situation.view
+def _apart(finding: Finding, residual: Array) -> Array:
+    """(M,) how far each component is beside the middle of its pose."""
     apart = np.array(residual)
-    lines = problem.lines
+    lines = finding.assembly.problem.lines
     for k in np.unique(lines):
         own = np.flatnonzero(lines == k)
         apart[own] = residual[own] - np.median(residual[own]) if len(own) >= FEWEST else 0.0
-    return in_usual(view, np.abs(apart))
+    return np.abs(apart)
+
+
+def _in_stated(view: View, size: Array) -> Array:
+    """(N,) the largest of each row's sizes (M,) in stated standard deviations; infinite where none are stated."""
+    sigma = sigma_of(view)
+    if sigma is None:
+        return np.full(len(view.table), np.inf)
+    largest = np.zeros(len(view.table))
+    np.maximum.at(largest, view.state, size / sigma)
+    return largest
 
 
 def in_usual(view: View, size: Array) -> Array:
@@ -97,7 +108,8 @@ def in_usual(view: View, size: Array) -> Array:
 
 def remark(finding: Finding, rows: Index) -> str:
     """That they are left out, where they are and what to do."""
-    far = _beside(finding, finding.last.growth[-1].residual)[rows]
+    apart = _apart(finding, finding.last.growth[-1].residual)
+    far = in_usual(finding.assembly.situation.view, apart)[rows]
     places = "; ".join(finding.table.place(int(r)) for r in rows[np.argsort(-far)])
     if len(rows) == 1:
         return (
