@@ -72,7 +72,7 @@ def test_deflections_of_centimetres_a_newton_have_another_unit(run: Run) -> None
 def test_deflections_of_a_tenth_of_the_arm_have_another_unit(run: Run) -> None:
     measured(Path("data.csv"), scale=0.02, turns=0.3)
     table = read_table([Path("data.csv")])
-    write_table(replace(table, values=200.0 * table.values, w=200.0 * table.w), Path("data.csv"))
+    write_table(replace(table, values=60.0 * table.values, w=60.0 * table.w), Path("data.csv"))
     assert "mm, which no arm that reaches 0.9 m bends by" in notes(run, *IDENTIFY)
 
 
