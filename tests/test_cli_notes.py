@@ -73,7 +73,7 @@ def test_deflections_of_a_tenth_of_the_arm_have_another_unit(run: Run) -> None:
     measured(Path("data.csv"), scale=0.02, turns=0.3)
     table = read_table([Path("data.csv")])
     write_table(replace(table, values=60.0 * table.values, w=60.0 * table.w), Path("data.csv"))
-    assert "mm, which no arm that reaches 0.9 m bends by" in notes(run, *IDENTIFY)
+    assert "200 mm, which no arm that reaches 1.7 m bends by" in notes(run, *IDENTIFY)
 
 
 def test_a_sigma_of_translations_alone_is_told_to_be_unused(run: Run) -> None:

@@ -247,7 +247,7 @@ def _no_robot(moved: float, a_newton: float, reach: float) -> str:
     if a_newton > SOFTEST:
         return f"{1e3 * a_newton:.2g} mm a newton, which no serial robot is soft enough for"
     if moved > _BENT * reach:
-        return f"{1e3 * moved:.2g} mm, which no arm that reaches {reach:.2g} m bends by"
+        return f"{1e3 * moved:.0f} mm, which no arm that reaches {reach:.2g} m bends by"
     return ""
 
 
