@@ -159,7 +159,7 @@ def _joints(table: Measurements, pose: int) -> dict[str, float]:
     q = table.q[np.flatnonzero(table.pose == pose)[0]]
     turning = [unit == "rad" for unit in table.joint_units]
     return {
-        f"q{k + 1}[{'deg' if t else 'm'}]": float(np.degrees(x)) if t else float(x)
+        f"q{k + 1}[{'deg' if t else 'm'}]": round(float(np.degrees(x) if t else x), 9)
         for k, (x, t) in enumerate(zip(q, turning, strict=True))
     }
 
