@@ -58,6 +58,12 @@ def test_a_size_that_is_known_beforehand_is_told_beside_what_the_data_say(found:
     words = "share has to be 1 by theory, and model.toml holds that; these data alone give 1.40 ± 0.30"
     assert said(found, replace(found.last, effects=(effect,)), words)
     assert not said(found, replace(found.last, effects=(replace(effect, set_number=1),)), "by theory")
+    assert not said(found, replace(found.last, effects=(effect,)), "enter masses")
+    beside = replace(effect, parameters={"large_deflection_all_share": Quantity(1.9, 0.3, "1")})
+    last = replace(found.last, effects=(beside,))
+    assert said(
+        found, last, "give 1.90 ± 0.30: the weight of the arm adds to it, of which the file tells nothing"
+    )
     assert not said(found, found.last, "by theory")
 
 

@@ -14,6 +14,7 @@ import sympy as sp
 
 from symstiff.calibration.tables.table import read_poses
 from symstiff.discrepancy.findings.finding import Finding, Task
+from symstiff.discrepancy.findings.numbers import p_equals
 from symstiff.discrepancy.findings.result import Found, Name, Quantity, RivalLaw
 from symstiff.discrepancy.reasons import Reason, Why
 from symstiff.discrepancy.workflow import diagnose
@@ -252,11 +253,33 @@ def test_a_law_elsewhere_is_said_to_be_elsewhere(unexplained: Finding) -> None:
     last = replace(unexplained.last, device_law=None)
     here = replace(last, localisation=replace(where, accused=law.virtual_joint))
     there = replace(last, localisation=replace(where, accused="joint 1 or so"))
-    assert f"strongest at {law.virtual_joint}, where the smooth law" in sentence(
-        replace(unexplained, last=here)
-    )
+    assert f"strongest at {law.virtual_joint}, where the law" in sentence(replace(unexplained, last=here))
     text = sentence(replace(unexplained, last=there))
-    assert f"joint 1 or so, without a smooth law there; at {law.virtual_joint} the smooth law" in text
+    assert f"joint 1 or so, without a law there; at {law.virtual_joint} the law" in text
+
+
+def test_what_has_no_name_is_told_with_how_sure_it_is_and_what_to_do(unexplained: Finding) -> None:
+    last, where = unexplained.last, unexplained.last.localisation
+    assert where is not None
+    text = sentence(unexplained)
+    assert f"; noise alone shows as much: {p_equals(min(last.p_missing, last.p_unnamed))})." in text
+    for accused, told in (
+        ("joint 2", "Look at joint 2 for what gives way so"), ("", "would tell where it sits."),
+        ("force sensor", "Check the force sensor, or measure anew"),
+    ):  # fmt: skip
+        at = replace(last, localisation=replace(where, accused=accused), device_law=None)
+        assert told in sentence(replace(unexplained, last=at))
+    law = last.law
+    assert law is not None
+    for share in (0.5, -0.1):
+        left = replace(last, device_law=None, law=replace(law, cross_validated=share))
+        told = "and nothing on poses that were left out" in sentence(replace(unexplained, last=left))
+        assert told == (share < 0)
+
+
+def test_nothing_is_accused_where_nothing_is_missing(unexplained: Finding) -> None:
+    assert verdict_table(unexplained)["accused"] == unexplained.accused
+    assert verdict_table(replace(unexplained, verdict="nothing_missing"))["accused"] is None
 
 
 def test_a_law_that_explains_little_is_told_with_its_size_in_standard_deviations(

@@ -155,7 +155,7 @@ def test_the_way_of_a_slide_is_no_angle(found: Finding) -> None:
     assert law.virtual_joint == "joint 3"
     text = law_text(found, law)
     assert "t·((q3 − " in text
-    assert f"the smooth law Δq = {text} explains" in sentence(found)
+    assert f"the law Δq = {text} explains" in sentence(found)
     page = render(found, {"code": CODE, "decide": None}, [])
     assert f'<p class="formula">Δq = {text}</p>' in page
     assert "Δθ" not in page[page.index('id="unnamed"') : page.index('id="candidates"')]

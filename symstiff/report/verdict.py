@@ -12,6 +12,7 @@ import numpy as np
 from symstiff.discrepancy.findings.finding import Finding, Rung
 from symstiff.discrepancy.findings.result import CandidateResult, Found, Inconstancy, Name, Quantity
 from symstiff.discrepancy.noise.sharing import JOINTS
+from symstiff.discrepancy.search.verdict import NOTHING
 from symstiff.discrepancy.statistics.strata import Stratum
 from symstiff.display import finite
 from symstiff.report.tables import sizes_of
@@ -46,7 +47,7 @@ def verdict_table(finding: Finding, decide: Mapping[str, Any] | None = None) -> 
         "strata": [_stratum(s) for s in finding.steps[0].strata],
         "strata_left": [_stratum(s) for s in finding.steps[-1].strata],
         "steps": [_step(finding, s) for s in finding.steps],
-        "accused": finding.accused or None,
+        "accused": (finding.accused if finding.verdict != NOTHING else "") or None,
         "law": _law(finding),
         "device_law": _device_law(finding),
         "leading": [

@@ -302,22 +302,36 @@ def _unexplained(finding: Finding) -> str:
     accused = finding.accused
     text = "No effect of the catalogue accounts for the data"
     if finding.because.why is Why.NOT_ALONE:
-        text = sentence_case(_not_alone(_leading(finding)))
+        text = sentence_case(_not_alone(_leading(finding))) + _told(finding.last.rival)
     text += f"; the evidence is strongest at {law_place(accused)}" if accused else ""
     if finding.last.device_law is not None:
         text += f", where {device_text(finding.last.device_law)}"
     law = finding.last.law
     if law is not None and finding.last.device_law is None:
         where = (
-            ", where"
-            if law.virtual_joint == accused
-            else f", without a smooth law there; at {law.virtual_joint}"
+            ", where" if law.virtual_joint == accused else f", without a law there; at {law.virtual_joint}"
         )
         text += (
-            f"{where} the smooth law {shift(finding, law.virtual_joint)} = {law_in_short(finding, law)} explains "
+            f"{where} the law {shift(finding, law.virtual_joint)} = {law_in_short(finding, law)} explains "
             + explained(law)
         )
-    return f"{text} (residual {size(finding.rms.after, finding)} rms per coordinate, {_noise(finding)})."
+    seen = f"; noise alone shows as much: {p_equals(min(finding.last.p_missing, finding.last.p_unnamed))}"
+    return (
+        f"{text} (residual {size(finding.rms.after, finding)} rms per coordinate, {_noise(finding)}{seen})."
+        f"{_to_do(accused)}"
+    )
+
+
+def _to_do(accused: str) -> str:
+    """What helps next where no name is given."""
+    if accused.startswith(("joint", "link")):
+        return (
+            f" Look at {accused} for what gives way so; more load steps, and poses that take it through its range, "
+            "tell its law better."
+        )
+    if accused:
+        return f" Check {law_place(accused)}, or measure anew what it takes part in, before anything else."
+    return " More poses and load steps would tell where it sits."
 
 
 def noise_lines(finding: Finding) -> list[str]:

@@ -178,8 +178,9 @@ def _of_further(last: Diagnosis) -> list[str]:
         return []
     return [
         f"a small error is left that is no noise ({p_equals(step.p_left)}), most like "
-        f"{named_at(step.further.effect, step.further.where)}: it may be the shape of what was named, which is only "
-        "close, or one effect more; more poses would tell, or a diagnosis that starts from the grown model (--start)"
+        f"{named_at(step.further.effect, step.further.where)}: a diagnosis that starts from the grown model (--start "
+        "model.toml) tests it as one effect more, and more poses would tell; else it is the shape of what was named, "
+        "which is only close"
     ]
 
 
@@ -261,11 +262,23 @@ def _of_known(robot: Robot, last: Diagnosis) -> list[str]:
     leading = [e for e in last.effects if e.set_number == 0]
     return [
         f"{named_at(e.effect, e.where)}: {name} has to be {value:g} by theory, and model.toml holds that; these "
-        f"data alone give {quantity(told)}"
+        f"data alone give {quantity(told)}{_but(robot, (told.value - value) / told.std if told.std > 0 else 0.0)}"
         for e in leading
         for name, value in e.instance.realise(robot).nominal.items()
         if (told := e.parameters.get(name)) is not None
     ]
+
+
+def _but(robot: Robot, deviations: float) -> str:
+    """What may keep the data from a size that is known, by how far they are from it."""
+    if abs(deviations) < _DOUBTS:
+        return ""
+    if not robot.has_weights:
+        return (
+            ": the weight of the arm adds to it, of which the file tells nothing: enter masses and centres of mass, "
+            "and diagnose again"
+        )
+    return f", {abs(deviations):.1f} standard deviations beside it: something else may be in it"
 
 
 def _of_sign(effect: Effect) -> str:
