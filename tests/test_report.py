@@ -265,7 +265,7 @@ def test_what_has_no_name_is_told_with_how_sure_it_is_and_what_to_do(unexplained
     assert f"; noise alone shows as much: {p_equals(min(last.p_missing, last.p_unnamed))})." in text
     for accused, told in (
         ("joint 2", "Look at joint 2 for what gives way so"), ("", "would tell where it sits."),
-        ("force sensor", "Check the force sensor, or measure anew"),
+        ("force sensor", "Check the force sensor, and measure again"),
     ):  # fmt: skip
         at = replace(last, localisation=replace(where, accused=accused), device_law=None)
         assert told in sentence(replace(unexplained, last=at))

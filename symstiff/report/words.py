@@ -330,7 +330,7 @@ def _to_do(accused: str) -> str:
             "tell its law better."
         )
     if accused:
-        return f" Check {law_place(accused)}, or measure anew what it takes part in, before anything else."
+        return f" Check {law_place(accused)}, and measure again, before anything else."
     return " More poses and load steps would tell where it sits."
 
 
