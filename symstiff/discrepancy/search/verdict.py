@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from itertools import islice
@@ -175,13 +176,24 @@ def _others(shop: Workshop, leader: Judged, bases: list[Proposal], beyond: Beyon
     """
     but = _set(leader, shop.start.bank.twin)
     found = [*_joined(shop, leader, beyond), *ranked(shop, bases, beyond, but)[:LEADING]]
-    lead = [CLEARLY if _of_same_joints(shop, p, leader) else -CLOSE for p in found]
+    lead = [_lead_of(shop, p, leader) for p in found]
     close = (p for p, by in zip(found, lead, strict=True) if p.score > leader.score + by)
     others = (p for p in close if not _same_columns(shop.start, p, leader))
     judged = [judge(shop, p) for p in islice(others, _JUDGED)]
     good = [j for j in judged if _admissible(j, shop.options) and _earned(shop, j, leader)]
     best = max((j.score for j in good), default=-np.inf)
     return [*good, *_as_many(shop, leader, best, beyond)] if best > leader.score else good
+
+
+def _lead_of(shop: Workshop, found: Proposal | Judged, leader: Judged) -> float:
+    """Log evidence by which a set of one effect more has to lead: laws of one joint without a shape, as waves of other
+    periods, bend to nothing else, and have to be more believable alone.
+    """
+    if not _of_same_joints(shop, found, leader):
+        return -CLOSE
+    bank, joints = shop.start.bank, Counter(shop.start.bank.place[m] for m in found.members)
+    several = [m for m in found.members if bank.place[m] and joints[bank.place[m]] > 1]
+    return CLOSE if all(len(bank.candidates[m].shapes) == 1 for m in several) else CLEARLY
 
 
 def _as_many(shop: Workshop, leader: Judged, best: float, beyond: Beyond) -> list[Judged]:
@@ -195,7 +207,8 @@ def _as_many(shop: Workshop, leader: Judged, best: float, beyond: Beyond) -> lis
 def _earned(shop: Workshop, judged: Judged, leader: Judged) -> bool:
     """Whether a set with further laws of the leading one's joints leaves nothing, or much less."""
     much = judged.score > (1.0 + CLEAR_SHARE) * leader.score
-    return much or not _of_same_joints(shop, judged, leader) or not _leaves_something(judged, shop.options)
+    by_itself = _lead_of(shop, judged, leader) < CLEARLY
+    return much or by_itself or not _leaves_something(judged, shop.options)
 
 
 def _joined(shop: Workshop, leader: Judged, beyond: Beyond) -> list[Proposal]:
