@@ -105,6 +105,27 @@ def test_a_member_that_no_law_may_replace_is_told_where_the_rest_may_have_no_nam
 
 
 @pytest.mark.parametrize(
+    ("leader", "found", "lead"),
+    [
+        ((0,), (0, 1), verdict.CLOSE),  # one wave, and another one of the same gear
+        ((2,), (0, 1), verdict.CLOSE),  # a law that bends, and two waves
+        ((2,), (2, 0), verdict.CLEARLY),  # what it leaves passes for its shape
+        ((0,), (3, 1), -verdict.CLOSE),  # another joint: an explanation of its own
+        ((2, 3), (0, 1), -verdict.CLOSE),
+    ],
+)
+def test_waves_of_one_gear_have_no_shape_that_bends_to_others(
+    leader: tuple[int, ...], found: tuple[int, ...], lead: float
+) -> None:
+    """Two waves a turn were a gravity compensator with 0.96, and a second wave was left for the shape of the first."""
+    none, several = SimpleNamespace(shapes=((),)), SimpleNamespace(shapes=((1.0,), (2.0,)))
+    bank = SimpleNamespace(place=("a", "a", "a", "b"), candidates=[none, none, several, none])
+    shop = cast(Any, SimpleNamespace(start=SimpleNamespace(bank=bank)))
+    sets = [cast(Judged, SimpleNamespace(members=members)) for members in (found, leader)]
+    assert verdict._lead_of(shop, *sets) == lead
+
+
+@pytest.mark.parametrize(
     ("found", "lead", "after", "told"),
     [
         ("named", 2.3, 1.1, "named_insufficient"), ("named", 0.9, 1.1, "named"), ("named", None, 1.1, "named"),
