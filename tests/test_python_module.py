@@ -52,6 +52,12 @@ def test_batches_are_those_of_the_model(module, compiled):
     assert dict(zip(module.PARAMETERS, module.DEFAULTS, strict=True)) == pytest.approx(dict(m.values))
 
 
+def test_numbers_of_rows_that_do_not_fit_are_told(compiled):
+    q, w = poses("scara", 5)
+    with pytest.raises(ValueError, match="5 rows of q and 3 of w: give as many of both, or one of either"):
+        compiled.deflection(q, w[:3])
+
+
 def test_single_calls_work_and_errors_are_exceptions(module, compiled):
     q, w = poses("scara", 1)
     assert compiled.selftest() < 1e-3

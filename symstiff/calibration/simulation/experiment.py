@@ -133,8 +133,9 @@ def _check_effects(rig: Rig, design: Measurements) -> None:
         for name in followed(effect, chain):
             if np.isnan(getattr(design, name)).all():
                 otherwise = "" if name == "branch" else ", or [environment] to the truth"
+                table = design.files[0] if design.files else "the poses table"
                 raise UserError(
-                    f"effect {effect.effect}: it follows the {name}, which the poses table does not tell: "
+                    f"effect {effect.effect}: it follows the {name}, which {table} does not tell: "
                     f"add a column {CONTEXT[name]}{otherwise}"
                 )
         strangers = [label for labels, _ in added.shifts for label in labels if label not in design.labels]
