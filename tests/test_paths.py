@@ -40,6 +40,7 @@ def test_one_pose_under_several_loads_becomes_several_only_where_its_commands_pa
     rows = ("a,0,30,1", "a,0,30,2", "a,0,30,900", "b,0,40,900")
     Path("way.csv").write_text("pose,q1[deg],q2[deg],fy[N]\n" + "\n".join(rows) + "\n")
     said = notes(run, "compensate", "model.toml", "way.csv")
+    assert "2 poses in 4 rows: predicted error" in said
     assert "pose a became a/1, a/2, …" in said
     labels = [row[0] for row in csv.reader(Path("m.toml").read_text().splitlines())]
     assert labels == ["pose", "a/1", "a/2", "a/3", "b"]
@@ -95,6 +96,7 @@ def test_rows_without_a_correction_and_commands_beyond_the_limits_are_named_by_t
     assert "1 of 3 rows (line 3) keep their command: a joint would have to move by more" in said
     assert "1 of 3 rows (line 4) have a command beyond the joint limits" in said
     told = json.loads(Path("out.json").read_text())
+    assert (told["poses"], told["rows"], told["unsolved"]) == (3, 3, 1)
     assert told["kept"] == [{"line": 3, "pose": "b", "reason": "too_far"}]
     assert told["beyond_limits"] == [4]
     written = list(csv.DictReader(Path("m.toml").read_text().splitlines()))

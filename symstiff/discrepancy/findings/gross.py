@@ -59,9 +59,8 @@ def gross(finding: Finding) -> Index:
     none = np.zeros(0, dtype=np.intp)
     if not last.growth or len(last.growth[-1].residual) != len(finding.assembly.problem.y):
         return none
-    apart = _apart(finding, last.growth[-1].residual)
-    far = in_usual(finding.assembly.situation.view, apart)
-    beyond = (far > FAR) & (_in_stated(finding.assembly.situation.view, apart) > _BEYOND)
+    far, stated = _beside(finding)
+    beyond = (far > FAR) & (stated > _BEYOND)
     pose, rows = finding.table.pose, np.arange(len(finding.table))
     found = [r for r in np.flatnonzero(beyond) if _alone(far, rows[(pose == pose[r]) & (rows != r)], far[r])]
     return np.array(found, dtype=np.intp) if len(found) <= max(MOST * len(rows), 2) else none
@@ -71,14 +70,17 @@ def _alone(far: Array, others: Index, size: float) -> bool:
     return len(others) + 1 >= FEWEST and bool(size > ALONE * np.max(far[others]))
 
 
-def _apart(finding: Finding, residual: Array) -> Array:
-    """(M,) how far each component is beside the middle of its pose."""
+def _beside(finding: Finding) -> tuple[Array, Array]:
+    """(N,) how far each row is beside the middle of its pose, by the largest of its components: in usual distances, and
+    in stated standard deviations.
+    """
+    residual, lines = finding.last.growth[-1].residual, finding.assembly.problem.lines
     apart = np.array(residual)
-    lines = finding.assembly.problem.lines
     for k in np.unique(lines):
         own = np.flatnonzero(lines == k)
         apart[own] = residual[own] - np.median(residual[own]) if len(own) >= FEWEST else 0.0
-    return np.abs(apart)
+    view = finding.assembly.situation.view
+    return in_usual(view, np.abs(apart)), _in_stated(view, np.abs(apart))
 
 
 def _in_stated(view: View, size: Array) -> Array:
@@ -108,8 +110,7 @@ def in_usual(view: View, size: Array) -> Array:
 
 def remark(finding: Finding, rows: Index) -> str:
     """That they are left out, where they are and what to do."""
-    apart = _apart(finding, finding.last.growth[-1].residual)
-    far = in_usual(finding.assembly.situation.view, apart)[rows]
+    far = _beside(finding)[0][rows]
     places = "; ".join(finding.table.place(int(r)) for r in rows[np.argsort(-far)])
     if len(rows) == 1:
         return (
