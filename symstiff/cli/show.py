@@ -210,7 +210,6 @@ def show_effects(robot: str, loads: str, measure: str, data: str, json: str | No
 def _print_effects(out: Console, title: str, found: dict[str, list[tuple[Where, Distinction]]]) -> None:
     from rich.table import Table
 
-    from symstiff.effects.places import spoken
     from symstiff.effects.registry import catalogue
     from symstiff.report.naming import places
 
@@ -225,7 +224,7 @@ def _print_effects(out: Console, title: str, found: dict[str, list[tuple[Where, 
         nowhere = "places depend on the data" if effect.places_in else "no such place on this robot"
         needs = " ".join(sorted(effect.needs)).replace("_", " ")
         for first, (told, wheres) in enumerate((alike or {nowhere: []}).items()):
-            head = ("", "") if first else (spoken(effect.identifier), needs)
+            head = ("", "") if first else (effect.identifier, needs)
             table.add_row(head[0], places(wheres) or ("everywhere" if wheres else ""), told, head[1])
     print_table(out, table, columns)
 

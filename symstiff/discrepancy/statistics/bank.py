@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -15,6 +15,9 @@ from symstiff.effects.base import Shape
 
 UNNAMED = 0.3
 """Prior share of laws without a name: the catalogue holds most of what robots have, and not all."""
+BESIDE = 0.25
+"""Prior share, beside an effect that is there, of the same effect at the same joint in another form: a gear that is
+uneven a few times a turn is often so at other numbers a turn."""
 _LEAST_SIZE = 0.02
 """Usual size, against the largest of an effect's, below which no parameter is taken to be."""
 
@@ -70,6 +73,27 @@ class Bank:
         """For each candidate the first whose columns are the same by structure: itself where there is no other."""
         first: dict[str, int] = {}
         return tuple(first.setdefault(c.group or c.key, k) for k, c in enumerate(self.candidates))
+
+    @cached_property
+    def kin(self) -> tuple[tuple[str, str] | None, ...]:
+        """Effect and joint of each named candidate that acts at one joint alone."""
+        found = zip(self.candidates, self.generic, self.place, strict=True)
+        return tuple((c.effect, place) if place and not generic else None for c, generic, place in found)
+
+    def beside(self, whole: Bank, members: Sequence[int]) -> Bank:
+        """The bank with the priors that its candidates have beside members of the whole bank that it is a part of.
+
+        An effect at a joint makes more of it there likelier, such as waves of other numbers a turn.
+        """
+        there = Counter(whole.kin[m] for m in members)
+        log_prior = self.log_prior
+        for kin, more in Counter(whole.kin).items():
+            if kin is None or not 0 < there[kin] < more:
+                continue
+            own = np.array([k == kin for k in self.kin])
+            beside = np.where(own, np.log(BESIDE / (more - there[kin])), -np.inf)
+            log_prior = np.logaddexp(log_prior + np.log(1.0 - BESIDE), beside)
+        return self if log_prior is self.log_prior else replace(self, log_prior=log_prior)
 
     def entries_of(self, candidate: int) -> slice:
         """Entries of a candidate."""

@@ -232,13 +232,14 @@ def extend(scan: Scan, entries: tuple[int, ...], part: Scan | None = None) -> Sc
     part = scan if part is None else part
     if not entries:
         return part
+    bank = part.bank.beside(scan.bank, [int(scan.bank.owner[e]) for e in entries])
     found = [directions(scan, layer, entries) for layer in scan.layers]
     products = part.products([U for U, _ in found])
     layers = (
-        _extended(part.bank, layer, U, s, seen)
+        _extended(bank, layer, U, s, seen)
         for layer, (U, s), seen in zip(part.layers, found, products, strict=True)
     )
-    return replace(part, layers=tuple(layers), freedom=part.freedom - len(found[-1][1]))
+    return replace(part, bank=bank, layers=tuple(layers), freedom=part.freedom - len(found[-1][1]))
 
 
 def _extended(bank: Bank, layer: Layer, U: Array, s: Array, products: Array) -> Layer:
