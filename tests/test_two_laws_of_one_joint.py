@@ -1,4 +1,4 @@
-"""Backlash and an uneven stiffness in one gear: one law bends to most of both, and two laws explain them."""
+"""Two laws of one gear: backlash and an uneven stiffness, which one law bends to most of, and two waves a turn."""
 
 from __future__ import annotations
 
@@ -7,8 +7,11 @@ import pytest
 
 from symstiff.calibration.simulation import Effect, Noise, Truth, nominal_truth, simulate
 from symstiff.calibration.tables.measurements import Measurements, measurements
+from symstiff.discrepancy.bridge.assemble import assemble
 from symstiff.discrepancy.findings.finding import Finding, Task
+from symstiff.discrepancy.statistics.bank import BESIDE, UNNAMED, build
 from symstiff.discrepancy.workflow import diagnose
+from symstiff.model import joints_only
 from symstiff.robot import load
 
 LOADS = (0.2, 0.4, 0.6, 0.8, 1.0)
@@ -60,3 +63,51 @@ def test_backlash_and_an_uneven_stiffness_of_one_gear_are_two_effects(gear: Effe
 def test_one_law_whose_shape_is_only_close_is_one_effect() -> None:
     found = diagnosed(ROOT)
     assert [(e.effect, e.where) for e in found.named] == [("nonlinear_stiffness", {"joint": 1})]
+
+
+def absolute(poses: int, force: float = 1500.0) -> Measurements:
+    """One position a pose, under a force of any side."""
+    robot, rng = load("kuka_kr270"), np.random.default_rng(1)
+    limits = np.array([j.range for j in robot.joint])
+    q = rng.uniform(limits[:, 0], limits[:, 1], (poses, 6))
+    side = rng.normal(size=(poses, 6))[:, :3]
+    w = np.zeros((poses, 6))
+    w[:, :3] = force * side / np.linalg.norm(side, axis=1)[:, None]
+    return measurements(q, w, pose=np.arange(poses), points=("p1",), point=np.zeros(poses, int), kind="absolute",
+                        joint_units=["rad"] * 6)  # fmt: skip
+
+
+@pytest.mark.slow
+def test_two_waves_of_one_gear_that_hide_each_other_are_named() -> None:
+    """Each is noise to the test of the other, of which forty positions hold little."""
+    robot = load("kuka_kr270")
+    waves = Effect(
+        "transmission_error", {"joint": 2}, "harmonics",
+        {"a": [1e-4, 3e-5], "b": [-5e-5, 9e-5], "harmonics": [3, 11]},
+    )  # fmt: skip
+    truth = Truth(robot, nominal_truth(robot), (waves,), Noise((0.06, 0.06, 0.06)))
+    found = diagnose(Task(robot, simulate(truth, absolute(40), 1)))
+    assert found.verdict == "named"
+    assert [e.where for e in found.named] == [
+        {"joint": 2, "harmonics": [3]},
+        {"joint": 2, "harmonics": [11]},
+    ]
+
+
+def test_a_wave_makes_others_of_its_gear_likelier_and_the_priors_stay_a_distribution() -> None:
+    robot = load("kuka_kr270")
+    truth = Truth(robot, nominal_truth(robot), (), Noise((0.06, 0.06, 0.06)))
+    assembly = assemble(joints_only(robot), simulate(truth, absolute(40), 1))
+    bank = build(assembly.problem, assembly.candidates, ())
+    wave = {
+        (c.where["joint"], *c.where["harmonics"]): k
+        for k, c in enumerate(bank.candidates)
+        if c.effect == "transmission_error"
+    }
+    beside = bank.beside(bank, [wave[2, 3]])
+    others = np.array([k for k in range(len(bank.candidates)) if k != wave[2, 3]])
+    more = np.exp(beside.log_prior - bank.log_prior)
+    assert more[wave[2, 11]] > 10 > 1 > more[wave[3, 11]] == pytest.approx(1 - BESIDE)
+    before = 1 - UNNAMED - np.exp(bank.log_prior[wave[2, 3]])
+    assert np.exp(beside.log_prior[others]).sum() == pytest.approx(BESIDE + (1 - BESIDE) * before)
+    assert bank.beside(bank, []) is bank

@@ -13,7 +13,7 @@ from symstiff.discrepancy.search.workshop import Proposal, Workshop
 
 LEADING = 6
 """Sets of a size whose sizes are looked at; those behind them are never judged."""
-_BREADTH, _WEIGHED, _POLISHED, _HIDING = 24, 24, 4, 2
+_BREADTH, _WEIGHED, _POLISHED, _HIDING = 24, 24, 4, 8
 """At most: candidates that join a base, sets of a size that count as rivals, those whose shapes are chosen again, and
 single effects beside which a hidden one is looked for. Each further one costs time."""
 BEYOND = 2.0
