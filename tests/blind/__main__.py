@@ -38,6 +38,9 @@ def main() -> None:
         help="a joint stops elsewhere at every reading, by so much of the noise at the tool",
     )  # fmt: skip
     parser.add_argument("--story", choices=[s.name for s in ONE], help="single effects of this story only")
+    parser.add_argument(
+        "--waves", action="store_true", help="pairs alone: waves of two numbers a turn in one gear"
+    )
     parser.add_argument("--robot", nargs="+", metavar="NAME", help="only these robots")
     for name in ("poses", "levels", "markers"):
         parser.add_argument(
@@ -57,6 +60,8 @@ def main() -> None:
         options = replace(options, classes=(given.kind,), shares=(1.0,))
     if given.story:
         options = replace(options, classes=("one",), shares=(1.0,), story=given.story)
+    if given.waves:
+        options = replace(options, classes=("two",), shares=(1.0,), waves=True)
     if given.size:
         options = replace(options, lambdas=tuple(given.size))
     drawn = {"robots": given.robot, "poses": given.poses, "levels": given.levels, "markers": given.markers}

@@ -21,7 +21,7 @@ from symstiff.robot import Robot, load
 from tests.blind.lacking import rigid_links, without
 from tests.blind.nuisance import Whitener, drawn, settling, torques_of_weights, weighing
 from tests.blind.sizes import Unfit, noise_free, noncentrality, scaled
-from tests.blind.stories import BAD_POSE, ONE, OUTSIDE, Draw, Story, Where
+from tests.blind.stories import BAD_POSE, ONE, OUTSIDE, Draw, Story, Where, waves
 
 FORCE = {"kuka_kr270": 2200.0, "ur10": 110.0, "franka_panda": 50.0, "scara": 60.0}
 LAMBDAS = (10.0, 25.0, 60.0, 150.0, 600.0)
@@ -56,6 +56,8 @@ class Options:
     """Robots repeat to a third of the noise, and the file tells all masses."""
     off: float = 0.0
     """Absolute positions alone, of arms whose frames are all off by errors of this size, m and rad."""
+    waves: bool = False
+    """Of pairs waves of two numbers a turn in one gear alone."""
     settling: float = 0.0
     """Error of one joint, another at every reading, in units of sigma at the tool."""
 
@@ -139,6 +141,8 @@ def _stories(kind: str, rng: np.random.Generator, options: Options) -> tuple[Sto
     pool = {"outside": OUTSIDE, "bad_pose": (BAD_POSE,)}.get(kind, ONE)
     if options.off:
         pool = tuple(s for s in pool if s.kind == "absolute" and s.name not in CONSTANT)
+    if kind == "two" and options.waves:
+        return waves(rng.choice(np.arange(1, 17), 2, replace=False), float(rng.random()))
     if kind == "two":
         pool = tuple(s for s in pool if s.context not in ("heavy", "start"))
         first = pool[int(rng.integers(len(pool)))]

@@ -6,7 +6,7 @@ noncentrality.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -40,13 +40,13 @@ class Draw:
 
     def joint(self, *, turning: bool = False, but: int = 0) -> int:
         """A joint that carries a load, one excepted."""
-        loaded = [
-            j + 1
-            for j in range(self.robot.dof)
-            if self.torque[j] > LOADED * self.torque.max() and not (turning and self.robot.joint[j].prismatic)
-        ]
+        return int(self.rng.choice(self.joints(turning=turning, but=but)))
+
+    def joints(self, *, turning: bool = False, but: int = 0) -> list[int]:
+        """The joints that carry a load, or all where none does, one excepted."""
         fits = [j + 1 for j in range(self.robot.dof) if not (turning and self.robot.joint[j].prismatic)]
-        return int(self.rng.choice([j for j in loaded if j != but] or [j for j in fits if j != but]))
+        loaded = [j for j in fits if self.torque[j - 1] > LOADED * self.torque.max()]
+        return [j for j in loaded if j != but] or [j for j in fits if j != but]
 
     def link(self, first: int = 1) -> int:
         return int(self.rng.integers(first, self.robot.dof))
@@ -174,6 +174,24 @@ def harmonics(shape: str) -> Maker:
         return Effect("transmission_error", {"joint": j}, shape, values), where
 
     return make
+
+
+def waves(turns: Sequence[int], which: float) -> tuple[Story, ...]:
+    """Waves of several numbers a turn in one gear, a story each; ``which`` in [0, 1) tells the joint."""
+
+    def of(n: int) -> Maker:
+        def make(d: Draw) -> Made:
+            joints = d.joints(turning=True)
+            j, (a, b) = joints[int(which * len(joints))], d.vector(3e-3, 2)
+            values = {"a": a, "b": b, "harmonics": [float(n)]}
+            return Effect("transmission_error", {"joint": j}, "harmonics", values), {
+                "joint": j,
+                "harmonics": [n],
+            }
+
+        return make
+
+    return tuple(Story(f"transmission {n} a turn", "absolute", of(int(n))) for n in turns)
 
 
 def drift(shape: str) -> Maker:
