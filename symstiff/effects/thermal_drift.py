@@ -1,9 +1,9 @@
 """Growth with time or temperature, of the measuring frame or of a link along its elastic axes.
 
 Δ = rate·s with s = t/T_end, (T − T₀)/span, or 1 − exp(−t/T) over its value at the end of the session, t counted from
-``start`` where the clock does not begin with the session; the
-three parameters are what has grown at the end of the session, in metres. A pedestal that grows shifts the
-whole robot: that is the measuring frame's drift.
+``start`` where the clock does not begin with the session; the three parameters are what has grown at the end of the
+session, in metres. A link that warms on one side ``bends``: three more, in radians, about its elastic axes. A pedestal
+that grows shifts the whole robot: that is the measuring frame's drift.
 """
 
 from __future__ import annotations
@@ -29,6 +29,9 @@ def _realise(robot: Robot, where: Where, shape: Shape) -> Realisation:
     if "link" in where:
         places = list(link_axes(int(where["link"])))[:3]
     size = [parameter(NAME, where, x, "m", -5e-3, 5e-3, 1e-4) for x in XYZ]
+    if "bends" in shape:
+        places += link_axes(int(where["link"]))[3:]
+        size += [parameter(NAME, where, f"r{x}", "rad", -5e-3, 5e-3, 1e-4) for x in XYZ]
     clock, warm = _clock(shape), "temperature" in shape
     rest = {"temperature": shape.get("reference", _ROOM)} if warm else {"time": shape.get("start", 0.0)}
     terms = tuple(Term(p.name, at, clock) for p, at in zip(size, places, strict=True))
@@ -60,7 +63,7 @@ def _shapes(robot: Robot, where: Where, scales: Scales) -> tuple[Shape, ...]:
         clock = {"time": span} | ({"start": float(start)} if start else {})
         found.append(clock)
         found += [{**clock, "T": float(f"{f * span:.3g}")} for f in CONSTANTS]
-    return tuple(found)
+    return (*found, *({**shape, "bends": 1.0} for shape in found if "link" in where))
 
 
 EFFECT = Effect(
@@ -77,7 +80,7 @@ EFFECT = Effect(
     separated_by="poses repeated early and late in the session, in another order of the joints",
     told={
         "temperature": "per {} K", "reference": "from {} °C", "time": "over {} s", "T": "time constant {} s",
-        "start": "from {} s of the clock on",
+        "start": "from {} s of the clock on", "bends": "bending as well",
     },
     spans=("temperature", "time"),
     moves=lambda robot, shape: {"T": Move(2.0)},

@@ -15,7 +15,7 @@ for name in ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS"):
 def main() -> None:
     from tests.blind.generate import CLASSES, Options
     from tests.blind.run import benchmark, keep, report
-    from tests.blind.stories import ONE
+    from tests.blind.stories import ONE, RARE
 
     parser = argparse.ArgumentParser(prog="python -m tests.blind", description=__doc__)
     parser.add_argument("--n", type=int, default=200, help="number of cases")
@@ -37,7 +37,9 @@ def main() -> None:
         "--settling", type=float, default=0.0, metavar="X",
         help="a joint stops elsewhere at every reading, by so much of the noise at the tool",
     )  # fmt: skip
-    parser.add_argument("--story", choices=[s.name for s in ONE], help="single effects of this story only")
+    parser.add_argument(
+        "--story", choices=[s.name for s in (*ONE, *RARE)], help="single effects of this story only"
+    )
     parser.add_argument(
         "--waves", action="store_true", help="pairs alone: waves of two numbers a turn in one gear"
     )

@@ -21,7 +21,7 @@ from symstiff.robot import Robot, load
 from tests.blind.lacking import rigid_links, without
 from tests.blind.nuisance import Whitener, drawn, settling, torques_of_weights, weighing
 from tests.blind.sizes import Unfit, noise_free, noncentrality, scaled
-from tests.blind.stories import BAD_POSE, ONE, OUTSIDE, Draw, Story, Where, waves
+from tests.blind.stories import BAD_POSE, ONE, OUTSIDE, RARE, Draw, Story, Where, waves
 
 FORCE = {"kuka_kr270": 2200.0, "ur10": 110.0, "franka_panda": 50.0, "scara": 60.0}
 LAMBDAS = (10.0, 25.0, 60.0, 150.0, 600.0)
@@ -155,7 +155,7 @@ def _stories(kind: str, rng: np.random.Generator, options: Options) -> tuple[Sto
             s for s in ONE if s.name.split()[0] in ("backlash", "compensator", "base", "sensor", "frame")
         )
     if kind == "one" and options.story:
-        pool = tuple(s for s in pool if s.name == options.story)
+        pool = tuple(s for s in (*pool, *RARE) if s.name == options.story)
     return (pool[int(rng.integers(len(pool)))],)
 
 

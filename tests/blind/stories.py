@@ -194,7 +194,7 @@ def waves(turns: Sequence[int], which: float) -> tuple[Story, ...]:
     return tuple(Story(f"transmission {n} a turn", "absolute", of(int(n))) for n in turns)
 
 
-def drift(shape: str) -> Maker:
+def drift(shape: str, bends: bool = False) -> Maker:
     clock = shape.rsplit("_", maxsplit=1)[-1]
 
     def make(d: Draw) -> Made:
@@ -202,6 +202,8 @@ def drift(shape: str) -> Maker:
         values: dict[str, Any] = {"rate": d.vector(3e-3 * per)}
         if clock == "exponential":
             values["T"] = d.uniform(0.2, 0.8) * d.span
+        if shape.startswith("link") and bends:
+            values = {**values, "rate": d.vector(1e-4 * per), "turn": d.vector(1e-3 * per)}
         where: Where = {"link": d.link()} if shape.startswith("link") else {"measurement": "frame"}
         return Effect("thermal_drift", where, shape, values), where
 
@@ -317,6 +319,13 @@ ONE: tuple[Story, ...] = (
     Story("weight", "absolute", link_weight),
     Story("payload absolute", "absolute", payload("tool")),
 )  # fmt: skip
+
+RARE = tuple(
+    Story(f"bending {clock} {kind}", kind, drift(f"link_{clock}", bends=True), "clock")
+    for kind in ("deflection", "absolute")
+    for clock in ("time", "temperature", "exponential")
+)
+"""Stories that are told when they are asked for, and not drawn."""
 
 BAD_POSE = Story("bad pose", "deflection", one_bad)
 

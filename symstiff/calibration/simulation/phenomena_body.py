@@ -116,9 +116,8 @@ phenomenon("payload_error", "load", "tool", "dm", "dmc[3]", dm=0.0, dmc=0.0)(
 
 
 def _growth(site: Site, p: Values, kind: str) -> Additions:
-    """The link grows along its elastic axes, in the loaded state against the start of the session."""
-    part = slice(7 * site.where, 7 * site.where + 3)
-    size = p["rate"]
+    """The link grows along its elastic axes and turns about them, in the loaded state against the session's start."""
+    part, size = link_slice(site.where), np.concatenate([p["rate"], p["turn"]])
 
     def law(states: States, tau: Array, theta: Array) -> None:
         theta[:, part] += (clock(states, p, kind) * states.loaded)[:, None] * size
@@ -133,11 +132,13 @@ def clock(states: States, p: Values, kind: str) -> Array:
     return saturation(states.time, p["T"]) if kind == "exponential" else states.temperature - p["reference"]
 
 
-phenomenon("thermal_drift", "link_time", "link", "rate[3]")(lambda site, p: _growth(site, p, "time"))
-phenomenon("thermal_drift", "link_temperature", "link", "rate[3]", reference=20.0)(
+phenomenon("thermal_drift", "link_time", "link", "rate[3]", "turn[3]", turn=0.0)(
+    lambda site, p: _growth(site, p, "time")
+)
+phenomenon("thermal_drift", "link_temperature", "link", "rate[3]", "turn[3]", turn=0.0, reference=20.0)(
     lambda site, p: _growth(site, p, "temperature")
 )
-phenomenon("thermal_drift", "link_exponential", "link", "rate[3]", T=1800.0)(
+phenomenon("thermal_drift", "link_exponential", "link", "rate[3]", "turn[3]", turn=0.0, T=1800.0)(
     lambda site, p: _growth(site, p, "exponential")
 )
 
