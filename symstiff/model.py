@@ -112,6 +112,14 @@ class StiffnessModel:
         """Time [s] and temperature [°C] at which the model's effects do nothing; of several effects the first's."""
         return {name: value for r in reversed(self.realisations) for name, value in r.rest.items()}
 
+    @property
+    def spans(self) -> dict[str, float]:
+        """Time [s] and temperature [K] from ``rest`` on over which effects are counted; of several the longest."""
+        found: dict[str, float] = {}
+        for effect in self.effects:
+            found |= {name: max(value, found.get(name, 0.0)) for name, value in effect.spans.items()}
+        return found
+
     @cached_property
     def units(self) -> dict[str, str]:
         """SI unit of every parameter."""

@@ -112,3 +112,14 @@ def test_the_header_can_be_included_twice_and_allocates_nothing(tmp_path):
     functions = re.findall(r"\[\[nodiscard\]\] (.*)", code)
     assert len(functions) >= 9
     assert all("noexcept" in f for f in functions)
+
+
+def test_errors_of_the_other_targets_have_a_message(tmp_path):
+    folder = written(tmp_path, "scara", "double", ("c", "params", "rls", "cpp"))
+    (folder / "use.cpp").write_text(
+        '#include "scara.hpp"\n'
+        'static_assert(scara::message(scara::status{SCARA_E_PARAMS_HASH}) != "unknown error");\n'
+        'static_assert(scara::message(scara::status{SCARA_E_RLS_SETTING}) == "a setting is out of its range");\n'
+        "int main() { return 0; }\n"
+    )
+    run(compiler("g++"), *STRICT_CPP, "use.cpp", "-c", "-o", "use.o", cwd=folder)

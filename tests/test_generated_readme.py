@@ -1,6 +1,9 @@
-"""The example in the README of a generated folder runs as it stands."""
+"""The examples of a generated folder, in its README and main.c, run as they stand."""
 
 from __future__ import annotations
+
+import re
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -14,7 +17,7 @@ from symstiff.files import write_tree
 from symstiff.model import StiffnessModel
 from symstiff.reduction import reduce
 from symstiff.robot import load
-from tests.generated_c import model, poses
+from tests.generated_c import STRICT, compiler, model, poses, run
 
 ROBOT = "ur10"
 MOMENT = {"time": 100.0, "temperature": 25.0, "branch": -1.0}
@@ -60,3 +63,54 @@ def test_every_file_of_a_target_is_told() -> None:
             told = file if name not in ("params", "rls") else file.replace(".h", ".c")
             assert f"`{told}`" in readme
             assert f"`{told}`" not in plain
+
+
+def moving() -> StiffnessModel:
+    """A model of a gear that lags and a link that grows, from second 50 of the clock on."""
+    grows = EffectInstance("thermal_drift", {"link": 3}, {"time": 480.0, "start": 50.0})
+    m = model(ROBOT).with_effects((EFFECTS[0], grows))
+    return m.with_values(dict(m.values) | {e.name: e.typical for e in m.effect_parameters})
+
+
+def test_the_example_in_c_sets_what_holds_at_a_call(tmp_path: Path) -> None:
+    write_tree(tmp_path, emit_c(Functions(moving()), Options(targets=("c",))))
+    header, readme = ((tmp_path / name).read_text() for name in (f"{ROBOT}.h", "README.md"))
+    assert "UR10_TIME_MIN 50.0" in header
+    assert "UR10_TIME_MAX 530.0" in header
+    assert "p.time = time_now;" in readme
+    assert "p.branch = branch_now;" in readme
+    run(compiler(), *STRICT, "-I.", f"{ROBOT}.c", "main.c", "-o", "use", "-lm", cwd=tmp_path)
+    shown = re.search(r"deflection \[mm\]: (.*)", run("./use", cwd=tmp_path))
+    text = (tmp_path / "main.c").read_text()
+    shown_as = (re.search(rf"{name} = \{{(.*?)\}}", text)[1] for name in (r"q\[.*\]", r"w\[6\]"))
+    q, w = (np.array([[float(x) for x in numbers.split(",")]]) for numbers in shown_as)
+    late = {"time": np.array([530.0]), "branch": np.array([1.0])}
+    wanted = moving().deflection(q, w, context=late)[0, :3]
+    np.testing.assert_allclose(np.array(shown[1].split(), float), 1e3 * wanted, atol=1e-4)
+
+
+def test_tables_of_the_readme_stand_apart_from_the_text_before() -> None:
+    for loads in ("gravity", "wrench"):
+        lines = (
+            emit_c(Functions(model(ROBOT, loads)), Options(targets=("c",)))["README.md"].decode().splitlines()
+        )
+        starts = [k for k, line in enumerate(lines) if line.startswith("|---")]
+        assert starts
+        assert all(lines[k - 2] == "" for k in starts)
+
+
+def test_a_smaller_correction_may_be_asked_for(tmp_path: Path) -> None:
+    write_tree(tmp_path, emit_c(Functions(model("scara")), Options(targets=("c",))))
+    run(
+        compiler(),
+        *STRICT,
+        "-DSCARA_MAX_CORRECTION=1e-9",
+        "-I.",
+        "scara.c",
+        "main.c",
+        "-o",
+        "use",
+        "-lm",
+        cwd=tmp_path,
+    )
+    assert "compensate: error -5" in run("./use", cwd=tmp_path)

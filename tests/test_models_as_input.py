@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import re
 from collections.abc import Callable
 from pathlib import Path
@@ -78,6 +79,8 @@ def test_generated_code_leaves_out_what_the_measuring_device_does(run: Run, tmp_
     assert done.code == 0
     assert "without thermal drift (measuring frame)" in done.out + done.err
     assert "thermal" not in (tmp_path / "out" / "scara.h").read_text()
+    manifest = json.loads((tmp_path / "out" / "manifest.json").read_text())
+    assert manifest["left_out"] == ["thermal drift (measuring frame)"]
 
 
 def test_a_misspelt_key_of_a_shape_is_refused(run: Run, tmp_path: Path) -> None:

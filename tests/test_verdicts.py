@@ -70,7 +70,9 @@ def test_a_name_is_ahead_of_a_law_without_one_only_by_more_than_what_counts_as_t
 ) -> None:
     """A joint that is softer at some angles was a base and a wrist coupling with 0.9, a tenth ahead."""
     bank = SimpleNamespace(
-        twin=(0,), place=("a1.joint",), candidates=[SimpleNamespace(shapes=((),), expected=False)]
+        twins=lambda entry: (entry,),
+        place=("a1.joint",),
+        candidates=[SimpleNamespace(shapes=((),), expected=False)],
     )
     leader = judged(20.0, (lead,), (lead,), bank)
     found = concluded(leader, weighed=[Proposal((0,), (0,), 20.0)])

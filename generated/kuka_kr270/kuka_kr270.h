@@ -9,13 +9,15 @@
  * layout         unrolled
  * targets        c,casadi
  *
- * Units: m, rad, N, N*m. Wrench w = (fx, fy, fz, mx, my, mz) at the tool centre point in base axes; deflection
+ * Units: m, rad, N, N*m. Wrench w = (fx, fy, fz, mx, my, mz) that acts on the robot at the tool centre point, in base
+ * axes (100 kg hung there, with z up: fz = -981 N; a sensor may tell the reaction, of the other sign); deflection
  * dt = (dx, dy, dz, drx, dry, drz) of the tool centre point in base axes (rotation vector). Matrices are row-major.
  * It is what w adds: how the arm bends under its own weight is no part of it.
  * Joint variables q in rad; joint limits are not looked at.
  * Base axes are those of the world. The robot file places
  *   frame 0 in the world:              xyz (0, 0, 0.75) m, rpy (0, 0, 0) rad,
- *   the tool centre point in frame 6:  xyz (0.05, 0.1, 0.3) m, rpy (0, 0, 0) rad.
+ *   the tool centre point in frame 6:  xyz (0.05, 0.1, 0.3) m, rpy (0, 0, 0) rad,
+ * where rpy are roll, pitch and yaw: R = Rz(yaw) Ry(pitch) Rx(roll).
  * The parameters were reduced to what loads of the class "gravity" identify: a vertical force at the tool centre point (world z).
  *
  * Operations per call (additions, multiplications, sign changes, sines and cosines):
@@ -25,7 +27,8 @@
  *   compliance   279 add, 423 mul, 2 neg, 12 sin/cos
  *   forward      38 add, 63 mul, 3 neg, 12 sin/cos
  *
- * Parameters (index, name, unit, meaning):
+ * Parameters (index, name, unit, meaning). Compliances of a link are told in its elastic frame: 1 along the beam, 2 and 3
+ * across. A reduced one carries what the reduction added to it, and may be negative:
  *   k[ 0]  k0_33   m/N        link 0 (pedestal): translation along 3 by force along 3
  *   k[ 1]  k0_35   rad/N      link 0 (pedestal): translation along 3 by moment about 2 (and its mirror)
  *   k[ 2]  k0_44   rad/(N*m)  link 0 (pedestal): rotation about 1 by moment about 1
@@ -69,12 +72,14 @@ extern "C" {
 
 #define KUKA_KR270_OK 0
 #define KUKA_KR270_E_NULL (-1)      /* a pointer is NULL */
-#define KUKA_KR270_E_NONFINITE (-2) /* an input is NaN, infinite or beyond all bounds, or a result overflowed */
+#define KUKA_KR270_E_NONFINITE (-2) /* an input is NaN or infinite, of observation beyond 1.0e75, or a result overflowed */
 #define KUKA_KR270_E_SINGULAR (-3)  /* the pose is singular, or the compliance has no inverse */
 #define KUKA_KR270_E_SELFTEST (-4)  /* a stored value was not reproduced */
 #define KUKA_KR270_E_RANGE (-5)     /* compensate: a joint would move by more than KUKA_KR270_MAX_CORRECTION */
 
+#ifndef KUKA_KR270_MAX_CORRECTION /* a smaller one may be defined; the self-test is made for this one */
 #define KUKA_KR270_MAX_CORRECTION 0.25 /* rad, m: beyond it a correction to first order is none */
+#endif
 
 typedef struct {
     double k[KUKA_KR270_N_PARAMETERS]; /* compliances, in the order of the table above */
@@ -83,7 +88,8 @@ typedef struct {
 /* Default parameters: what the robot file knows; others are zero until they are identified. */
 extern const kuka_kr270_params_t kuka_kr270_default_params;
 
-/* KUKA_KR270_MODEL_HASH of the library that is linked: compare before you trust parameters of your own. */
+/* KUKA_KR270_MODEL_HASH of the library that is linked: unlike that of this header, the two do not belong together.
+ * Parameters of your own fit where they were identified with the same KUKA_KR270_PARAMETER_HASH. */
 extern const char kuka_kr270_model_hash[65];
 
 /* Every function returns 0 or a negative error; on error its outputs are zeros, never NaN. An output array may be q or w

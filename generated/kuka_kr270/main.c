@@ -6,11 +6,12 @@
 int main(void)
 {
     const double q[KUKA_KR270_N_JOINTS] = {-2.645, -0.465, 1.346, -5.599, 2.103, 5.68};
-    const double w[6] = {0.0, 0.0, -1000.0, 0.0, 0.0, 0.0}; /* N, N*m at the tool centre point, base axes */
+    const double w[6] = {0.0, 0.0, -1000.0, 0.0, 0.0, 0.0}; /* N, N*m on the robot at the tool centre point, base axes */
     double dt[6];
     double q_cmd[KUKA_KR270_N_JOINTS];
     int i;
-    int status = kuka_kr270_deflection(&kuka_kr270_default_params, q, w, dt);
+    int status;
+    status = kuka_kr270_deflection(&kuka_kr270_default_params, q, w, dt);
     if (status != KUKA_KR270_OK) {
         printf("deflection: error %d\n", status);
         return 1;

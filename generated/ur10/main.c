@@ -6,11 +6,12 @@
 int main(void)
 {
     const double q[UR10_N_JOINTS] = {-0.599, 0.751, 5.331, -0.432, 0.099, 1.098};
-    const double w[6] = {0.0, 0.0, -1000.0, 0.0, 0.0, 0.0}; /* N, N*m at the tool centre point, base axes */
+    const double w[6] = {0.0, 0.0, -1000.0, 0.0, 0.0, 0.0}; /* N, N*m on the robot at the tool centre point, base axes */
     double dt[6];
     double q_cmd[UR10_N_JOINTS];
     int i;
-    int status = ur10_deflection(&ur10_default_params, q, w, dt);
+    int status;
+    status = ur10_deflection(&ur10_default_params, q, w, dt);
     if (status != UR10_OK) {
         printf("deflection: error %d\n", status);
         return 1;

@@ -9,13 +9,15 @@
  * layout         unrolled
  * targets        c,casadi
  *
- * Units: m, rad, N, N*m. Wrench w = (fx, fy, fz, mx, my, mz) at the tool centre point in base axes; deflection
+ * Units: m, rad, N, N*m. Wrench w = (fx, fy, fz, mx, my, mz) that acts on the robot at the tool centre point, in base
+ * axes (100 kg hung there, with z up: fz = -981 N; a sensor may tell the reaction, of the other sign); deflection
  * dt = (dx, dy, dz, drx, dry, drz) of the tool centre point in base axes (rotation vector). Matrices are row-major.
  * It is what w adds: how the arm bends under its own weight is no part of it.
  * Joint variables q in rad; joint limits are not looked at.
  * Base axes are those of the world. The robot file places
  *   frame 0 in the world:              xyz (0, 0, 0) m, rpy (0, 0, 0) rad,
- *   the tool centre point in frame 6:  xyz (0, 0, 0) m, rpy (0, 0, 0) rad.
+ *   the tool centre point in frame 6:  xyz (0, 0, 0) m, rpy (0, 0, 0) rad,
+ * where rpy are roll, pitch and yaw: R = Rz(yaw) Ry(pitch) Rx(roll).
  * The parameters were reduced to what loads of the class "wrench" identify: any force and moment at the tool centre point.
  *
  * Operations per call (additions, multiplications, sign changes, sines and cosines):
@@ -25,7 +27,8 @@
  *   compliance   298 add, 442 mul, 12 sin/cos
  *   forward      25 add, 44 mul, 5 neg, 12 sin/cos
  *
- * Parameters (index, name, unit, meaning):
+ * Parameters (index, name, unit, meaning). Compliances of a link are told in its elastic frame: 1 along the beam, 2 and 3
+ * across. A reduced one carries what the reduction added to it, and may be negative:
  *   k[ 0]  k0_11   m/N        link 0 (pedestal): translation along 1 by force along 1
  *   k[ 1]  k0_22   m/N        link 0 (pedestal): translation along 2 by force along 2
  *   k[ 2]  k0_26   rad/N      link 0 (pedestal): translation along 2 by moment about 3 (and its mirror)
@@ -74,12 +77,14 @@ extern "C" {
 
 #define UR10_OK 0
 #define UR10_E_NULL (-1)      /* a pointer is NULL */
-#define UR10_E_NONFINITE (-2) /* an input is NaN, infinite or beyond all bounds, or a result overflowed */
+#define UR10_E_NONFINITE (-2) /* an input is NaN or infinite, of observation beyond 1.0e75, or a result overflowed */
 #define UR10_E_SINGULAR (-3)  /* the pose is singular, or the compliance has no inverse */
 #define UR10_E_SELFTEST (-4)  /* a stored value was not reproduced */
 #define UR10_E_RANGE (-5)     /* compensate: a joint would move by more than UR10_MAX_CORRECTION */
 
+#ifndef UR10_MAX_CORRECTION /* a smaller one may be defined; the self-test is made for this one */
 #define UR10_MAX_CORRECTION 0.25 /* rad, m: beyond it a correction to first order is none */
+#endif
 
 typedef struct {
     double k[UR10_N_PARAMETERS]; /* compliances, in the order of the table above */
@@ -88,7 +93,8 @@ typedef struct {
 /* Default parameters: what the robot file knows; others are zero until they are identified. */
 extern const ur10_params_t ur10_default_params;
 
-/* UR10_MODEL_HASH of the library that is linked: compare before you trust parameters of your own. */
+/* UR10_MODEL_HASH of the library that is linked: unlike that of this header, the two do not belong together.
+ * Parameters of your own fit where they were identified with the same UR10_PARAMETER_HASH. */
 extern const char ur10_model_hash[65];
 
 /* Every function returns 0 or a negative error; on error its outputs are zeros, never NaN. An output array may be q or w

@@ -171,6 +171,7 @@ def _numbers(functions: Functions, options: Options) -> dict[str, Any]:
         "turning_length": literal(turning_length(model)),
         "singular": literal(1e-5 if single else 1e-10),
         "largest_correction": literal(LARGEST_CORRECTION),
+        "largest_input": "1.0e9f" if single else "1.0e75",
         "compliances_propagate": _compliances_propagate(functions),
         "reciprocal": functions.reciprocal,
     }
@@ -216,7 +217,12 @@ def _parameters(functions: Functions, options: Options) -> dict[str, Any]:
             for e in model.effect_parameters
         ],
         "states": [
-            {"name": m.name, "meaning": m.meaning, "default": literal(m.default)}
+            {
+                "name": m.name,
+                "meaning": m.meaning,
+                "default": literal(m.default),
+                "last": literal(m.default + m.span) if m.span else "",
+            }
             for m in moments(model, functions.deflection)
         ],
     }

@@ -128,7 +128,15 @@ def _variables(
     for k, unit in enumerate(joints, 1):
         found.append((f"q[{k}]", f"variable of joint {k}", "input", unit, "0.0"))
     for k, unit in enumerate(_WRENCH, 1):
-        found.append((f"wrench[{k}]", "load at the tool centre point, base axes", "input", unit, "0.0"))
+        found.append(
+            (
+                f"wrench[{k}]",
+                "load that acts on the robot at the tool centre point, base axes",
+                "input",
+                unit,
+                "0.0",
+            )
+        )
     for v in values:
         found.append((v["name"], v["meaning"], "parameter", model.units[v["name"]], v["start"]))
     for m in moment:

@@ -18,6 +18,7 @@ from symstiff.codegen.targets import TARGETS
 from symstiff.codegen.text import context_names
 from symstiff.codegen.verify import Verification, verify
 from symstiff.effects.instance import EffectInstance
+from symstiff.effects.places import named
 from symstiff.errors import UserError
 from symstiff.files import CODE, new_folder, write_tree
 from symstiff.model import StiffnessModel
@@ -73,7 +74,10 @@ def generate(
         compiler = find_compiler() if compile_c else None
         reason = why_none() if compile_c and compiler is None else ""
         proof = verify(temporary, functions, compiler, options, footprint, reason)
-        manifest = manifest_of(functions, options, proof)
+        manifest = {
+            **manifest_of(functions, options, proof),
+            "left_out": [named(e.effect, e.where) for e in left_out],
+        }
         (temporary / CODE).write_bytes((json.dumps(manifest, indent=2) + "\n").encode())
     return Generated(Path(folder), manifest, proof, left_out)
 

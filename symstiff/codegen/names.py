@@ -21,7 +21,11 @@ _CONTEXT = {
     "time": ("s, since the start of the measurements", 0.0),
     "temperature": ("degC, as in the measurements' column of that name", 20.0),
     "branch": ("+1 while the load grows, -1 while it falls", 1.0),
-    "turn": ("the load where it last turned over the present one, 1 while it grows", 1.0),
+    "turn": (
+        "a joint's load where it last turned over its present one, 1 while it grows; one number, for loads of all "
+        "joints that go up and down together",
+        1.0,
+    ),
 }
 _COARSE = 2.0**22
 """Time [s] from which single precision resolves no half second."""
@@ -43,6 +47,8 @@ class Moment:
     meaning: str
     default: float
     tested: float
+    span: float = 0.0
+    """From the default on, over which effects that go on beyond are counted; 0: none are."""
 
 
 def moments(model: StiffnessModel, program: Program) -> list[Moment]:
@@ -53,7 +59,8 @@ def moments(model: StiffnessModel, program: Program) -> list[Moment]:
         default = float(model.rest.get(name, default))
         if name == "time" and default:
             told = f"s, by the clock of the measurements, which began at {default:.15g}"
-        found.append(Moment(name, told, default, default if name == "branch" else default + 1.0))
+        tested = default if name == "branch" else default + 1.0
+        found.append(Moment(name, told, default, tested, model.spans.get(name, 0.0)))
     return found
 
 

@@ -162,7 +162,7 @@ class Candidate:
     weights: tuple[float, ...] = ()
     """Prior weights of the shapes; all are alike where this is empty."""
     group: str = ""
-    """Structural group: candidates of one group cannot be told apart by any data of this kind."""
+    """Structural group: the simplest shapes of one group's candidates cannot be told apart by any data of this kind."""
     parameters_of: Callable[[Shape], tuple[Parameter, ...]] | None = None
     """Parameters of a shape, where they differ between shapes; ``parameters`` are then those of the first."""
     at: str | None = None
@@ -181,6 +181,13 @@ class Candidate:
     """Why these data cannot show the effect (a column is missing, another kind of data); empty if they can."""
     counted: Array | None = None
     """(M,) what it adds all the same, where its size is known and too small to be looked for."""
+
+    @property
+    def simplest(self) -> tuple[Shape, ...]:
+        """The shapes that have as many parameters as the first: those with more are another law."""
+        return tuple(
+            s for s in self.shapes if len(self.parameters_at(s)) == len(self.parameters_at(self.shapes[0]))
+        )
 
     def parameters_at(self, shape: Shape) -> tuple[Parameter, ...]:
         """The parameters that a shape's columns belong to."""

@@ -72,15 +72,8 @@ def _code(finding: Finding, folder: Path) -> dict[str, Any]:
     if absorbed and not (finding.testable and set(finding.grown.model.stiffness_parameters) - set(absorbed)):
         what = "the model" if not finding.testable else "any compliance"
         return _no_code(f"no code was written: the data do not determine {what}", fault=False)
-    model = finding.model.of_robot()
-    left_out = [named(e.effect, e.where) for e in finding.model.effects if e not in model.effects]
-    note = (
-        f"; without {', '.join(left_out)}: no law of joints or links, which a controller evaluates"
-        if left_out
-        else ""
-    )
     try:
-        made = generate(model, folder)
+        made = generate(finding.model, folder)
     except UserError as error:
         return _no_code(f"no code was written: {error}", fault=False)
     except Exception as fault:  # the verdict is worth keeping without the code
@@ -92,10 +85,13 @@ def _code(finding: Finding, folder: Path) -> dict[str, Any]:
         text = f"compiled by {proof.compiler} without a warning, self-test passed"
     else:
         text = f"not compiled: {proof.reason or 'no C compiler was found'}"
+    if made.left_out:
+        names = ", ".join(named(e.effect, e.where) for e in made.left_out)
+        text += f"; without {names}: no law of joints or links, which a controller evaluates"
     return {
         "folder": True,
         "compiled": proof.compiled,
-        "text": text + note,
+        "text": text,
         "error": proof.max_relative_error,
         "fault": False,
     }

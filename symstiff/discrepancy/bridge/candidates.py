@@ -42,7 +42,7 @@ UNLOADED = 1e-9
 _SAME = 1e-6
 """Distance of two shadows, against their length, up to which they are one."""
 _MOST_SHAPES = 6
-"""Shapes of a candidate up to which its columns are compared with those of others."""
+"""Simplest shapes of a candidate up to which its columns are compared with those of others."""
 _KEPT = 4096
 """Shapes of effects at their places whose laws are kept."""
 _SAME_ANGLE = 2e-3
@@ -254,7 +254,7 @@ def _noncentrality(signal: Array, problem: Problem, noise: Noise | None) -> floa
 
 
 def grouped(problem: Problem, candidates: Sequence[Candidate]) -> tuple[Candidate, ...]:
-    """Name the groups of candidates that add the same spaces to the model, whatever their shape.
+    """Name the groups of candidates that add the same spaces to the model, whichever of their simplest shapes.
 
     A shape whose space is a part of another one's does not count: that takes in all it does.
     """
@@ -263,10 +263,10 @@ def grouped(problem: Problem, candidates: Sequence[Candidate]) -> tuple[Candidat
     known: list[tuple[str, Array, float]] = []
     out = []
     for candidate in candidates:
-        if candidate.unavailable or len(candidate.shapes) > _MOST_SHAPES:
+        if candidate.unavailable or len(candidate.simplest) > _MOST_SHAPES:
             out.append(candidate)
             continue
-        spaces = [_own_space(candidate.block(s), basis) for s in candidate.shapes]
+        spaces = [_own_space(candidate.block(s), basis) for s in candidate.simplest]
         shadow = np.concatenate([own @ (own.T @ probe) for own in spaces if not _within(own, spaces)])
         size = float(np.linalg.norm(shadow))
         alike = (n for n, other, s in known if abs(s - size) <= _SAME * size and _equal(other, shadow))

@@ -86,7 +86,7 @@ def named_effects(problem: Problem, ready: Prepared, outcome: Outcome) -> tuple[
                 Found(
                     candidate.effect, candidate.where, bank.shape_of(entry), effects[i][1],
                     judged.p_members[i], float(np.clip(sure[number][member], 0.0, 1.0)),
-                    tuple(_name(bank.candidates[c]) for c in confused), number, _twins(bank, member),
+                    tuple(_name(bank.candidates[c]) for c in confused), number, _twins(bank, entry),
                     instead(ready.scan, judged.entries, i, confused),
                 )
             )  # fmt: skip
@@ -138,9 +138,8 @@ def _confidences(outcome: Outcome) -> list[Mapping[int, float]]:
     return out
 
 
-def _twins(bank: Bank, member: int) -> tuple[Name, ...]:
-    own = bank.twin[member]
-    return tuple(_name(c) for k, c in enumerate(bank.candidates) if k != member and bank.twin[k] == own)
+def _twins(bank: Bank, entry: int) -> tuple[Name, ...]:
+    return tuple(_name(bank.candidates[k]) for k in bank.twins(entry) if k != bank.owner[entry])
 
 
 def _confused(ready: Prepared, entry: int) -> list[int]:
@@ -152,12 +151,11 @@ def _confused(ready: Prepared, entry: int) -> list[int]:
     total = float(signal @ signal)
     seen = at_sharing(ready.scan, layer.sharing).seen([signal[:, None]])[0]
     inside = sum_entries(bank, seen**2)[:, 0]
-    group = bank.candidates[own].group
+    twins = bank.twins(entry)
     found: dict[int, float] = {}
     for e, value in enumerate(inside):
         c = int(bank.owner[e])
-        same = bool(group) and bank.candidates[c].group == group
-        if c != own and not bank.generic[c] and (same or (total > 0 and value > CONFUSED * total)):
+        if c != own and not bank.generic[c] and (c in twins or (total > 0 and value > CONFUSED * total)):
             found[c] = max(found.get(c, 0.0), float(value))
     return sorted(found, key=lambda c: -found[c])
 

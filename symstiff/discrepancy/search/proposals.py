@@ -110,11 +110,11 @@ def ranked(
     shop: Workshop, bases: list[Proposal], beyond: Beyond, but: frozenset[int] | None = None
 ) -> list[Proposal]:
     """Proposals without those that hold all of ``but``: first those that lead, polished and in range, best first."""
-    known, out = shop.start.bank.twin, list[Proposal]()
+    bank, out = shop.start.bank, list[Proposal]()
     for proposal in proposals(shop, bases):
         if len(out) >= _WEIGHED:
             break
-        if but and but <= {known[m] for m in proposal.members}:
+        if but and but <= {bank.twins(e)[0] for e in proposal.entries}:
             continue
         done = polish(shop, proposal) if len(out) < _POLISHED else proposal
         kept = in_range(done, beyond) if len(out) < LEADING else done

@@ -26,6 +26,7 @@ from symstiff.discrepancy.search.proposals import (
 )
 from symstiff.discrepancy.search.rivals import AS_MUCH
 from symstiff.discrepancy.search.workshop import Proposal, Workshop
+from symstiff.discrepancy.statistics.bank import Bank
 from symstiff.discrepancy.statistics.evidence import Evidence
 from symstiff.discrepancy.statistics.null import Null
 from symstiff.discrepancy.statistics.scan import Scan, directions
@@ -174,7 +175,7 @@ def _others(shop: Workshop, leader: Judged, bases: list[Proposal], beyond: Beyon
     that together are the same columns are the same way. One law bends to most of two of the same joint, and two bend
     to one whose shape is not at hand: they have to explain clearly more, and to leave nothing unless it is much more.
     """
-    but = _set(leader, shop.start.bank.twin)
+    but = _set(leader, shop.start.bank)
     found = [*_joined(shop, leader, beyond), *ranked(shop, bases, beyond, but)[:LEADING]]
     lead = [_lead_of(shop, p, leader) for p in found]
     close = (p for p, by in zip(found, lead, strict=True) if p.score > leader.score + by)
@@ -316,7 +317,7 @@ def _named(
     A leader alone that is hardly ahead of a law without a name explains no more than that, which is told.
     """
     leader = good[0]
-    known = leader.bank.twin
+    known = leader.bank
     good = [*good, *sorted((j for j in tried if _nearly(j, options)), key=lambda j: -j.score)]
     accepted = {_set(j, known) for j in good}
     judged = {_set(j, known) for j in tried}
@@ -328,8 +329,8 @@ def _named(
     same_places = [p for p in rest if _places(p, place) == _places(leader, place)]
     at_best = _shares([(_set(p, known), p.score + _spared(p, tests[1])) for p in same_places])
     confidence = tuple(
-        _calibrated(sum(w for members, w in share.items() if known[m] in members), leader, p)
-        for m, p in zip(leader.members, leader.p_members, strict=True)
+        _calibrated(sum(w for members, w in share.items() if known.twins(e)[0] in members), leader, p)
+        for e, p in zip(leader.entries, leader.p_members, strict=True)
     )
     first = {_set(j, known): j for j in reversed(good)}
     kept = tuple(j for j in good if share[_set(j, known)] > _LISTED * own and first[_set(j, known)] is j)
@@ -350,9 +351,9 @@ def _in_doubt(leader: Judged, confidence: Sequence[float]) -> tuple[float, ...]:
     return tuple(min(c, m) for c, m in zip(confidence, most, strict=True))
 
 
-def _set(found: Proposal | Judged, twin: Sequence[int]) -> frozenset[int]:
+def _set(found: Proposal | Judged, bank: Bank) -> frozenset[int]:
     """The members, those whose columns are the same by structure as one."""
-    return frozenset(twin[m] for m in found.members)
+    return frozenset(bank.twins(e)[0] for e in found.entries)
 
 
 def _shares(scored: Sequence[tuple[frozenset[int], float]]) -> dict[frozenset[int], float]:

@@ -68,11 +68,24 @@ class Bank:
         """Numbers of the candidates that have a name, by their keys."""
         return {c.key: k for k, c in enumerate(self.candidates) if not self.generic[k]}
 
+    def twins(self, entry: int) -> tuple[int, ...]:
+        """The candidates whose columns are an entry's by structure, its own among them; that alone for a shape of other
+        parameters than the first's.
+        """
+        own = int(self.owner[entry])
+        first = int(np.searchsorted(self.owner, own))
+        return self._grouped[self._group[own]] if self.width[entry] == self.width[first] else (own,)
+
     @cached_property
-    def twin(self) -> tuple[int, ...]:
-        """For each candidate the first whose columns are the same by structure: itself where there is no other."""
-        first: dict[str, int] = {}
-        return tuple(first.setdefault(c.group or c.key, k) for k, c in enumerate(self.candidates))
+    def _group(self) -> tuple[str, ...]:
+        return tuple(c.group or c.key for c in self.candidates)
+
+    @cached_property
+    def _grouped(self) -> Mapping[str, tuple[int, ...]]:
+        found: dict[str, tuple[int, ...]] = {}
+        for k, group in enumerate(self._group):
+            found[group] = (*found.get(group, ()), k)
+        return found
 
     @cached_property
     def kin(self) -> tuple[tuple[str, str] | None, ...]:
