@@ -216,7 +216,7 @@ class Effect:
     moves: Callable[[Robot, Shape], Mapping[str, Move]] = _fixed
     """How a shape's values, by key, are moved: what lies between those that are profiled."""
     odds: Callable[[Robot, Shape], float] = _alike
-    """Prior weight of a shape; below one where the robot file tells otherwise."""
+    """Prior weight of a shape; below one where it is rarer than the others, or the robot file tells otherwise."""
     weights: float | None = None
     """The shape's entry ``weights`` where it is left out: 1, its law counts the links' weight by itself, or 0, it takes
     the load as it comes. None: its shapes have no such entry."""

@@ -20,6 +20,8 @@ from symstiff.symbolic.terms import TEMPERATURE, TIME, Term, VirtualJoint
 NAME = "thermal_drift"
 CONSTANTS = (0.07, 0.15, 0.3, 0.6)
 """Time constants as shares of a session; a warm-up of minutes in one of hours is the smallest."""
+BENDING = 1 / 3
+"""Odds that a link that warms bends as well: it does so where one side is warmer than the other."""
 _ROOM = 20.0
 """Temperature that a drift is counted from where none is told [°C]."""
 
@@ -84,4 +86,5 @@ EFFECT = Effect(
     },
     spans=("temperature", "time"),
     moves=lambda robot, shape: {"T": Move(2.0)},
+    odds=lambda robot, shape: BENDING if "bends" in shape else 1.0,
 )  # fmt: skip
