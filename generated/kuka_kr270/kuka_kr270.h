@@ -88,7 +88,7 @@ typedef struct {
 /* Default parameters: what the robot file knows; others are zero until they are identified. */
 extern const kuka_kr270_params_t kuka_kr270_default_params;
 
-/* KUKA_KR270_MODEL_HASH of the library that is linked: unlike that of this header, the two do not belong together.
+/* KUKA_KR270_MODEL_HASH of the library that is linked: where it differs from this header's, the two do not belong together.
  * Parameters of your own fit where they were identified with the same KUKA_KR270_PARAMETER_HASH. */
 extern const char kuka_kr270_model_hash[65];
 

@@ -93,7 +93,7 @@ typedef struct {
 /* Default parameters: what the robot file knows; others are zero until they are identified. */
 extern const ur10_params_t ur10_default_params;
 
-/* UR10_MODEL_HASH of the library that is linked: unlike that of this header, the two do not belong together.
+/* UR10_MODEL_HASH of the library that is linked: where it differs from this header's, the two do not belong together.
  * Parameters of your own fit where they were identified with the same UR10_PARAMETER_HASH. */
 extern const char ur10_model_hash[65];
 
