@@ -113,12 +113,15 @@ class StiffnessModel:
         return {name: value for r in reversed(self.realisations) for name, value in r.rest.items()}
 
     @property
-    def spans(self) -> dict[str, float]:
-        """Time [s] and temperature [K] from ``rest`` on over which effects are counted; of several the longest."""
-        found: dict[str, float] = {}
-        for effect in self.effects:
-            found |= {name: max(value, found.get(name, 0.0)) for name, value in effect.spans.items()}
-        return found
+    def held(self) -> dict[str, tuple[float, float]]:
+        """Times [s] and temperatures [°C] between which all effects were measured, of those that tell."""
+        found: dict[str, tuple[float, float]] = {}
+        for effect, realised in zip(self.effects, self.realisations, strict=True):
+            for name, span in effect.spans.items():
+                begin = realised.rest.get(name, 0.0)
+                low, high = found.get(name, (begin, begin + span))
+                found[name] = max(low, begin), min(high, begin + span)
+        return {name: between for name, between in found.items() if between[0] < between[1]}
 
     @cached_property
     def units(self) -> dict[str, str]:

@@ -23,7 +23,7 @@ from tests.blind.nuisance import Whitener
 from tests.blind.run import benchmark, keep, one, report
 from tests.blind.score import bars, calibration, outcome, same, wilson
 from tests.blind.sizes import Unfit, noise_free
-from tests.blind.stories import BAD_POSE, ONE, OUTSIDE, Story
+from tests.blind.stories import BAD_POSE, ONE, OUTSIDE, RARE, Story, waves
 
 SMALL = Options(
     robots=("kuka_kr270", "scara"),
@@ -232,7 +232,7 @@ def test_a_story_that_asks_for_more_loads_than_the_designs_have_is_left_out() ->
 @pytest.mark.slow
 @pytest.mark.parametrize(
     "story",
-    [s for s in (*ONE, *OUTSIDE, BAD_POSE) if s.context != "heavy"],
+    [s for s in (*ONE, *RARE, *waves((3, 11), 0.5), *OUTSIDE, BAD_POSE) if s.context != "heavy"],
     ids=lambda story: str(story.name),
 )
 def test_every_story_can_be_told(story: Story) -> None:

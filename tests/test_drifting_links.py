@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 
 from symstiff.calibration.simulation import Effect, Noise, Truth, nominal_truth, simulate
-from symstiff.calibration.tables.measurements import Measurements
 from symstiff.discrepancy.findings.finding import Finding, Task
 from symstiff.discrepancy.workflow import diagnose
 from symstiff.robot import load
@@ -15,12 +14,11 @@ from tests.test_assemble import design
 ROBOT = "ur10"
 
 
-def diagnosed(values: dict[str, object], kind: str = "deflection") -> tuple[Finding, Measurements]:
+def diagnosed(values: dict[str, object], kind: str = "deflection") -> Finding:
     robot = load(ROBOT)
-    table = design(ROBOT, kind)
     drift = Effect("thermal_drift", {"link": 2}, "link_time", values)
     truth = Truth(robot, nominal_truth(robot), (drift,), Noise((0.03, 0.03, 0.03)))
-    return diagnose(Task(robot, simulate(truth, table, 5))), table
+    return diagnose(Task(robot, simulate(truth, design(ROBOT, kind), 5)))
 
 
 @pytest.mark.slow
@@ -28,7 +26,7 @@ def diagnosed(values: dict[str, object], kind: str = "deflection") -> tuple[Find
 def test_a_link_that_bends_as_it_warms_is_named_with_its_turn(kind: str) -> None:
     table = design(ROBOT, kind)
     span = float(np.ptp(table.time))
-    found, _ = diagnosed({"rate": [1e-4 / span, 0, 0], "turn": [0, 6e-4 / span, -4e-4 / span]}, kind)
+    found = diagnosed({"rate": [1e-4 / span, 0, 0], "turn": [0, 6e-4 / span, -4e-4 / span]}, kind)
     assert found.verdict == "named"
     (effect,) = found.named
     assert (effect.effect, effect.where) == ("thermal_drift", {"link": 2})
@@ -40,7 +38,7 @@ def test_a_link_that_bends_as_it_warms_is_named_with_its_turn(kind: str) -> None
 @pytest.mark.slow
 def test_a_link_that_grows_alone_is_not_said_to_bend() -> None:
     span = float(np.ptp(design(ROBOT, "deflection").time))
-    found, _ = diagnosed({"rate": [4e-4 / span, 2e-4 / span, -3e-4 / span]})
+    found = diagnosed({"rate": [4e-4 / span, 2e-4 / span, -3e-4 / span]})
     (effect,) = found.named
     assert (effect.effect, effect.where) == ("thermal_drift", {"link": 2})
     assert "bends" not in effect.shape

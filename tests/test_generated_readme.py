@@ -1,4 +1,4 @@
-"""The examples of a generated folder, in its README and main.c, run as they stand."""
+"""The examples of a generated folder, in its README and main.c, compile and run as they stand."""
 
 from __future__ import annotations
 
@@ -77,8 +77,12 @@ def test_the_example_in_c_sets_what_holds_at_a_call(tmp_path: Path) -> None:
     header, readme = ((tmp_path / name).read_text() for name in (f"{ROBOT}.h", "README.md"))
     assert "UR10_TIME_MIN 50.0" in header
     assert "UR10_TIME_MAX 530.0" in header
-    assert "p.time = time_now;" in readme
-    assert "p.branch = branch_now;" in readme
+    told = "double q[6], double w[6], double time_now, double branch_now"
+    include, call = readme.split("```c\n")[1].split("```")[0].split("\n", 1)
+    (tmp_path / "call.c").write_text(
+        f"{include}\nint call({told});\nint call({told})\n{{\n{call}return status;\n}}\n"
+    )
+    run(compiler(), *STRICT, "-I.", "-c", "call.c", cwd=tmp_path)
     run(compiler(), *STRICT, "-I.", f"{ROBOT}.c", "main.c", "-o", "use", "-lm", cwd=tmp_path)
     shown = re.search(r"deflection \[mm\]: (.*)", run("./use", cwd=tmp_path))
     text = (tmp_path / "main.c").read_text()
@@ -89,18 +93,35 @@ def test_the_example_in_c_sets_what_holds_at_a_call(tmp_path: Path) -> None:
     np.testing.assert_allclose(np.array(shown[1].split(), float), 1e3 * wanted, atol=1e-4)
 
 
-def test_tables_of_the_readme_stand_apart_from_the_text_before() -> None:
-    for loads in ("gravity", "wrench"):
-        lines = (
-            emit_c(Functions(model(ROBOT, loads)), Options(targets=("c",)))["README.md"].decode().splitlines()
-        )
+def test_paragraphs_and_tables_of_the_readme_stand_apart() -> None:
+    position = StiffnessModel.of(reduce(load(ROBOT), "wrench", "position"))
+    for m in (model(ROBOT), model(ROBOT, "wrench"), moving(), position):
+        text = emit_c(Functions(m), Options(targets=("c",)))["README.md"].decode()
+        lines = text.splitlines()
         starts = [k for k, line in enumerate(lines) if line.startswith("|---")]
         assert starts
         assert all(lines[k - 2] == "" for k in starts)
+        assert "\n\n\n\n" not in text
+        for begin in ("What holds at the call", "The parameters were reduced", "Loads of another class"):
+            assert f"\n{begin}" not in text or f"\n\n{begin}" in text
 
 
-def test_a_smaller_correction_may_be_asked_for(tmp_path: Path) -> None:
-    write_tree(tmp_path, emit_c(Functions(model("scara")), Options(targets=("c",))))
+def test_the_range_to_be_held_is_that_in_which_all_effects_were_measured() -> None:
+    early = EffectInstance("thermal_drift", {"link": 1}, {"time": 480.0, "start": 50.0})
+    late = EffectInstance("thermal_drift", {"link": 2}, {"time": 3600.0})
+    apart = EffectInstance("thermal_drift", {"link": 2}, {"time": 60.0, "start": 9000.0})
+    assert model("scara").with_effects((early, late)).held == {"time": (50.0, 530.0)}
+    assert model("scara").with_effects((early, apart)).held == {}
+    warm = EffectInstance("thermal_drift", {"link": 2}, {"temperature": 8.0, "reference": 22.0})
+    assert model("scara").with_effects((early, warm)).held == {
+        "time": (50.0, 530.0),
+        "temperature": (22.0, 30.0),
+    }
+
+
+@pytest.mark.parametrize("precision", ["double", "float"])
+def test_a_smaller_correction_may_be_asked_for(tmp_path: Path, precision: str) -> None:
+    write_tree(tmp_path, emit_c(Functions(model("scara")), Options(targets=("c",), precision=precision)))
     run(
         compiler(),
         *STRICT,

@@ -111,3 +111,9 @@ def test_a_wave_makes_others_of_its_gear_likelier_and_the_priors_stay_a_distribu
     before = 1 - UNNAMED - np.exp(bank.log_prior[wave[2, 3]])
     assert np.exp(beside.log_prior[others]).sum() == pytest.approx(BESIDE + (1 - BESIDE) * before)
     assert bank.beside(bank, []) is bank
+    both = [
+        bank.beside(bank, members).log_prior
+        for members in ([wave[2, 3], wave[3, 5]], [wave[3, 5], wave[2, 3]])
+    ]
+    np.testing.assert_allclose(*both)
+    assert both[0][wave[2, 11]] == pytest.approx(both[0][wave[3, 11]])

@@ -1340,7 +1340,7 @@ static int compensated(const kuka_kr270_params_t *p, const double q[N_JOINTS], c
     status = (status == KUKA_KR270_OK) ? kuka_kr270_jacobian(q, J) : status;
     status = (status == KUKA_KR270_OK) ? solved(J, x, dt) : status;
     status = (status == KUKA_KR270_OK) ? status_of(x, N_JOINTS) : status;
-    if ((status == KUKA_KR270_OK) && (bounded_all(KUKA_KR270_MAX_CORRECTION, x, N_JOINTS) == 0)) {
+    if ((status == KUKA_KR270_OK) && (bounded_all((double)KUKA_KR270_MAX_CORRECTION, x, N_JOINTS) == 0)) {
         status = KUKA_KR270_E_RANGE;
     }
     if (status == KUKA_KR270_OK) {

@@ -110,7 +110,7 @@ static void check_correction(int status, const double *q, const double *q_cmd)
     int i;
     for (i = 0; (i < N_JOINTS) && (status == UR10_OK); ++i) {
         const double rounding = 8.9e-16 * fabs(q[i]);
-        check(fabs(q_cmd[i] - q[i]) <= (UR10_MAX_CORRECTION + rounding), "a correction is small");
+        check(fabs(q_cmd[i] - q[i]) <= ((double)UR10_MAX_CORRECTION + rounding), "a correction is small");
     }
 }
 

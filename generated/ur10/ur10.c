@@ -1357,7 +1357,7 @@ static int compensated(const ur10_params_t *p, const double q[N_JOINTS], const d
     status = (status == UR10_OK) ? ur10_jacobian(q, J) : status;
     status = (status == UR10_OK) ? solved(J, x, dt) : status;
     status = (status == UR10_OK) ? status_of(x, N_JOINTS) : status;
-    if ((status == UR10_OK) && (bounded_all(UR10_MAX_CORRECTION, x, N_JOINTS) == 0)) {
+    if ((status == UR10_OK) && (bounded_all((double)UR10_MAX_CORRECTION, x, N_JOINTS) == 0)) {
         status = UR10_E_RANGE;
     }
     if (status == UR10_OK) {

@@ -221,7 +221,7 @@ def _parameters(functions: Functions, options: Options) -> dict[str, Any]:
                 "name": m.name,
                 "meaning": m.meaning,
                 "default": literal(m.default),
-                "last": literal(m.default + m.span) if m.span else "",
+                "held": [literal(x) for x in m.held or ()],
             }
             for m in moments(model, functions.deflection)
         ],

@@ -47,8 +47,8 @@ class Moment:
     meaning: str
     default: float
     tested: float
-    span: float = 0.0
-    """From the default on, over which effects that go on beyond are counted; 0: none are."""
+    held: tuple[float, float] | None = None
+    """Between what its effects were measured; None where they do not tell."""
 
 
 def moments(model: StiffnessModel, program: Program) -> list[Moment]:
@@ -60,7 +60,7 @@ def moments(model: StiffnessModel, program: Program) -> list[Moment]:
         if name == "time" and default:
             told = f"s, by the clock of the measurements, which began at {default:.15g}"
         tested = default if name == "branch" else default + 1.0
-        found.append(Moment(name, told, default, tested, model.spans.get(name, 0.0)))
+        found.append(Moment(name, told, default, tested, model.held.get(name)))
     return found
 
 

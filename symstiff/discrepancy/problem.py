@@ -184,9 +184,9 @@ class Candidate:
 
     @property
     def simplest(self) -> tuple[Shape, ...]:
-        """The shapes that have as many parameters as the first: those with more are another law."""
+        """The shapes that have no more parameters than the first: those with more are another law."""
         return tuple(
-            s for s in self.shapes if len(self.parameters_at(s)) == len(self.parameters_at(self.shapes[0]))
+            s for s in self.shapes if len(self.parameters_at(s)) <= len(self.parameters_at(self.shapes[0]))
         )
 
     def parameters_at(self, shape: Shape) -> tuple[Parameter, ...]:

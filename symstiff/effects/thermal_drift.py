@@ -31,7 +31,9 @@ def _realise(robot: Robot, where: Where, shape: Shape) -> Realisation:
     if "link" in where:
         places = list(link_axes(int(where["link"])))[:3]
     size = [parameter(NAME, where, x, "m", -5e-3, 5e-3, 1e-4) for x in XYZ]
-    if "bends" in shape:
+    if shape.get("bends"):
+        if "link" not in where:
+            raise ValueError("bends is for links: leave it out")
         places += link_axes(int(where["link"]))[3:]
         size += [parameter(NAME, where, f"r{x}", "rad", -5e-3, 5e-3, 1e-4) for x in XYZ]
     clock, warm = _clock(shape), "temperature" in shape
@@ -72,7 +74,7 @@ EFFECT = Effect(
     identifier=NAME,
     title="Thermal drift",
     description="The device's frame, or a link, grows with time or temperature against the start of "
-    "the session.",
+    "the session; a link may bend as well.",
     seen_in=BOTH,
     places=lambda robot: ({"measurement": "frame"}, *links(robot)[1:]),
     realise=_realise,
@@ -86,5 +88,5 @@ EFFECT = Effect(
     },
     spans=("temperature", "time"),
     moves=lambda robot, shape: {"T": Move(2.0)},
-    odds=lambda robot, shape: BENDING if "bends" in shape else 1.0,
+    odds=lambda robot, shape: BENDING if shape.get("bends") else 1.0,
 )  # fmt: skip

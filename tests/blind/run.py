@@ -63,7 +63,9 @@ def _one(number: int, options: Options, others: bool) -> dict[str, Any]:
     finding = blind(hidden)
     seconds = time.perf_counter() - start
     assembly = assemble(hidden.model, hidden.table)
-    groups = {c.key: c.group for c in assembly.candidates if c.group}
+    # groups are of links that grow: data tell apart those that bend
+    bending = any(s.startswith("bending") for s in hidden.label.story)
+    groups = {c.key: c.group for c in assembly.candidates if c.group and not bending}
     label = hidden.label
     sets = _sets(finding, hidden)
     verdict = NOTHING if finding.verdict in (NAMED, AMBIGUOUS) and not any(sets) else finding.verdict

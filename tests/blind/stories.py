@@ -199,11 +199,11 @@ def drift(shape: str, bends: bool = False) -> Maker:
 
     def make(d: Draw) -> Made:
         per = {"time": 1.0 / d.span, "temperature": 1.0 / 4.0, "exponential": 1.0}[clock]
-        values: dict[str, Any] = {"rate": d.vector(3e-3 * per)}
+        values: dict[str, Any] = {"rate": d.vector((1e-4 if bends else 3e-3) * per)}
         if clock == "exponential":
             values["T"] = d.uniform(0.2, 0.8) * d.span
-        if shape.startswith("link") and bends:
-            values = {**values, "rate": d.vector(1e-4 * per), "turn": d.vector(1e-3 * per)}
+        if bends:
+            values["turn"] = d.vector(1e-3 * per)
         where: Where = {"link": d.link()} if shape.startswith("link") else {"measurement": "frame"}
         return Effect("thermal_drift", where, shape, values), where
 

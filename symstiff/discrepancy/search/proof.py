@@ -169,17 +169,17 @@ def _select(
 
 
 def _forward(
-    scan: Scan, found: Evidence, first: int, mask: Array, count: int
+    opening: Scan, found: Evidence, first: int, mask: Array, count: int
 ) -> tuple[float, list[tuple[Scan, int]]]:
     """Forward selection from a first candidate on: the score of all, and each one's entry with the scan before it."""
-    path: list[tuple[Scan, int]] = []
+    scan, path = opening, list[tuple[Scan, int]]()
     total, best, free = 0.0, first, mask.copy()
     while True:
         path.append((scan, int(found.best_entry[best])))
         total, free[best] = total + float(found.score[best]), False
         if len(path) == count:
             return total, path
-        scan = extend(scan, (path[-1][1],))
+        scan = extend(opening, tuple(entry for _, entry in path))
         found = evidence(scan)
         score = np.where(free, found.score, -np.inf)
         best = int(np.argmax(score))

@@ -69,12 +69,12 @@ class Bank:
         return {c.key: k for k, c in enumerate(self.candidates) if not self.generic[k]}
 
     def twins(self, entry: int) -> tuple[int, ...]:
-        """The candidates whose columns are an entry's by structure, its own among them; that alone for a shape of other
-        parameters than the first's.
+        """The candidates whose columns are an entry's by structure, its own among them; its own alone for a shape with
+        more parameters than the candidate's first.
         """
         own = int(self.owner[entry])
         first = int(np.searchsorted(self.owner, own))
-        return self._grouped[self._group[own]] if self.width[entry] == self.width[first] else (own,)
+        return self._grouped[self._group[own]] if self.width[entry] <= self.width[first] else (own,)
 
     @cached_property
     def _group(self) -> tuple[str, ...]:
@@ -96,17 +96,15 @@ class Bank:
     def beside(self, whole: Bank, members: Sequence[int]) -> Bank:
         """The bank with the priors that its candidates have beside members of the whole bank that it is a part of.
 
-        An effect at a joint makes more of it there likelier, such as waves of other numbers a turn.
+        An effect at a joint makes more of it there likelier, such as waves of other numbers a turn: it counts in which
+        order a set is made.
         """
-        there = Counter(whole.kin[m] for m in members)
-        log_prior = self.log_prior
-        for kin, more in Counter(whole.kin).items():
-            if kin is None or not 0 < there[kin] < more:
-                continue
-            own = np.array([k == kin for k in self.kin])
-            beside = np.where(own, np.log(BESIDE / (more - there[kin])), -np.inf)
-            log_prior = np.logaddexp(log_prior + np.log(1.0 - BESIDE), beside)
-        return self if log_prior is self.log_prior else replace(self, log_prior=log_prior)
+        there, every = Counter(whole.kin[m] for m in members), Counter(whole.kin)
+        left = {kin: every[kin] - n for kin, n in there.items() if kin is not None and every[kin] > n}
+        if not left:
+            return self
+        beside = [BESIDE / (len(left) * left[kin]) if kin in left else 0.0 for kin in self.kin]
+        return replace(self, log_prior=np.log((1.0 - BESIDE) * np.exp(self.log_prior) + beside))
 
     def entries_of(self, candidate: int) -> slice:
         """Entries of a candidate."""
