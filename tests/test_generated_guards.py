@@ -61,7 +61,7 @@ def test_a_library_that_gives_no_command_where_there_is_one_is_not_verified(tmp_
     source = folder / f"{ROBOT}.c"
     text = source.read_text()
     spoilt = text.replace(
-        "bounded_all(SCARA_MAX_CORRECTION, x, N_JOINTS)", "bounded_all(1.0e-30, x, N_JOINTS)"
+        "bounded_all((double)SCARA_MAX_CORRECTION, x, N_JOINTS)", "bounded_all(1.0e-30, x, N_JOINTS)"
     )
     assert spoilt != text
     source.write_text(spoilt)
