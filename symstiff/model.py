@@ -112,17 +112,6 @@ class StiffnessModel:
         """Time [s] and temperature [°C] at which the model's effects do nothing; of several effects the first's."""
         return {name: value for r in reversed(self.realisations) for name, value in r.rest.items()}
 
-    @property
-    def held(self) -> dict[str, tuple[float, float]]:
-        """Times [s] and temperatures [°C] between which all effects were measured, of those that tell."""
-        found: dict[str, tuple[float, float]] = {}
-        for effect, realised in zip(self.effects, self.realisations, strict=True):
-            for name, span in effect.spans.items():
-                begin = realised.rest.get(name, 0.0)
-                low, high = found.get(name, (begin, begin + span))
-                found[name] = max(low, begin), min(high, begin + span)
-        return {name: between for name, between in found.items() if between[0] < between[1]}
-
     @cached_property
     def units(self) -> dict[str, str]:
         """SI unit of every parameter."""

@@ -10,6 +10,7 @@ import pytest
 
 from symstiff.codegen.emit import emit_c
 from symstiff.codegen.functions import Functions
+from symstiff.codegen.names import measured_between
 from symstiff.codegen.options import Options
 from symstiff.codegen.targets import TARGETS
 from symstiff.effects.instance import EffectInstance
@@ -110,10 +111,10 @@ def test_the_range_to_be_held_is_that_in_which_all_effects_were_measured() -> No
     early = EffectInstance("thermal_drift", {"link": 1}, {"time": 480.0, "start": 50.0})
     late = EffectInstance("thermal_drift", {"link": 2}, {"time": 3600.0})
     apart = EffectInstance("thermal_drift", {"link": 2}, {"time": 60.0, "start": 9000.0})
-    assert model("scara").with_effects((early, late)).held == {"time": (50.0, 530.0)}
-    assert model("scara").with_effects((early, apart)).held == {}
+    assert measured_between(model("scara").with_effects((early, late))) == {"time": (50.0, 530.0)}
+    assert measured_between(model("scara").with_effects((early, apart))) == {}
     warm = EffectInstance("thermal_drift", {"link": 2}, {"temperature": 8.0, "reference": 22.0})
-    assert model("scara").with_effects((early, warm)).held == {
+    assert measured_between(model("scara").with_effects((early, warm))) == {
         "time": (50.0, 530.0),
         "temperature": (22.0, 30.0),
     }

@@ -53,15 +53,26 @@ class Moment:
 
 def moments(model: StiffnessModel, program: Program) -> list[Moment]:
     """What a program of a model asks of the moment: by default that at which the effects that ask for it do nothing."""
-    found = []
+    found, held = [], measured_between(model)
     for name in context_names(program):
         told, default = _CONTEXT[name]
         default = float(model.rest.get(name, default))
         if name == "time" and default:
             told = f"s, by the clock of the measurements, which began at {default:.15g}"
         tested = default if name == "branch" else default + 1.0
-        found.append(Moment(name, told, default, tested, model.held.get(name)))
+        found.append(Moment(name, told, default, tested, held.get(name)))
     return found
+
+
+def measured_between(model: StiffnessModel) -> dict[str, tuple[float, float]]:
+    """Times [s] and temperatures [°C] between which all of a model's effects were measured, of those that tell."""
+    found: dict[str, tuple[float, float]] = {}
+    for effect, realised in zip(model.effects, model.realisations, strict=True):
+        for name, span in effect.spans.items():
+            begin = realised.rest.get(name, 0.0)
+            low, high = found.get(name, (begin, begin + span))
+            found[name] = max(low, begin), min(high, begin + span)
+    return {name: between for name, between in found.items() if between[0] < between[1]}
 
 
 def fixed_joints(model: StiffnessModel) -> str:

@@ -317,24 +317,23 @@ def _named(
     A leader alone that is hardly ahead of a law without a name explains no more than that, which is told.
     """
     leader = good[0]
-    known = leader.bank
+    bank = leader.bank
     good = [*good, *sorted((j for j in tried if _nearly(j, options)), key=lambda j: -j.score)]
-    accepted = {_set(j, known) for j in good}
-    judged = {_set(j, known) for j in tried}
+    accepted = {_set(j, bank) for j in good}
+    judged = {_set(j, bank) for j in tried}
     # sets that were not judged (they trail) keep their weight; judged and refused ones lose it
-    rest = [p for p in weighed if _set(p, known) in accepted or _set(p, known) not in judged]
-    share = _shares([(_set(p, known), p.score) for p in rest])
-    own = share[_set(leader, known)]
-    place = leader.bank.place
-    same_places = [p for p in rest if _places(p, place) == _places(leader, place)]
-    at_best = _shares([(_set(p, known), p.score + _spared(p, tests[1])) for p in same_places])
+    rest = [p for p in weighed if _set(p, bank) in accepted or _set(p, bank) not in judged]
+    share = _shares([(_set(p, bank), p.score) for p in rest])
+    own = share[_set(leader, bank)]
+    same_places = [p for p in rest if _places(p, bank.place) == _places(leader, bank.place)]
+    at_best = _shares([(_set(p, bank), p.score + _spared(p, tests[1])) for p in same_places])
     confidence = tuple(
-        _calibrated(sum(w for members, w in share.items() if known.twins(e)[0] in members), leader, p)
+        _calibrated(sum(w for members, w in share.items() if bank.twins(e)[0] in members), leader, p)
         for e, p in zip(leader.entries, leader.p_members, strict=True)
     )
-    first = {_set(j, known): j for j in reversed(good)}
-    kept = tuple(j for j in good if share[_set(j, known)] > _LISTED * own and first[_set(j, known)] is j)
-    ahead = own >= options.name_at and (at_best[_set(leader, known)] >= _AT_BEST or _without_shape(leader))
+    first = {_set(j, bank): j for j in reversed(good)}
+    kept = tuple(j for j in good if share[_set(j, bank)] > _LISTED * own and first[_set(j, bank)] is j)
+    ahead = own >= options.name_at and (at_best[_set(leader, bank)] >= _AT_BEST or _without_shape(leader))
     verdict = NAMED if ahead or len(kept) < 2 else AMBIGUOUS
     if verdict == NAMED and leader.rivals.best >= -AS_MUCH:
         return replace(

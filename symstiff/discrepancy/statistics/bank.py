@@ -74,18 +74,15 @@ class Bank:
         """
         own = int(self.owner[entry])
         first = int(np.searchsorted(self.owner, own))
-        return self._grouped[self._group[own]] if self.width[entry] <= self.width[first] else (own,)
+        return self._grouped[own] if self.width[entry] <= self.width[first] else (own,)
 
     @cached_property
-    def _group(self) -> tuple[str, ...]:
-        return tuple(c.group or c.key for c in self.candidates)
-
-    @cached_property
-    def _grouped(self) -> Mapping[str, tuple[int, ...]]:
-        found: dict[str, tuple[int, ...]] = {}
-        for k, group in enumerate(self._group):
-            found[group] = (*found.get(group, ()), k)
-        return found
+    def _grouped(self) -> tuple[tuple[int, ...], ...]:
+        """For each candidate those of its structural group."""
+        groups, found = [c.group or c.key for c in self.candidates], dict[str, list[int]]()
+        for k, group in enumerate(groups):
+            found.setdefault(group, []).append(k)
+        return tuple(tuple(found[group]) for group in groups)
 
     @cached_property
     def kin(self) -> tuple[tuple[str, str] | None, ...]:
