@@ -30,12 +30,15 @@ def _realise(robot: Robot, where: Where, shape: Shape) -> Realisation:
     places = [VirtualJoint("measure", 0, a) for a in (1, 2, 3)]
     if "link" in where:
         places = list(link_axes(int(where["link"])))[:3]
-    size = [parameter(NAME, where, x, "m", -5e-3, 5e-3, 1e-4) for x in XYZ]
+    of = "of the link's elastic frame, x along the beam" if "link" in where else "of what is read"
+    size = [parameter(NAME, where, x, "m", -5e-3, 5e-3, 1e-4, f"grown along {x} {of}") for x in XYZ]
     if shape.get("bends"):
         if "link" not in where:
             raise ValueError("bends is for links: leave it out")
         places += link_axes(int(where["link"]))[3:]
-        size += [parameter(NAME, where, f"r{x}", "rad", -5e-3, 5e-3, 1e-4) for x in XYZ]
+        size += [
+            parameter(NAME, where, f"r{x}", "rad", -5e-3, 5e-3, 1e-4, f"turned about {x} {of}") for x in XYZ
+        ]
     clock, warm = _clock(shape), "temperature" in shape
     rest = {"temperature": shape.get("reference", _ROOM)} if warm else {"time": shape.get("start", 0.0)}
     terms = tuple(Term(p.name, at, clock) for p, at in zip(size, places, strict=True))
