@@ -44,6 +44,12 @@ class Estimator:
     def update(self, q, w, dt, sigma=SIGMA):
         return self.call("rls_update", q, w, dt, sigma)
 
+    def surprise(self, q, w, dt, sigma=SIGMA):
+        """Status and value."""
+        found = np.full(1, np.nan, self.real)
+        status = self.call("rls_surprise", q, w, dt, sigma, found)
+        return status, float(found[0])
+
     @property
     def estimate(self):
         return self.state[: self.size].astype(float)
@@ -257,6 +263,62 @@ def test_a_pose_of_which_nothing_was_measured_changes_nothing(estimator):
         assert estimator.update(q[1], w[1], dt[1] * np.nan, none) == 0
         np.testing.assert_array_equal(estimator.state, before)
     assert estimator.update(q[1] * np.nan, w[1], dt[1], np.zeros(6)) == -2
+
+
+@pytest.mark.parametrize("sigma", [SIGMA, SIGMA * [1, 1, 1, 0, 0, 0]], ids=["pose", "position"])
+def test_surprise_is_the_distance_from_what_is_expected_and_learns_nothing(estimator, sigma):
+    q, w, dt = data(40, seed=4)
+    estimator.init(model(ROBOT).vector() * 0.7, 3e-4, 0.98, 1.0)
+    use, scale = sigma > 0, np.array(column_scales(model(ROBOT)))
+    for k in range(len(q)):
+        A = model(ROBOT).observation(q[k : k + 1], w[k : k + 1])[0]
+        innovation = (dt[k] - A @ estimator.estimate)[use]
+        scaled = (A / scale)[use]
+        spread = scaled @ (estimator.covariance / 0.98) @ scaled.T + np.diag(sigma[use] ** 2)
+        wanted = np.sqrt(innovation @ np.linalg.solve(spread, innovation))
+        before = estimator.state.copy()
+        status, found = estimator.surprise(q[k], w[k], dt[k], sigma)
+        assert status == 0
+        assert found == pytest.approx(wanted, rel=1e-6)
+        np.testing.assert_array_equal(estimator.state, before)
+        estimator.update(q[k], w[k], dt[k], sigma)
+
+
+@pytest.mark.parametrize("precision", ["double", "float"])
+def test_a_gate_on_the_surprise_keeps_absurd_measurements_out(libraries, precision):
+    """Every tenth reading is of a lost target: the gate lets pass the others, and the estimate is that without them."""
+    q, w, dt = data(200, seed=11)
+    read = dt.copy()
+    read[::10] += [0.02, 0, 0, 0, 0.01, 0]
+    errors, passed = {}, np.zeros(len(q), bool)
+    for gated in (False, True):
+        estimator = Estimator(libraries[precision], np.float64 if precision == "double" else np.float32)
+        estimator.init(model(ROBOT).vector() * 0.8, 1e-4, 1.0, 10.0)
+        for k in range(len(q)):
+            status, surprise = estimator.surprise(q[k], w[k], read[k])
+            assert status == 0
+            passed[k] = surprise < 6.0
+            if passed[k] or not gated:
+                assert estimator.update(q[k], w[k], read[k]) == 0
+        left = model(ROBOT).observation(q, w) @ estimator.estimate - model(ROBOT).deflection(q, w)
+        errors[gated] = np.sqrt(np.mean((left / SIGMA) ** 2))
+    assert not passed[::10].any()
+    assert np.delete(passed, np.s_[::10]).all()
+    assert errors[True] < 0.6
+    assert errors[True] < 0.1 * errors[False]
+
+
+def test_surprise_tells_what_it_cannot_judge(estimator):
+    q, w, dt = data(1)
+    estimator.init(model(ROBOT).vector(), 0.01, 1.0, 1.0)
+    assert estimator.surprise(q[0], w[0], dt[0] * np.nan) == (-2, 0.0)
+    assert estimator.surprise(q[0], w[0], np.full(6, 1e200)) == (-2, 0.0)
+    assert estimator.surprise(q[0], w[0], dt[0], SIGMA * 1e-200) == (-20, 0.0)
+    assert estimator.surprise(q[0], w[0], dt[0] * np.nan, np.zeros(6)) == (0, 0.0)
+    assert estimator.call("rls_surprise", q[0], w[0], dt[0], SIGMA, None) == -1
+    found = np.ones(1)
+    assert estimator.call("rls_surprise", None, None, None, None, found) == -1
+    assert found == 0.0
 
 
 SETTINGS = [
