@@ -11,6 +11,7 @@ from symstiff.discrepancy.bridge.assemble import assemble
 from symstiff.discrepancy.findings.finding import Finding, Task
 from symstiff.discrepancy.statistics.bank import BESIDE, UNNAMED, build
 from symstiff.discrepancy.workflow import diagnose
+from symstiff.effects import EffectInstance
 from symstiff.model import joints_only
 from symstiff.robot import load
 
@@ -117,3 +118,25 @@ def test_a_wave_makes_others_of_its_gear_likelier_and_the_priors_stay_a_distribu
     ]
     np.testing.assert_allclose(*both)
     assert both[0][wave[2, 11]] == pytest.approx(both[0][wave[3, 11]])
+
+
+def test_a_wave_that_the_model_has_makes_others_of_its_gear_likelier() -> None:
+    """As one that was found beside it does: a gear that was uneven in the last campaign is so in this one."""
+    robot = load("kuka_kr270")
+    truth = Truth(robot, nominal_truth(robot), (), Noise((0.06, 0.06, 0.06)))
+    table = simulate(truth, absolute(40), 1)
+    known = joints_only(robot).with_effect(
+        EffectInstance("transmission_error", {"joint": 2, "harmonics": [3, 5]})
+    )
+    priors: list[dict[str, float]] = []
+    for model in (joints_only(robot), known):
+        assembly = assemble(model, table)
+        bank = build(assembly.problem, assembly.candidates, ())
+        priors.append(dict(zip((c.key for c in bank.candidates), np.exp(bank.log_prior), strict=True)))
+        of_gear = [c for c in bank.candidates if c.effect == "transmission_error" and c.where["joint"] == 2]
+    assert len(of_gear) == 30
+    assert not {(3,), (5,)} & {tuple(c.where["harmonics"]) for c in of_gear}  # type: ignore[arg-type]
+    bare, grown = priors
+    assert sum(grown[c.key] for c in of_gear) > BESIDE
+    assert grown[of_gear[0].key] > 10 * bare[of_gear[0].key]
+    assert sum(grown.values()) == pytest.approx(BESIDE + (1 - BESIDE) * sum(bare.values()))

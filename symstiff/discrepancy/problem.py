@@ -177,6 +177,8 @@ class Candidate:
     """How many of the last ``shapes`` are not of the profile: they were moved to what the data ask for."""
     expected: bool = False
     """Whether theory gives its size: it is there, whatever else is."""
+    kin: bool = False
+    """Whether the model has the same effect at the same place in another form, such as a wave of the same gear."""
     unavailable: str = ""
     """Why these data cannot show the effect (a column is missing, another kind of data); empty if they can."""
     counted: Array | None = None

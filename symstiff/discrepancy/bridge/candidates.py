@@ -27,6 +27,7 @@ from symstiff.discrepancy.problem import ANGLE, CLOCK, HISTORY, Candidate, Param
 from symstiff.discrepancy.statistics.scan import OWN, column_space
 from symstiff.effects.base import Effect, Move, Realisation, Scales, Shape, Where
 from symstiff.effects.lawful import check_laws
+from symstiff.effects.places import site
 from symstiff.model import StiffnessModel
 from symstiff.robot.schema import Robot
 from symstiff.symbolic.terms import BRANCH, TEMPERATURE, TIME, TURN, VirtualJoint, q, up
@@ -88,10 +89,12 @@ def candidates(
                 yield replace(_unavailable(effect, where, reason, first), counted=known)
                 continue
             alike = all(m.parameters == first for m in members)
+            kin = any(e.effect == effect.identifier and site(e.where) == site(where) for e in model.effects)
             yield Candidate(
                 effect.identifier, where, first, columns, tuple(shapes), _weights(effect, model.robot, shapes),
                 parameters_of=None if alike else columns.parameters, driven=columns.driven,
                 assumed=frozenset(effect.assumed), moves=columns.moves, expected=bool(members[0].realised.nominal),
+                kin=kin,
             )  # fmt: skip
 
 

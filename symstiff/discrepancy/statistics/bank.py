@@ -287,7 +287,8 @@ def _blocks(candidate: Candidate) -> list[tuple[int, Array]]:
 def _log_prior(kept: Sequence[Candidate], generic: Mask) -> Array:
     """Every effect weighs the same and divides its weight among the kinds of its places, and each kind among its own.
 
-    A frame drifts as often as any of the links. Unnamed laws divide ``UNNAMED``.
+    A frame drifts as often as any of the links. Unnamed laws divide ``UNNAMED``. An effect that the model
+    has at a place makes its other forms there likelier.
     """
     kinds = [(c.effect, tuple(sorted(c.where))) for c in kept]
     places = Counter(kind for kind, g in zip(kinds, generic, strict=True) if not g)
@@ -297,4 +298,6 @@ def _log_prior(kept: Sequence[Candidate], generic: Mask) -> Array:
         UNNAMED / max(total, 1) if g else (1.0 - UNNAMED) / (len(several) * several[kind[0]] * places[kind])
         for kind, g in zip(kinds, generic, strict=True)
     ]
-    return np.log(np.array(weight)) if weight else np.zeros(0)
+    kin = np.array([c.kin and not g for c, g in zip(kept, generic, strict=True)], dtype=float)
+    prior = np.array(weight)
+    return np.log((1.0 - BESIDE) * prior + BESIDE * kin / kin.sum() if kin.any() else prior)
