@@ -24,6 +24,7 @@ from symstiff.discrepancy.reasons import Reason, Why
 from symstiff.discrepancy.search.verdict import AMBIGUOUS, INSUFFICIENT, NAMED, NOTHING, UNEXPLAINED
 from symstiff.effects.common import link_axes
 from symstiff.effects.instance import EffectInstance
+from symstiff.effects.places import named as named_at
 from symstiff.effects.registry import catalogue
 from symstiff.model import StiffnessModel
 from symstiff.reduction.physical import physical_stages
@@ -126,11 +127,27 @@ class Ladder:
 
     def climbed(self, wider: Wider, left: Diagnosis, fitted: JointFit) -> Ladder:
         """With one model more, as fitted; ``left`` is the diagnosis of the base."""
+        found = wider.of_verdict(left, fitted.model)
+        more = replace(self._beside(wider, left), effects=(*self.effects, *found))
+        return replace(more, idle=more.joined & set(fitted.absorbed))
+
+    def without(self, effects: Sequence[EffectInstance], bare: StiffnessModel, left: Diagnosis) -> Ladder:
+        """With the ``bare`` model that has some effects no more, which are looked for anew."""
+        names = ", ".join(named_at(e.effect, e.where) for e in effects)
+        told = "; ".join(
+            f"{named_at(e.effect, e.where)} ({', '.join(e.shape_phrases(bare.robot)) or 'the first shape'})"
+            for e in effects
+        )
+        remark = (
+            f"the start model has {told}: these data ask for another shape, with which the model goes on; the growth "
+            "path takes it out and adds it anew"
+        )
+        return self._beside(Wider(bare, f"start model without {names}", Why.NOTHING, remark), left)
+
+    def _beside(self, model: Wider, left: Diagnosis) -> Ladder:
         first = left.growth[0]
         rung = Rung(self.title, self.count, first.residual, first.strata, left.p_missing)
-        found = wider.of_verdict(left, fitted.model)
-        more = Ladder(self.start, (*self.models, wider), (*self.rungs, rung), (*self.effects, *found))
-        return replace(more, idle=more.joined & set(fitted.absorbed))
+        return replace(self, models=(*self.models, model), rungs=(*self.rungs, rung))
 
 
 def wider_model(
@@ -236,7 +253,7 @@ def _worth(wide: Diagnosis, narrow: Diagnosis, component: Index, readings: int, 
     A law without a name that was found there takes its share of what the narrow model itself leaves.
     """
     law = max((f.explained for f in (narrow.device_law, narrow.law) if f is not None), default=0.0)
-    less, left = _squares(wide, component, wide.growth[0], narrow.growth[step])
+    less, left = squares_left(wide, component, wide.growth[0], narrow.growth[step])
     gain = readings * np.log((left if step else (1.0 - law) * left) / less)
     price = (wide.growth[0].known - narrow.growth[0].known) * np.log(readings)
     return float(gain / price) if price > 0 else -np.inf
@@ -251,7 +268,7 @@ def _ends_well(wide: Diagnosis, narrow: Diagnosis, component: Index, readings: i
     if wide.verdict not in (NAMED, AMBIGUOUS, NOTHING):
         return False
     last, end = narrow.growth[-1], wide.growth[-1]
-    left, less = _squares(wide, component, last, end)
+    left, less = squares_left(wide, component, last, end)
     gains = readings * np.log(left / less) > (end.known - last.known) * np.log(readings)
     return bool(gains) and _predicts(wide.rms.held_out_after, narrow.rms.held_out_after)
 
@@ -261,7 +278,7 @@ def _predicts(own: float | None, other: float | None) -> bool:
     return own is None or other is None or own < other
 
 
-def _squares(wide: Diagnosis, component: Index, *steps: Step) -> list[float]:
+def squares_left(wide: Diagnosis, component: Index, *steps: Step) -> list[float]:
     """Squares that steps of growth leave, in units of the noise that the wider model leaves."""
     spread = wide.noise.by_component()[component]
     return [float(np.sum((step.residual / spread) ** 2)) for step in steps]
@@ -272,7 +289,7 @@ def _told_by_a_law(wide: Diagnosis, narrow: Diagnosis, component: Index) -> bool
     law = narrow.device_law
     if law is None:
         return False
-    left, less = _squares(wide, component, narrow.growth[0], wide.growth[0])
+    left, less = squares_left(wide, component, narrow.growth[0], wide.growth[0])
     more = wide.growth[0].known - narrow.growth[0].known - len(law.terms)
     rows = len(component)
     return bool(rows * np.log(less / (left * (1.0 - law.explained))) + more * np.log(rows) > 0)
@@ -286,7 +303,7 @@ def _chance(wide: Diagnosis, narrow: Diagnosis, component: Index, readings: int)
     last = narrow.growth[-1]
     shared = (wide.noise.approach / wide.noise.sigma) ** 2
     worst = (1.0 + shared * len(component) / readings) / (1.0 + shared)
-    left, less = _squares(wide, component, last, wide.growth[0])
+    left, less = squares_left(wide, component, last, wide.growth[0])
     known, fewer = wide.growth[0].known, last.known
     freedom = len(component) - known
     if known <= fewer or freedom <= 0:

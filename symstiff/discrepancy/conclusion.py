@@ -19,6 +19,7 @@ from symstiff.discrepancy.findings.numbers import milli
 from symstiff.discrepancy.findings.out_of_range import astray, out_of_range
 from symstiff.discrepancy.findings.remarks import inconstant, remarked
 from symstiff.discrepancy.findings.result import Diagnosis, Found, Quantity
+from symstiff.discrepancy.findings.since import since
 from symstiff.discrepancy.reasons import Reason, Why
 from symstiff.discrepancy.search.proof import FEWEST
 from symstiff.discrepancy.search.verdict import AMBIGUOUS, NAMED, NOTHING, UNEXPLAINED, UNTESTABLE
@@ -84,7 +85,8 @@ def finding_of(
     doubts, changing = _unconfirmed(course), inconstant(last)
     named = _effects(course, after, bool(doubts))
     counted = named if verdict == AMBIGUOUS else tuple(e for e in named if e.set_number == 0)
-    remarks = [*remarks, *ladder.remarks, *remarked(course.assembly.situation.view, last)]
+    remarks = [*remarks, *ladder.remarks, *since(ladder.start, after.model)]
+    remarks += remarked(course.assembly.situation.view, last)
     remarks += _beyond_code(after.model, table, last.rms.after)
     remarks += _without_value(course, after, held)
     remarks += [*doubts, *changing, *_of_effects(course, counted)]

@@ -34,6 +34,7 @@ from symstiff.discrepancy.findings.finding import Finding, Task
 from symstiff.discrepancy.findings.gross import gross, left_out, nearly_all, remark, unlike
 from symstiff.discrepancy.findings.result import Diagnosis, Found, Name, Quantity
 from symstiff.discrepancy.findings.used import used
+from symstiff.discrepancy.outgrown import accounts_better, bare_of, outgrown
 from symstiff.discrepancy.problem import Options, key_of
 from symstiff.discrepancy.reasons import Reason, Why
 from symstiff.discrepancy.search.localise import FittedDevice
@@ -124,7 +125,7 @@ def _of_table(task: Task, table: Measurements, remarks: Sequence[str], tell: Tel
     remarks += [of_point] if of_point else []
     whole = _with_links(model, task, table, experiment)
     assembly, first = _diagnosed(model, table, _options(task), tell, doubted(model, table, whole))
-    course = Course(task, table, told, Ladder(model), assembly, first, first)
+    course = _shaped_anew(Course(task, table, told, Ladder(model), assembly, first, first), tell)
     while (wider := wider_model(course.ladder.base, course.last, task, experiment)) is not None:
         climbed = _climbed(course, wider, tell)
         if climbed is None:
@@ -153,6 +154,28 @@ def _without(course: Course, found: Sequence[Found], tell: Tell) -> Course | Non
     return replace(course, assembly=assembly, first=first, last=last)
 
 
+def _shaped_anew(course: Course, tell: Tell) -> Course:
+    """The diagnosis with effects of the start model in other shapes, where these account better for the data."""
+    model, found = course.ladder.base, course.last
+    if found.verdict in (NOTHING, UNTESTABLE) or not model.effects:
+        return course
+    tell("shapes of the start model's effects")
+    old = outgrown(model, course.table, _leading(found))
+    if not old:
+        return course
+    bare, options = bare_of(model, old), _options(course.task)
+    options = replace(options, max_effects=options.max_effects + len(old))
+    names = [Name(e.effect, e.where) for e in old]
+    assembly, anew = _diagnosed(bare, course.table, options, tell, given=names)
+    readings = len(np.unique(6 * assembly.problem.pose + assembly.problem.axis))
+    if not accounts_better(anew, found, old, assembly.problem.axis, readings):
+        return course
+    first = replace(course.first, candidates=anew.candidates)
+    return replace(
+        course, ladder=course.ladder.without(old, bare, found), assembly=assembly, first=first, last=anew
+    )
+
+
 def _climbed(course: Course, wider: Wider, tell: Tell) -> Course | None:
     """The diagnosis from a wider model on; None where that does not take the place of the one before."""
     tell(wider.title)
@@ -172,7 +195,7 @@ def first_assembly(model: StiffnessModel, table: Measurements) -> Assembly:
 
 def _diagnosed(
     model: StiffnessModel, table: Measurements, options: Options, tell: Tell, doubt: Reason | None = None,
-    without: Sequence[str] = (),
+    without: Sequence[str] = (), given: Sequence[Name] = (),
 ) -> tuple[Assembly, Diagnosis]:  # fmt: skip
     """The diagnosis of a model; where it finds loads, other laws are looked for once more under the sum.
 
@@ -180,15 +203,16 @@ def _diagnosed(
     levers, and is looked at again the same way. The second look stands where it says the same with
     better shapes, does without some of the effects, or where the first did not account for the data; never without
     the effects whose loads it takes for granted, and what stood against their names in the first look still does.
-    Candidates ``without`` which the data are to be explained, by their keys, take no part.
+    Candidates ``without`` which the data are to be explained, by their keys, take no part; effects that are ``given``
+    belong to every explanation.
     """
     tell("columns")
     assembly = _but(first_assembly(model, table), without)
-    found = examine(assembly.problem, assembly.candidates, options, tell, doubt=doubt)
+    found = examine(assembly.problem, assembly.candidates, options, tell, given, doubt)
     settled = found.verdict == AMBIGUOUS or (found.verdict == NAMED and len(found.leading) == 1)
-    effects = [(EffectInstance(n.effect, dict(n.where), dict(s)), e) for n, s, e in found.leading]
-    given = [] if settled else [Name(e.effect, e.where) for e, sizes in effects if _loads(assembly, e, sizes)]
-    if not given:
+    effects = list(zip(_leading(found), (sizes for *_, sizes in found.leading), strict=True))
+    loads = [] if settled else [Name(e.effect, e.where) for e, sizes in effects if _loads(assembly, e, sizes)]
+    if not loads:
         return assembly, found
     tell("columns under the loads found")
     like = found.weights
@@ -196,12 +220,13 @@ def _diagnosed(
         grow(model, [effect for effect, _ in effects]), table, None if like is None else like.alone
     )
     under = _but(assemble(model, table, noise=believed.noise, believed=believed.model), without)
-    again = examine(under.problem, under.candidates, options, tell, given, like=like)
+    certain = [*given, *(n for n in loads if n not in given)]
+    again = examine(under.problem, under.candidates, options, tell, certain, like=like)
     enough = again.verdict == NAMED and not Counter(_names(again)) - Counter(_names(found))
     accounts = again.verdict in (NAMED, AMBIGUOUS) or again.because.why is Why.AS_WELL
     stands = enough if found.verdict == NAMED else accounts
-    kept = {named_at(n.effect, n.where) for n in given} <= set(_names(again))
-    return (under, _no_surer(again, found, given)) if stands and kept else (assembly, found)
+    kept = {named_at(n.effect, n.where) for n in certain} <= set(_names(again))
+    return (under, _no_surer(again, found, loads)) if stands and kept else (assembly, found)
 
 
 def _but(assembly: Assembly, without: Sequence[str]) -> Assembly:
@@ -223,6 +248,11 @@ def _no_surer(again: Diagnosis, found: Diagnosis, given: Sequence[Name]) -> Diag
         for e in again.effects
     )
     return replace(again, effects=tuple(effects))
+
+
+def _leading(found: Diagnosis) -> list[EffectInstance]:
+    """The effects of the leading set, in the order in which they were found."""
+    return [EffectInstance(name.effect, dict(name.where), dict(shape)) for name, shape, _ in found.leading]
 
 
 def _names(found: Diagnosis) -> list[str]:

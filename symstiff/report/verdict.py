@@ -56,6 +56,9 @@ def verdict_table(finding: Finding, decide: Mapping[str, Any] | None = None) -> 
         ],
         "rival": None if last.rival is None else asdict(last.rival),
         "inconstant": [_inconstant(o) for o in last.inconstant],
+        "reshaped": [
+            {"effect": e.effect, "where": _json(e.where), "shape": _json(e.shape)} for e in finding.reshaped
+        ],
         "confusability": {
             "names": [_name(n) for n in last.confusability_names],
             "noncentrality": np.asarray(last.confusability).tolist(),

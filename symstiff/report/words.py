@@ -18,7 +18,7 @@ from symstiff.discrepancy.problem import Options
 from symstiff.discrepancy.reasons import Why
 from symstiff.discrepancy.search.rivals import AS_MUCH
 from symstiff.discrepancy.search.verdict import AMBIGUOUS, INSUFFICIENT, NAMED, NOTHING, UNEXPLAINED
-from symstiff.display import sentence_case, times
+from symstiff.display import listing, sentence_case, times
 from symstiff.effects.places import named, place
 from symstiff.effects.registry import find
 from symstiff.report.deciding import deciding
@@ -91,12 +91,23 @@ def _headline(finding: Finding) -> str:
     if finding.because.why in (Why.AS_WELL, Why.REFUTED):
         return f"Something is missing, perhaps: {names(finding.named)}"
     return {
-        NAMED: "Missing: " + names(finding.named),
+        NAMED: _what(finding),
         NOTHING: _nothing_missing(finding),
         AMBIGUOUS: "Ambiguous: more than one explanation accounts for the data",
         INSUFFICIENT: "Missing, but not all of it: " + names(finding.named),
         UNEXPLAINED: "Something is missing that has no name in the catalogue",
     }[finding.verdict]
+
+
+def _what(finding: Finding) -> str:
+    """What was named; what the start model has in another shape apart."""
+    there = [named(e.effect, e.where) for e in finding.reshaped]
+    new, old = (
+        [e for e in finding.named if (named(e.effect, e.where) in there) is held] for held in (False, True)
+    )
+    missing = [f"missing: {names(new)}"] if new else []
+    other = [f"in another shape than the start model has it: {names(old)}"] if old else []
+    return sentence_case("; ".join([*missing, *other]))
 
 
 def sentence(finding: Finding, decide: Mapping[str, Any] | None = None) -> str:
@@ -118,6 +129,9 @@ def sentence(finding: Finding, decide: Mapping[str, Any] | None = None) -> str:
     text = " ".join(
         [*(f"{sentence_case(doubt)}." for doubt in of_units(finding.table, finding.task.robot)), text]
     )
+    if finding.reshaped:
+        has = listing([named(e.effect, e.where) for e in finding.reshaped])
+        text += f" The start model has {has} in another shape."
     return text if decide is None else f"{text} {deciding(decide)}"
 
 

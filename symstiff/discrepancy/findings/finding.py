@@ -13,6 +13,8 @@ from symstiff.discrepancy.findings.result import CandidateResult, Diagnosis, Fou
 from symstiff.discrepancy.reasons import Reason, Why
 from symstiff.discrepancy.statistics.strata import Stratum
 from symstiff.display import of_poses
+from symstiff.effects.instance import EffectInstance
+from symstiff.effects.places import named as named_at
 from symstiff.model import StiffnessModel
 from symstiff.robot.schema import Robot
 
@@ -93,6 +95,12 @@ class Finding:
     def named(self) -> tuple[Found, ...]:
         """The leading set."""
         return tuple(e for e in self.effects if e.set_number == 0)
+
+    @property
+    def reshaped(self) -> tuple[EffectInstance, ...]:
+        """Effects of the start model, as it has them, that the leading set holds in another shape."""
+        named = [named_at(e.effect, e.where) for e in self.named]
+        return tuple(e for e in self.told.effects if named_at(e.effect, e.where) in named)
 
     @property
     def candidates(self) -> tuple[CandidateResult, ...]:
