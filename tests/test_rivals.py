@@ -19,15 +19,18 @@ from symstiff.robot import load
 from tests.diagnosis_data import ROBOT, measured
 
 
-def shop_of(kept: tuple[int, ...], score: float, shape: bool = False) -> Workshop:
+def shop_of(kept: tuple[int, ...], score: float, shape: bool = False, at: str = "joint 6") -> Workshop:
     """Two members and a law without a name that scores something beside those that are ``kept``."""
     none = np.full(3, -np.inf)
-    bank = SimpleNamespace(another_shape=lambda law, entry: shape)
+    bank = SimpleNamespace(
+        another_shape=lambda law, entry: shape, owner=np.arange(3), place=("joint 2", "joint 3", ""),
+        candidates=(*[SimpleNamespace(where={})] * 2, SimpleNamespace(where={"at": at})),
+    )  # fmt: skip
     return cast(Workshop, SimpleNamespace(
         evidence=lambda entries: SimpleNamespace(score=np.array([8.0, 9.0, 0.0]), best_entry=np.arange(3)),
         own=lambda member, entries: SimpleNamespace(score=8.0 + member),
         score=lambda members, entries, generic: np.where(np.arange(3) == 2, score, none) if members == kept else none,
-        scan=lambda entries: SimpleNamespace(bank=bank),
+        scan=lambda entries: SimpleNamespace(bank=bank, best=None),
     ))  # fmt: skip
 
 
@@ -65,6 +68,22 @@ def test_a_law_that_describes_what_a_member_does_is_a_rival_where_it_does_so_far
     found = rivals.rivals(shop_of((), 20.0 + lead, shape), Proposal((0,), (0,), 20.0))
     assert found.found == ((rivals.Rival(2, pytest.approx(lead)),) if rival else ())
     assert (found.alike is not None and found.alike.lead == pytest.approx(lead)) == alike
+
+
+@pytest.mark.parametrize(
+    ("at", "off", "alike"), [("joint 2", 0.0, False), ("joint 2", 0.1, True), ("joint 3", 0.0, True)]
+)
+def test_the_law_that_a_named_effect_has_is_no_other_thing(
+    at: str, off: float, alike: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Effects from elsewhere may have any law: one that is tried without a name too, at their joint, is theirs."""
+    own, other = np.eye(4)[:, :2], np.eye(4)[:, :2] @ [[0.6, -0.8], [0.8, 0.6]]
+    other[2, 0] = off
+    spaces = {0: own, 2: np.linalg.qr(other)[0]}
+    monkeypatch.setattr(rivals, "_inside", lambda *_: (0.99, True))
+    monkeypatch.setattr(rivals, "basis_of", lambda scan, layer, entry: spaces[entry])
+    found = rivals.rivals(shop_of((), 20.0, at=at), Proposal((0,), (0,), 20.0))
+    assert (found.alike is not None) == alike
 
 
 def test_what_does_as_well_as_a_name_is_told_beside_it_and_lowers_its_confidence() -> None:

@@ -22,6 +22,8 @@ _RIVALS, _FAR, _AHEAD = 40, 8.0, 3.0
 """Unnamed laws at most that may take a member's place, log evidence by which they may trail, and by which one that
 describes what a member does, as a compliance that follows a joint does what a compensator does, has to lead to be a
 rival all the same."""
+_EQUAL = 1e-6
+"""Distance of two spaces of columns up to which they are one."""
 _CLEARLY = 0.1
 """Share of a set's score by which another shape of a member's law has to lead as well: no shape is at hand exactly."""
 
@@ -91,6 +93,8 @@ def _in_place(
         lead, law = float(score[candidate]), int(found.best_entry[candidate])
         if not lead > -_FAR:
             break
+        if len(old) == 1 and _its_own(scan, law, old[0]):
+            continue
         share, narrow = _inside(scan, law, old)
         shape = share > SAME_PLACE and any(scan.bank.another_shape(law, e) for e in old)
         if shape and lead <= max(_AHEAD, _CLEARLY * proposal.score):
@@ -101,6 +105,15 @@ def _in_place(
         if not same or lead > _AHEAD:
             others.append(Rival(int(candidate), lead))
     return others, alike
+
+
+def _its_own(scan: Scan, law: int, entry: int) -> bool:
+    """Whether an unnamed law is the one that a named effect has: the same columns at the same virtual joint."""
+    bank = scan.bank
+    if bank.candidates[int(bank.owner[law])].where.get("at") != bank.place[int(bank.owner[entry])]:
+        return False
+    a, b = (basis_of(scan, scan.best, e) for e in (law, entry))
+    return a.shape == b.shape and bool(np.linalg.norm(a - b @ (b.T @ a)) < _EQUAL)
 
 
 def _replaced(proposal: Proposal) -> Iterator[tuple[tuple[int, ...], tuple[int, ...]]]:
