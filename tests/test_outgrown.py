@@ -11,15 +11,21 @@ from typing import Any
 import numpy as np
 import pytest
 
+from symstiff.calibration.identify import identify
+from symstiff.calibration.kept import on_the_clock
+from symstiff.calibration.rows import predict
 from symstiff.calibration.simulation import Effect, Environment, Noise, Truth, nominal_truth, simulate
 from symstiff.calibration.tables.measurements import Measurements, measurements
+from symstiff.discrepancy.apart.deciding import _at_the_end
 from symstiff.discrepancy.bridge.growth import fit
 from symstiff.discrepancy.findings.finding import Finding, Task
-from symstiff.discrepancy.findings.since import since
+from symstiff.discrepancy.findings.since import as_told, of_values, since
 from symstiff.discrepancy.outgrown import accounts_better, outgrown
 from symstiff.discrepancy.workflow import diagnose
 from symstiff.effects import EffectInstance
+from symstiff.errors import UserError
 from symstiff.model import StiffnessModel, joints_only
+from symstiff.report.tables import moved
 from symstiff.report.verdict import verdict_table
 from symstiff.report.words import headline, sentence
 from symstiff.robot import load
@@ -138,6 +144,55 @@ def test_what_was_found_beside_does_not_hide_that_a_shape_is_too_old() -> None:
     assert outgrown(start(LASH), table, [other]) == (LASH,)
 
 
+@pytest.mark.parametrize(
+    ("begin", "left_out"),
+    [(0.0, False), (-0.5 * SPAN, False), (-2.0 * SPAN, True), (0.05 * SPAN, False), (3.0 * SPAN, True)],
+    ids=["the same", "goes on", "after its end", "a little early", "before its begin"],
+)
+def test_a_drift_of_another_clock_is_left_out(begin: float, left_out: bool) -> None:
+    """Its law tells nothing of another session, and its exponential is beyond all numbers days before its begin."""
+    drift = replace(GROWN, shape={"time": SPAN, "start": begin, "T": SPAN / 9})
+    model, remarks = on_the_clock(start(drift), design(1, "absolute"))
+    assert model.effects == (() if left_out else (drift,))
+    assert len(remarks) == left_out
+    assert all("thermal drift at link 2: the start model's clock ran from" in r for r in remarks)
+
+
+@pytest.mark.parametrize("days", [-3, 3])
+def test_identification_leaves_a_drift_of_another_day_as_it_is(days: int) -> None:
+    other = replace(GROWN, shape={"time": SPAN, "start": days * 86400.0, "T": 600.0})
+    told = start(other, {"thermal_drift_2_x": 1e-4}, 1e-5)
+    fitted = identify(ROBOT, campaign(kind="absolute"), told)
+    assert fitted.model.values["thermal_drift_2_x"] == 1e-4
+    assert any("clock ran from" in remark for remark in fitted.remarks)
+
+
+@pytest.mark.slow
+def test_a_drift_of_another_day_is_found_anew_by_the_clock_of_these_data() -> None:
+    other = replace(GROWN, shape={"time": SPAN, "start": 3 * 86400.0, "T": 600.0})
+    found = of_campaign(start(other), warm(rate=[4e-8, 1e-8, -4e-8]), kind="absolute")
+    assert found.verdict == "named"
+    assert [(e.effect, e.where) for e in found.named] == [("thermal_drift", LINK)]
+    assert [e.shape.get("start", 0.0) for e in found.model.effects] == [0.0]
+
+
+@pytest.mark.parametrize(
+    "command", [lambda m, t: diagnose(Task(ROBOT, t, m)), lambda m, t: identify(ROBOT, t, m)]
+)
+def test_a_table_without_the_time_that_the_model_follows_is_refused(command: Any) -> None:
+    table = replace(campaign(kind="absolute"), time=np.full(POSES * len(LEVELS), np.nan))
+    with pytest.raises(UserError, match="the model needs the column time"):
+        command(start(GROWN), table)
+
+
+def test_poses_that_decide_are_thought_of_at_the_end_of_the_session() -> None:
+    """At time 0 a drift that begins days later has no size that a computer could hold."""
+    taken = replace(design(1, "absolute"), time=1e6 + EVERY * np.arange(POSES * len(LEVELS)))
+    offered = _at_the_end(design(2, "absolute"), taken)
+    assert set(offered.time) == {taken.time[-1]}
+    assert np.isnan(offered.temperature).all()
+
+
 @pytest.mark.slow
 def test_an_old_effect_in_another_shape_and_a_new_one_are_told_apart() -> None:
     spring = Effect("nonlinear_stiffness", {"joint": 2}, "two_slope", {"c": 2e-7, "knee": 1500.0})
@@ -202,6 +257,38 @@ def test_sizes_that_do_not_hold_any_more_are_remarked(now: tuple[Effect, ...], s
     if said:
         assert remarks[0].startswith(f"backlash at joint 3: {said}")
         assert "backlash_3_gap 0.500 ± 0.010 mrad, now" in remarks[0]
+
+
+@pytest.mark.parametrize("kind", ["deflection", "absolute"])
+def test_a_start_model_is_told_by_what_its_own_values_leave(kind: str) -> None:
+    """The values of the truth leave the noise; a joint twice as stiff leaves what it gives way less."""
+    model = joints_only(ROBOT)
+    joints = {p: nominal_truth(ROBOT)[p] for p in model.parameters}
+    softer = dict(joints, c2=2.0 * joints["c2"])
+    table = campaign(kind=kind)
+    fitted = fit(model.with_values(joints), table)
+    assert as_told(model.with_values(joints), fitted) == pytest.approx(3e-5, rel=0.15)
+    wrong = as_told(model.with_values(softer), fitted)
+    if kind == "deflection":
+        left = (table.values - predict(model.with_values(softer), table))[:, :3]
+        assert wrong == pytest.approx(np.sqrt(np.mean(left**2)), rel=1e-3)
+    assert wrong > 1e-4
+    assert of_values(wrong, fitted)[0].startswith(
+        "with its own values the start model, and code that was made"
+    )
+    assert of_values(3e-5, fitted) == []
+
+
+def test_what_moved_is_told_from_what_the_start_model_says() -> None:
+    told = start(LASH, {"backlash_3_gap": 5e-4}, 1e-5)
+    found = of_campaign(told, lash(gap=9e-4))
+    assert found.verdict == "nothing_missing"
+    (gap,) = [m for m in moved(found) if m.name == "backlash_3_gap"]
+    assert (gap.before, gap.before_std) == (5e-4, 1e-5)
+    assert gap.after == pytest.approx(9e-4, rel=0.1)
+    assert verdict_table(found)["rms_mm"]["as_told"] > 1.5 * verdict_table(found)["rms_mm"]["before"]
+    assert sum("with its own values" in r or "its size has changed" in r for r in found.remarks) == 2
+    assert verdict_table(longer_session())["rms_mm"]["as_told"] is not None
 
 
 def test_a_size_of_which_the_start_model_does_not_tell_how_sure_it_is_is_not_remarked() -> None:

@@ -28,7 +28,7 @@ from symstiff.calibration.fits.constrained import ConstrainedEstimate, constrain
 from symstiff.calibration.fits.estimate import Estimate
 from symstiff.calibration.fits.robust import RobustEstimate
 from symstiff.calibration.fitting import Fitted, fit_model
-from symstiff.calibration.kept import completed, seen_in
+from symstiff.calibration.kept import completed, on_the_clock, seen_in
 from symstiff.calibration.levels import by_level
 from symstiff.calibration.redundant import redundant
 from symstiff.calibration.remarks import (
@@ -44,7 +44,7 @@ from symstiff.calibration.remarks import (
     unsettled,
 )
 from symstiff.calibration.residuals import ResidualTable, places, residual_table, split
-from symstiff.calibration.rows import Equations, equations, predict
+from symstiff.calibration.rows import Equations, context_of, equations, predict
 from symstiff.calibration.tables.checks import check_measured, check_robot, without_copies, without_zeros
 from symstiff.calibration.tables.loading import as_loading
 from symstiff.calibration.tables.measurements import Measurements
@@ -210,6 +210,9 @@ def _begin(
     _refuse_rows(model)
     told, left_out = _of_laws(model)
     model, unseen = seen_in(told, table.kind)
+    model, elapsed = on_the_clock(model, table)
+    unseen += elapsed
+    context_of(model, table)  # refuses a table without the time or the branch that the model follows
     if not model.parameters:
         raise UserError("nothing to identify: " + "; ".join([*left_out, *unseen]))
     model, elsewhere = find_point(model, table, robot)

@@ -8,12 +8,18 @@ from __future__ import annotations
 
 from dataclasses import replace
 
+import numpy as np
+
+from symstiff.calibration.tables.measurements import Measurements
 from symstiff.effects.arm import ASSUMED
 from symstiff.effects.instance import EffectInstance
-from symstiff.effects.places import place_name
+from symstiff.effects.places import named, place_name
 from symstiff.effects.registry import find
 from symstiff.model import StiffnessModel
 from symstiff.symbolic.terms import Term, tau
+
+_EARLY = 0.1
+"""Share of a drift's session by which readings may be earlier than its begin."""
 
 
 def seen_in(model: StiffnessModel, kind: str) -> tuple[StiffnessModel, list[str]]:
@@ -40,6 +46,31 @@ def seen_in(model: StiffnessModel, kind: str) -> tuple[StiffnessModel, list[str]
             "the start model adds: put it into the robot file's masses and look for the law anew with symstiff diagnose"
         )
     return shown, remarks
+
+
+def on_the_clock(model: StiffnessModel, table: Measurements) -> tuple[StiffnessModel, list[str]]:
+    """The model without the effects that count their time from another start than a table does, and a remark on them.
+
+    A drift's law holds for a session: before its begin and behind its end it tells nothing of another one.
+    """
+    if not np.isfinite(table.time).any():
+        return model, []
+    first, last = float(np.nanmin(table.time)), float(np.nanmax(table.time))
+    other = []
+    for effect, realised in zip(model.effects, model.realisations, strict=True):
+        begin, span = realised.rest.get("time"), effect.spans.get("time", 0.0)
+        if begin is not None and span > 0.0 and not begin - _EARLY * span <= first < begin + span:
+            other.append((effect, begin, begin + span))
+    if not other:
+        return model, []
+    remarks = [
+        f"{named(effect.effect, effect.where)}: the start model's clock ran from {begin:.9g} to {end:.9g} s, that of "
+        f"these data from {first:.9g} to {last:.9g} s: it is left out here; unless it is found anew, it stays as the "
+        "start model has it"
+        for effect, begin, end in other
+    ]
+    gone = [effect for effect, *_ in other]
+    return model.with_effects([e for e in model.effects if e not in gone]), remarks
 
 
 def _bends(term: Term) -> bool:

@@ -19,7 +19,7 @@ from symstiff.discrepancy.findings.numbers import milli
 from symstiff.discrepancy.findings.out_of_range import astray, out_of_range
 from symstiff.discrepancy.findings.remarks import inconstant, remarked
 from symstiff.discrepancy.findings.result import Diagnosis, Found, Quantity
-from symstiff.discrepancy.findings.since import since
+from symstiff.discrepancy.findings.since import as_told, of_values, since
 from symstiff.discrepancy.reasons import Reason, Why
 from symstiff.discrepancy.search.proof import FEWEST
 from symstiff.discrepancy.search.verdict import AMBIGUOUS, NAMED, NOTHING, UNEXPLAINED, UNTESTABLE
@@ -85,7 +85,9 @@ def finding_of(
     doubts, changing = _unconfirmed(course), inconstant(last)
     named = _effects(course, after, bool(doubts))
     counted = named if verdict == AMBIGUOUS else tuple(e for e in named if e.set_number == 0)
-    remarks = [*remarks, *ladder.remarks, *since(ladder.start, after.model)]
+    left = as_told(ladder.start, before) if task.from_model and ladder.start.values else None
+    remarks = [*remarks, *([] if left is None else of_values(left, before))]
+    remarks += [*ladder.remarks, *since(ladder.start, after.model)]
     remarks += remarked(course.assembly.situation.view, last)
     remarks += _beyond_code(after.model, table, last.rms.after)
     remarks += _without_value(course, after, held)
@@ -96,7 +98,7 @@ def finding_of(
         task, table, before, after, course.told, course.first, last, course.assembly,
         verdict if testable else UNEXPLAINED, testable, because,
         counted, tuple(e for e in named if e not in counted),
-        _steps(ladder, last, before, len(held)), rms, tuple(remarks),
+        _steps(ladder, last, before, len(held)), rms, tuple(remarks), left,
     )  # fmt: skip
 
 

@@ -20,7 +20,8 @@ from symstiff.calibration.doubts.soundness import outside_class, outside_fixed
 from symstiff.calibration.experiment.readings import ExperimentClass, experiment_of
 from symstiff.calibration.experiment.situation import Laws
 from symstiff.calibration.identify import start_model
-from symstiff.calibration.kept import seen_in
+from symstiff.calibration.kept import on_the_clock, seen_in
+from symstiff.calibration.rows import context_of
 from symstiff.calibration.tables.checks import check_measured, check_robot, of_units
 from symstiff.calibration.tables.loading import as_loading
 from symstiff.calibration.tables.measurements import Measurements
@@ -120,7 +121,9 @@ def _of_table(task: Task, table: Measurements, remarks: Sequence[str], tell: Tel
     remarks += [*outside_class(table.w, model.loads), *outside_fixed(table.q, model)]
     told = model
     model, unseen = seen_in(model, table.kind)
-    remarks += unseen
+    model, elapsed = on_the_clock(model, table)
+    remarks += [*unseen, *elapsed]
+    context_of(model, table)  # refuses a table without the time or the branch that the model follows
     model, of_point = find_point(model, table, task.robot)
     remarks += [of_point] if of_point else []
     whole = _with_links(model, task, table, experiment)

@@ -62,6 +62,7 @@ def _context(finding: Finding, files: dict[str, Any], changes: list[Line]) -> di
         "untested": _untested(finding),
         "sensitivity": _sensitivity(finding),
         "moved": _moved(finding),
+        "told": finding.as_told is not None,
         "absorbed": finding.grown.absorbed,
         "borne": finding.table.kind == "deflection",
         "changes": changes,

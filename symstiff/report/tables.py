@@ -101,14 +101,18 @@ class Moved:
 
 
 def moved(finding: Finding) -> list[Moved]:
-    """Every parameter of the grown model, and what it was."""
-    before, after = finding.start.model, finding.grown.model
+    """Every parameter of the grown model, and what it was: in the start model as told, where that was made before.
+
+    Else in what of it these data tell.
+    """
+    start, after = finding.start.model, finding.grown.model
+    before = start if finding.as_told is None else finding.told
     units = {**before.units, **after.units}
     # an effect whose size is known stands in the model at that size; the verdict tells what the data say of it
     told = {n: e for f in finding.named for n, e in f.parameters.items() if math.isfinite(e.std)}
     out = []
-    for name in dict.fromkeys((*before.parameters, *after.parameters)):
-        a, b = name in before.deviations, name in after.deviations or name in told
+    for name in dict.fromkeys((*start.parameters, *after.parameters)):
+        a, b = name in (before.deviations or before.values), name in after.deviations or name in told
         value = told[name].value if name in told else after.values.get(name, 0.0)
         std = told[name].std if name in told else after.deviations.get(name, 0.0)
         out.append(
@@ -116,7 +120,7 @@ def moved(finding: Finding) -> list[Moved]:
                 name,
                 "" if units[name] == "1" else units[name],
                 before.values.get(name, 0.0) if a else None,
-                before.deviations[name] if a else None,
+                before.deviations.get(name, 0.0) if a else None,
                 value if b else None,
                 std if b else None,
             )

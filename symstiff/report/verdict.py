@@ -34,6 +34,7 @@ def verdict_table(finding: Finding, decide: Mapping[str, Any] | None = None) -> 
         "alternatives": [effect_table(e) for e in finding.alternatives],
         "candidates": [_candidate(c) for c in finding.candidates],
         "rms_mm": {
+            "as_told": _mm(finding.as_told),
             "before": _mm(finding.rms.before),
             "after": _mm(finding.rms.after),
             "held_out_before": _mm(finding.rms.held_out_before),

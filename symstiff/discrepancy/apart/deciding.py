@@ -144,6 +144,7 @@ def decide_poses(
     other shapes of its laws than the one that was named.
     """
     offered = _on_offer(model, setup, choice)
+    offered = offered if taken is None else _at_the_end(offered, taken)
     table = offered if taken is None else concatenate([taken, offered])
     new = np.zeros(len(table), dtype=bool)
     new[len(table) - len(offered) :] = True
@@ -182,6 +183,7 @@ def _chosen(table: Measurements, best: Decider, used: Sequence[str]) -> Measurem
     number = {p: k for k, p in enumerate(best.poses)}
     return replace(
         chosen, kind="none", values=np.full((len(rows), 6), np.nan),
+        time=np.full(len(rows), np.nan), temperature=np.full(len(rows), np.nan),
         sigma=np.full((len(rows), 6), np.nan),
         labels=tuple(f"{_LABEL}{k + first}" for k in range(len(best.poses))),
         pose=np.array([number[int(p)] for p in chosen.pose], dtype=np.intp),
@@ -302,6 +304,18 @@ def _on_offer(model: StiffnessModel, setup: Setup, choice: Choice) -> Measuremen
         branch=np.tile([b for _, b, _ in cases], len(q)),
         joint_units=setup.joint_units or None,
     )
+
+
+def _at_the_end(offered: Measurements, taken: Measurements) -> Measurements:
+    """What is offered at the time and warmth that the data ended with: a session that goes on."""
+    time, warmth = (_last(column, len(offered)) for column in (taken.time, taken.temperature))
+    return replace(offered, time=time, temperature=warmth)
+
+
+def _last(column: Array, rows: int) -> Array:
+    """The last value of a column that is known (rows,); NaN where none is."""
+    known = column[np.isfinite(column)]
+    return np.full(rows, known[-1] if len(known) else np.nan)
 
 
 def _round(model: StiffnessModel, limits: Sequence[tuple[float, float]], q: Array) -> Array:

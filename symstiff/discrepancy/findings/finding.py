@@ -33,6 +33,11 @@ class Task:
     seed: int = 0
 
     @property
+    def from_model(self) -> bool:
+        """Whether it starts from a model that was made before."""
+        return self.start not in ("complete", "joints")
+
+    @property
     def origin(self) -> str:
         """What the diagnosis starts from, as text."""
         return self.start if isinstance(self.start, str) else "a model"
@@ -73,6 +78,8 @@ class Finding:
     steps: tuple[Rung, ...]
     rms: Rms
     remarks: tuple[str, ...]
+    as_told: float | None = None
+    """What a start model's own values leave, rms per coordinate [m]; None where it was none with values."""
 
     @property
     def reason(self) -> str:

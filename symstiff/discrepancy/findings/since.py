@@ -1,4 +1,4 @@
-"""What became of the effects that a start model has: those that changed their size since, and those that are gone."""
+"""What became of a start model since it was made: what it leaves as it is, which effects changed or are gone."""
 
 from __future__ import annotations
 
@@ -6,7 +6,10 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from symstiff.discrepancy.findings.numbers import quantity
+from symstiff.arrays import Index, Mask
+from symstiff.calibration.experiment.placement import best_placed
+from symstiff.discrepancy.bridge.growth import JointFit
+from symstiff.discrepancy.findings.numbers import milli, quantity
 from symstiff.discrepancy.findings.result import Quantity
 from symstiff.effects.places import named as named_at
 from symstiff.model import StiffnessModel
@@ -16,7 +19,39 @@ _CHANGED, _SHARE = 5.0, 0.2
 _GONE = 3.0
 """Standard deviations within which what is left of an effect is none."""
 
+_WORSE = 1.2
+"""What a start model leaves as it is, over what it leaves fitted anew, from which that is remarked."""
+
 _Pair = tuple[str, Quantity, Quantity]
+
+
+def as_told(start: StiffnessModel, fitted: JointFit) -> float:
+    """What a start model's own values leave of the table that it was ``fitted`` to, rms per coordinate [m].
+
+    Of rotations [rad] where nothing else was measured. The device is placed as it fits best.
+    """
+    problem, names = fitted.assembly.problem, fitted.assembly.names
+    values = np.array([start.values.get(name, 0.0) for name in names])
+    left = best_placed(fitted.assembly.situation.view, problem.y - problem.A[:, : len(names)] @ values)
+    return float(np.sqrt(np.mean(left[_rows(problem.axis)] ** 2)))
+
+
+def of_values(left: float, fitted: JointFit) -> list[str]:
+    """A remark on what a start model's own values leave, where that is clearly more than it does fitted anew."""
+    axis = fitted.assembly.problem.axis
+    anew = float(np.sqrt(np.mean(fitted.residual[_rows(axis)] ** 2)))
+    if left < _WORSE * anew:
+        return []
+    unit = "mm" if (axis < 3).any() else "mrad"
+    return [
+        f"with its own values the start model, and code that was made from it, leaves {milli(left)} {unit} rms per "
+        f"coordinate of these data; fitted anew to them it leaves {milli(anew)} {unit}"
+    ]
+
+
+def _rows(axis: Index) -> Mask:
+    """Rows (M,) of translations where there are any, else all."""
+    return np.asarray(axis < 3) if (axis < 3).any() else np.ones(len(axis), bool)
 
 
 def since(start: StiffnessModel, fitted: StiffnessModel) -> list[str]:
