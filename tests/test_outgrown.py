@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from symstiff.calibration.doubts.soundness import other_weights
 from symstiff.calibration.identify import identify
 from symstiff.calibration.kept import on_the_clock
 from symstiff.calibration.rows import predict
@@ -28,7 +29,8 @@ from symstiff.model import StiffnessModel, joints_only
 from symstiff.report.tables import moved
 from symstiff.report.verdict import verdict_table
 from symstiff.report.words import headline, sentence
-from symstiff.robot import load
+from symstiff.robot import from_table, load
+from symstiff.robot.table import to_table
 
 ROBOT, POSES, FORCE, LEVELS, EVERY = load("kuka_kr270"), 24, 2000.0, (0.4, 0.7, 1.0), 60.0
 RATES = [4e-8, 1e-8, -2e-8]
@@ -183,6 +185,17 @@ def test_a_table_without_the_time_that_the_model_follows_is_refused(command: Any
     table = replace(campaign(kind="absolute"), time=np.full(POSES * len(LEVELS), np.nan))
     with pytest.raises(UserError, match="the model needs the column time"):
         command(start(GROWN), table)
+
+
+def test_a_robot_file_with_other_masses_than_the_start_model_is_remarked() -> None:
+    """Who enters masses and starts from the old model would wait for them in vain."""
+    table = to_table(ROBOT)
+    table["joint"][1]["link"]["mass"] = 120.0
+    heavier, model = from_table(table), joints_only(ROBOT)
+    remarks = identify(heavier, campaign(), model).remarks
+    assert sum("other masses or centres of mass of links than the robot file" in r for r in remarks) == 1
+    assert not any("other masses" in r for r in identify(ROBOT, campaign(), model).remarks)
+    assert other_weights(joints_only(heavier), heavier) == []
 
 
 def test_poses_that_decide_are_thought_of_at_the_end_of_the_session() -> None:

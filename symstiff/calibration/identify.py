@@ -18,6 +18,7 @@ from symstiff.calibration.doubts.soundness import (
     check_beside_geometry,
     check_determined,
     check_same_robot,
+    other_weights,
     outside_class,
     outside_fixed,
     unlike_file,
@@ -203,7 +204,8 @@ def _begin(
         names = ", ".join(f"q{i}" for i in experiment.fixed)
         remarks.append(f"{names} never move(s): the model is reduced for that")
     doubts = reduction_remarks(reduction) if reduction is not None else []
-    remarks += [*outside_class(table.w, model.loads), *outside_fixed(table.q, model), *doubts]
+    remarks += [*other_weights(model, robot), *outside_class(table.w, model.loads)]
+    remarks += [*outside_fixed(table.q, model), *doubts]
     if per_level is not None:
         whole(per_level, "per_level", 1)
         model = by_level(model, table, per_level)

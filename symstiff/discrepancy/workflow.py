@@ -16,7 +16,7 @@ import numpy as np
 
 from symstiff.arguments import require, whole
 from symstiff.calibration.doubts.point import find_point
-from symstiff.calibration.doubts.soundness import outside_class, outside_fixed
+from symstiff.calibration.doubts.soundness import other_weights, outside_class, outside_fixed
 from symstiff.calibration.experiment.readings import ExperimentClass, experiment_of
 from symstiff.calibration.experiment.situation import Laws
 from symstiff.calibration.identify import start_model
@@ -118,7 +118,8 @@ def _of_table(task: Task, table: Measurements, remarks: Sequence[str], tell: Tel
     experiment = experiment_of(table, task.robot).wished(task.loads, task.measure)
     model, reduction = start_model(task.robot, task.start, experiment)
     remarks += reduction_remarks(reduction) if reduction is not None else []
-    remarks += [*outside_class(table.w, model.loads), *outside_fixed(table.q, model)]
+    remarks += [*other_weights(model, task.robot), *outside_class(table.w, model.loads)]
+    remarks += outside_fixed(table.q, model)
     told = model
     model, unseen = seen_in(model, table.kind)
     model, elapsed = on_the_clock(model, table)

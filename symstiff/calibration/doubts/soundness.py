@@ -155,6 +155,17 @@ def check_same_robot(model: StiffnessModel, robot: Robot, origin: str) -> None:
         )
 
 
+def other_weights(model: StiffnessModel, robot: Robot) -> list[str]:
+    """A remark where a model was made with other masses of links than a robot file tells now: it keeps its own."""
+    own, told = ([(link.mass, link.com) for link in r.links] for r in (model.robot, robot))
+    if own == told:
+        return []
+    return [
+        "the start model holds other masses or centres of mass of links than the robot file, and goes on with its own: "
+        "start with complete, or with a model that is made anew, to use those of the file"
+    ]
+
+
 def geometry_apart(one: Robot, other: Robot) -> float:
     """Greatest distance [m] between the tool centre points of two robots at a few joint angles."""
     if one.dof != other.dof:
