@@ -74,6 +74,20 @@ def test_what_fits_nearly_as_well_is_told_with_how_little_it_trails(found: Findi
     assert "not excluded: backlash at joint 2" in words.sentence(beside)
 
 
+@pytest.mark.parametrize(("factor", "other"), [(1.0, False), (-1.0, True)])
+def test_a_size_that_every_explanation_has_otherwise_is_told_to_be_of_the_first(
+    found: Finding, factor: float, other: bool
+) -> None:
+    (gear,) = found.named
+    sizes = {n: replace(size, value=factor * size.value) for n, size in gear.parameters.items()}
+    second = replace(gear, parameters=sizes, set_number=1)
+    more = [replace(gear, effect="backlash", where={"joint": 4 + k}, set_number=k) for k in (0, 1)]
+    told = words.sentence(replace(found, verdict="ambiguous", effects=(gear, more[0], second, more[1])))
+    assert told.startswith("Beside nonlinear stiffness at joint 2 (")
+    said = "The size of nonlinear stiffness at joint 2 is that with the first; with another explanation it is another."
+    assert (said in told) == other
+
+
 def test_what_fits_as_well_by_more_parameters_is_told_with_their_number(found: Finding) -> None:
     links = [Instead(Name("geometric_error", {"link": k}), 7.0, -1.6, 1, 4 + k) for k in (1, 2)]
     assert _beside(found, *links).endswith(

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 from typing import Any
 
@@ -27,6 +28,8 @@ from symstiff.report.naming import confidence, each_told, names
 from symstiff.report.tables import shift
 from symstiff.report.unnamed import device_text, explained, law_in_short
 
+_OTHER = 3.0
+"""Standard deviations by which a size in another set is another one."""
 _TWO_DIGITS = 10.0
 """Units of the last digit from which a size has two."""
 LOUDER = 1.08
@@ -244,7 +247,21 @@ def _ambiguous(finding: Finding) -> str:
     ]
     beside = f"Beside {'; '.join(each_told(finding, common))}, " if common else ""
     told = ", or ".join(texts)
-    return f"{beside}{len(own)} explanations account for the data: {told}; with the first, {gap(finding)}."
+    text = f"{beside}{len(own)} explanations account for the data: {told}; with the first, {gap(finding)}."
+    if changing := [e for e in common if _otherwise_elsewhere(finding, e)]:
+        text += f" The size of {names(changing)} is that with the first; with another explanation it is another."
+    return text
+
+
+def _otherwise_elsewhere(finding: Finding, effect: Found) -> bool:
+    """Whether another admissible set holds an effect with clearly other sizes."""
+    others = (e for e in finding.effects if named(e.effect, e.where) == named(effect.effect, effect.where))
+    return any(
+        abs(size.value - effect.parameters[name].value) > _OTHER * max(size.std, effect.parameters[name].std)
+        for other in others
+        for name, size in other.parameters.items()
+        if name in effect.parameters and math.isfinite(max(size.std, effect.parameters[name].std))
+    )
 
 
 def _insufficient(finding: Finding) -> str:
