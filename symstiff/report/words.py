@@ -249,7 +249,9 @@ def _ambiguous(finding: Finding) -> str:
     told = ", or ".join(texts)
     text = f"{beside}{len(own)} explanations account for the data: {told}; with the first, {gap(finding)}."
     if changing := [e for e in common if _otherwise_elsewhere(finding, e)]:
-        text += f" The size of {names(changing)} is that with the first; with another explanation it is another."
+        text += (
+            f" The size of {names(changing)} is that with the first; with another explanation it is another."
+        )
     return text
 
 
