@@ -13,12 +13,13 @@ from symstiff.calibration.simulation.chain import chain_of, joint_index
 from symstiff.calibration.simulation.chain import posture as posture_of
 from symstiff.codegen.compiler import find_compiler
 from symstiff.codegen.generate import generate
+from symstiff.codegen.runtime import compiled
 from symstiff.effects import Effect, EffectInstance, EffectParameter, Realisation, catalogue
 from symstiff.errors import UserError
 from symstiff.model import StiffnessModel, joints_only
 from symstiff.robot import load
 from symstiff.symbolic.algebras import evaluate_numpy
-from symstiff.symbolic.terms import AXES, Term, VirtualJoint, actuated_joint, link_joint, q, tau, up
+from symstiff.symbolic.terms import AXES, Term, VirtualJoint, actuated_joint, link_joint, q, tau, up, w
 
 ROBOT = "ur10"
 GEAR = actuated_joint(2)
@@ -100,6 +101,59 @@ def test_code_of_a_stiffness_that_is_not_symmetric_passes_its_test_and_says_so(
     assert made.verification.selftest is not None
     assert made.verification.bounds["stiffness"] < 1e-12
     assert "K is not symmetric" in (tmp_path / "code" / "ur10.h").read_text()
+
+
+STEPS = {
+    "sign": lambda: sp.sign(tau(GEAR)),
+    "sign beside a slope": lambda: tau(GEAR) + 50 * sp.sign(tau(GEAR)),
+    "sign of an angle and a load": lambda: sp.sign(tau(GEAR) / 100 + q(2)) * tau(GEAR),
+    "Abs": lambda: sp.Abs(tau(GEAR)),
+    "root of Abs": lambda: sp.sqrt(sp.Abs(tau(GEAR))),
+    "sign of the wrench": lambda: sp.sign(w(1)) * tau(GEAR),
+}
+"""Laws with a step or a kink, some where there is no load."""
+
+
+@pytest.mark.parametrize("law", STEPS)
+def test_a_law_with_a_step_is_code_that_agrees_with_the_model(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path, law: str
+) -> None:
+    if find_compiler() is None:
+        pytest.skip("no C compiler")
+    model = grown(monkeypatch, STEPS[law]())
+    model = model.with_values(dict(model.values) | {f"c{j}": 1e-6 * j for j in range(1, 7)})
+    assert generate(model, tmp_path / "code").verification.selftest is not None
+    rng = np.random.default_rng(3)
+    angles, wrench = rng.uniform(-2, 2, (9, 6)), rng.normal(size=(9, 6)) * 50
+    expected, plain = (
+        model.deflection(angles, wrench),
+        model.with_values(dict(model.values) | {"tilt_2_c": 0.0}),
+    )
+    assert np.abs(expected - plain.deflection(angles, wrench)).max() > 1e-7
+    np.testing.assert_allclose(compiled(model).deflection(angles, wrench), expected, rtol=1e-9, atol=1e-15)
+
+
+@pytest.mark.parametrize(
+    ("law", "kept"), [("sign", 0), ("sign beside a slope", 1), ("Abs", 0), ("root of Abs", 0)]
+)
+def test_a_step_without_load_leaves_the_compliance_of_what_is_smooth_there(
+    monkeypatch: pytest.MonkeyPatch, law: str, kept: int
+) -> None:
+    angles = np.array([[0.3, -1.1, 0.9, 0.4, 0.7, 0.2]])
+    model, smooth = grown(monkeypatch, STEPS[law]()), joints_only(load(ROBOT))
+    smooth = smooth.with_values(dict.fromkeys(smooth.parameters, 0.0) | {"c2": 2e-6 + kept * 3e-6})
+    C, expected = (evaluate_numpy(m.compliance_program, p=m.vector(), q=angles)["C"] for m in (model, smooth))
+    np.testing.assert_allclose(C, expected, atol=1e-18)
+
+
+def test_what_follows_the_wrench_has_the_compliance_of_its_deflections(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    model = grown(monkeypatch, 0.7 * w(1) + w(6) * sp.cos(q(3)))
+    angles = np.array([[0.3, -1.1, 0.9, 0.4, 0.7, 0.2]])
+    C = evaluate_numpy(model.compliance_program, p=model.vector(), q=angles)["C"][0]
+    np.testing.assert_allclose(C, model.deflection(angles, np.eye(6)).T, atol=1e-18)
+    assert np.abs(C - C.T).max() > 0.1 * np.abs(C).max()
 
 
 @pytest.mark.parametrize(

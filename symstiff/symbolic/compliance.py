@@ -21,7 +21,10 @@ from symstiff.symbolic.passes import (
     split_twist,
 )
 from symstiff.symbolic.program import Program
-from symstiff.symbolic.terms import AXES, Term, VirtualJoint, actuated_joint, link_joint, tau
+from symstiff.symbolic.terms import AXES, Term, VirtualJoint, actuated_joint, link_joint, tau, w
+
+_NO_SLOPE = (sp.nan, sp.zoo, sp.oo, -sp.oo, sp.AccumBounds, sp.Derivative)
+"""What a derivative holds where there is none."""
 
 
 def compliance_program(chain: ElasticChain, terms: Sequence[Term], parameters: Sequence[str]) -> Program:
@@ -47,7 +50,7 @@ def compliance_program(chain: ElasticChain, terms: Sequence[Term], parameters: S
 
 
 def _crossed(chain: ElasticChain, b: Builder, laws: Laws, slope: _Slopes) -> sp.Matrix:
-    """Σ J_at·∂Δθ_at/∂τ_by·J_byᵀ over laws that follow another virtual joint's load and that ``_local`` leaves out."""
+    """Σ J_at·∂Δθ_at/∂W over laws that follow the wrench, or another virtual joint's load, where ``_local`` has none."""
     slopes = {
         (at, by): slope(at, by)
         for at in chain.virtual_joints
@@ -55,11 +58,16 @@ def _crossed(chain: ElasticChain, b: Builder, laws: Laws, slope: _Slopes) -> sp.
         if laws.at(at).has(tau(by))
         and ((at.kind, at.body) != (by.kind, by.body) or slope(at, by) != slope(by, at))
     }
+    pressed = {
+        (at, c): slope.along(at, w(c)) for at in chain.virtual_joints for c in AXES if laws.at(at).has(w(c))
+    }
     total = sp.zeros(6, 6)
-    if any(value != 0 for value in slopes.values()):
+    if any(value != 0 for value in (*slopes.values(), *pressed.values())):
         columns = jacobian_columns(chain, b, frames(chain, b))
         for (at, by), value in slopes.items():
             total += value * sp.Matrix(columns[at]) * sp.Matrix(columns[by]).T
+        for (at, c), value in pressed.items():
+            total[:, c - 1] += value * sp.Matrix(columns[at])
     return total.applyfunc(lambda x: bound(b, x, {}))
 
 
@@ -79,6 +87,14 @@ def _added(b: Builder, x: list[list[sp.Expr]], y: list[list[sp.Expr]]) -> list[l
     return [[b.let(total[min(i, j)][max(i, j)]) for j in range(6)] for i in range(6)]
 
 
+def _unloaded(law: sp.Expr, load: sp.Symbol) -> sp.Expr:
+    """How a law follows a load where there is none; steps, as of ``sign``, are flat on either side."""
+    slope = sp.diff(law, load)
+    if slope.has(sp.DiracDelta):
+        slope = slope.replace(sp.DiracDelta, lambda *_: sp.S.Zero)
+    return slope.subs({s: 0 for s in slope.free_symbols if s.name.startswith(("tau_", "w_"))})
+
+
 @dataclass(frozen=True)
 class _Slopes:
     """How the laws give way at small load; ``ups`` are what they may know of the vertical."""
@@ -88,11 +104,15 @@ class _Slopes:
     ups: dict[sp.Symbol, sp.Expr]
 
     def __call__(self, at: VirtualJoint, by: VirtualJoint) -> sp.Expr:
-        """∂Δθ_at/∂τ_by without load; a law that is not smooth there gives none."""
-        slope = sp.diff(self.laws.at(at), tau(by))
-        slope = slope.subs({s: 0 for s in slope.free_symbols if s.name.startswith("tau_")})
-        if slope.has(sp.nan, sp.zoo, sp.oo) or slope.has(sp.Derivative):
-            return sp.S.Zero
+        """∂Δθ_at/∂τ_by without load; a law that is not smooth there adds none."""
+        return self.along(at, tau(by))
+
+    def along(self, at: VirtualJoint, load: sp.Symbol) -> sp.Expr:
+        """How virtual joint ``at`` follows a load on a virtual joint, or a component of the wrench."""
+        slope = _unloaded(self.laws.at(at), load)
+        if slope.has(*_NO_SLOPE):
+            alone = [_unloaded(Laws((term,)).at(at), load) for term in self.laws.by_joint[at]]
+            slope = sp.Add(*[part for part in alone if not part.has(*_NO_SLOPE)])
         return bound(self.b, slope, self.ups)
 
     def mutual(self, at: VirtualJoint, by: VirtualJoint) -> sp.Expr:
