@@ -177,6 +177,21 @@ def test_a_law_that_nothing_can_compute_is_refused(
     assert why in str(refused.value)
 
 
+def test_a_law_that_is_no_number_under_a_load_is_named_where_code_is_made(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    model = grown(monkeypatch, sp.asin(tau(GEAR) / 10)).with_effect(EffectInstance("backlash", {"joint": 3}))
+    with pytest.raises(UserError, match=r"^the law of tilt at joint 2 gives no finite number under loads"):
+        generate(model, tmp_path / "code")
+
+
+def test_a_factor_may_be_a_plain_number(monkeypatch: pytest.MonkeyPatch) -> None:
+    model = grown(monkeypatch, 1)
+    still = model.deflection(np.zeros(6), np.zeros(6))
+    np.testing.assert_allclose(still, grown(monkeypatch, sp.Integer(1)).deflection(np.zeros(6), np.zeros(6)))
+    assert np.abs(still).max() > 1e-7
+
+
 def test_a_law_at_a_joint_that_the_robot_does_not_have_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
     with pytest.raises(UserError, match="acts at joint9, which ur10 does not have"):
         grown(monkeypatch, tau(GEAR), actuated_joint(9))

@@ -19,6 +19,8 @@ from symstiff.codegen.bending import Input, bending
 from symstiff.codegen.functions import Functions
 from symstiff.codegen.names import moments
 from symstiff.codegen.text import context_names
+from symstiff.effects.places import named
+from symstiff.errors import UserError
 from symstiff.model import StiffnessModel
 from symstiff.symbolic.algebras import DecimalAlgebra, evaluate_numpy
 from symstiff.symbolic.program import Constant, Program, evaluate
@@ -127,6 +129,7 @@ def cases(
     """
     model, found = functions.model, configurations(functions, n, seed)
     if model.effects:
+        _check_finite(model, values, found)
         rounding = tolerance(single) / float(np.finfo(np.float32 if single else float).eps) / 20
         found = found + bending(model, values, found, configurations(functions, 48, seed + 1), rounding)
     known = {name: float(model.values.get(name, 0.0)) for name in model.parameters}
@@ -149,6 +152,19 @@ def cases(
             _case(model, found[i], [list(x[i]) for x in (dt, A, J, T, C, default)], sizes[i], single)
             for i in range(len(found))
         ]
+
+
+def _check_finite(model: StiffnessModel, values: Mapping[str, float], found: Sequence[Input]) -> None:
+    """Raise UserError that names the effects whose laws give no finite number at one of the configurations."""
+    if np.isfinite(_sizes(model, values, found)).all():
+        return
+    alone = {named(e.effect, e.where): model.with_effects([e]) for e in model.effects}
+    own = {name: {n: values[n] for n in one.parameters} for name, one in alone.items()}
+    wrong = [name for name, one in alone.items() if not np.isfinite(_sizes(one, own[name], found)).all()]
+    raise UserError(
+        f"the law of {', '.join(wrong) or 'the effects together'} gives no finite number under loads of the self-test "
+        f"(up to {max(abs(x) for _, w in found for x in w):g} N, N·m): write it so that it holds at all loads"
+    )
 
 
 def _case(

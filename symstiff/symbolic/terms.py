@@ -98,6 +98,9 @@ class Term:
     at: VirtualJoint
     factor: sp.Expr
 
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "factor", sp.sympify(self.factor, strict=True))
+
 
 def link_terms(body: int, row: int, column: int, parameter: str, *, symmetric: bool) -> tuple[Term, ...]:
     """Terms of the link compliance k_{row,column}: J_row·(J_columnᵀ·W), and its mirror (seed eq. 5, 12)."""
