@@ -13,6 +13,7 @@ from typing import Any, Protocol
 
 import numpy as np
 
+from symstiff.arguments import words
 from symstiff.errors import UserError
 from symstiff.robot.schema import Robot
 from symstiff.symbolic.terms import Term, VirtualJoint
@@ -21,10 +22,15 @@ Where = Mapping[str, Any]
 Shape = Mapping[str, float]
 NAME = re.compile(r"[A-Za-z][A-Za-z0-9_]*", re.ASCII)
 """Identifiers and names of parameters."""
-UNIT = re.compile(r"(?:1|m|rad|kg|s|K|N|[*/()^0-9])+", re.ASCII)
+_POWER = r"(?:1|(?:m|rad|kg|s|K|degC|N)(?:\^-?[1-9])?)"
+_PRODUCT = rf"{_POWER}(?:[*/]{_POWER})*"
+_FACTOR = rf"(?:{_POWER}|\({_PRODUCT}\)(?:\^-?[1-9])?)"
+UNIT = re.compile(rf"{_FACTOR}(?:[*/]{_FACTOR})*", re.ASCII)
 """Units of parameters: SI, as ``rad/(N*m)``."""
 _KINDS = frozenset({"deflection", "absolute"})
 """Kinds of data."""
+_COLUMNS = frozenset({"time", "temperature", "branch"})
+"""What an effect may need of a table."""
 
 
 @dataclass(frozen=True)
@@ -231,7 +237,33 @@ class Effect:
     def __post_init__(self) -> None:
         if not NAME.fullmatch(self.identifier):
             raise UserError(f"an effect cannot be called {self.identifier!r}: use letters, digits and _")
-        if not self.seen_in or not self.seen_in <= _KINDS:
-            raise UserError(
-                f"{self.identifier}: seen_in is {sorted(self.seen_in)}: give some of {sorted(_KINDS)}"
-            )
+        for name in ("places", "realise", "shapes"):
+            if not callable(getattr(self, name)):
+                raise UserError(f"{self.identifier}: {name} is no function: give one")
+        self._check_words()
+        for name in ("told", "assumed"):
+            for key, phrase in getattr(self, name).items():
+                if not _takes_a_number(phrase):
+                    raise UserError(
+                        f"{self.identifier}: {name} of {key} is {phrase!r}: give a text with one {{}}, or none"
+                    )
+
+    def _check_words(self) -> None:
+        """Refuse kinds of data that there are none of, and columns that no table has."""
+        seen = words(self.seen_in, f"{self.identifier}: seen_in", "{'deflection'}")
+        if not seen or not _KINDS.issuperset(seen):
+            raise UserError(f"{self.identifier}: seen_in is {sorted(seen)}: give some of {sorted(_KINDS)}")
+        needs = words(self.needs, f"{self.identifier}: needs", "{'time or temperature'}")
+        for column in (name for need in needs for name in need.split(" or ")):
+            if column not in _COLUMNS:
+                raise UserError(f"{self.identifier}: needs {column!r}: give some of {sorted(_COLUMNS)}")
+        for name in ("confused_with", "spans"):
+            words(getattr(self, name), f"{self.identifier}: {name}", "('backlash',)")
+
+
+def _takes_a_number(phrase: Any) -> bool:
+    """Whether a phrase can say a value."""
+    try:
+        return bool(phrase.format("1") is not None)
+    except (AttributeError, LookupError, ValueError):
+        return False

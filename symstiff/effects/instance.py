@@ -4,23 +4,17 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Any
-
-import numpy as np
 
 from symstiff.arguments import require
-from symstiff.effects.base import NAME, UNIT, Effect, Realisation, Shape, Where
-from symstiff.effects.lawful import check_laws
-from symstiff.effects.places import site
+from symstiff.effects.base import Effect, Realisation, Shape, Where
+from symstiff.effects.lawful import check_realised
+from symstiff.effects.places import plain, site
 from symstiff.effects.registry import find
 from symstiff.errors import UserError
 from symstiff.robot.frozen import frozen_numbers
-from symstiff.robot.names import C_WORDS
 from symstiff.robot.schema import Robot
 from symstiff.symbolic.terms import Term
 
-_MEMBERS = frozenset({"k", "time", "temperature", "branch", "turn"})
-"""What the C struct of a model's parameters holds beside those of effects."""
 _FAR = 1e12
 """Size of a shape's value, in SI units, that nobody means."""
 _DIGITS, _CLOCK = 4, 1e4
@@ -38,7 +32,7 @@ class EffectInstance:
     def __post_init__(self) -> None:
         require(self.effect, str, "an effect's identifier", "'backlash' is one")
         require(self.where, Mapping, f"where {self.effect} is", "{'joint': 2} is a place")
-        object.__setattr__(self, "where", {key: _plain(value) for key, value in self.where.items()})
+        object.__setattr__(self, "where", plain(self.where))
         shape = frozen_numbers(self.shape, f"shape of {self.effect}")
         for key, value in shape.items():
             if value and not 1.0 / _FAR <= abs(value) <= _FAR:
@@ -54,12 +48,11 @@ class EffectInstance:
             raise UserError(f"{self.effect} cannot be at {dict(self.where)} on {robot.name}")
         try:
             found = entry.realise(robot, self.where, self.shape)
-            _check_parameters(found)
-            check_laws(found.terms, robot)
+            check_realised(found, robot)
             return found
         except UserError as error:
             raise UserError(f"{self.effect} at {dict(self.where)}: {error}") from error
-        except (KeyError, TypeError, ValueError, IndexError) as error:
+        except (LookupError, TypeError, ValueError, ArithmeticError, AttributeError) as error:
             raise UserError(
                 f"{self.effect} at {dict(self.where)}: the shape {dict(self.shape)} does not fit: {error}"
             ) from error
@@ -104,15 +97,6 @@ class EffectInstance:
         return tuple(key for key in self.shape if key not in read.keys_read)
 
 
-def _plain(value: Any) -> Any:
-    """A part of a place without NumPy's types, which no file holds."""
-    if isinstance(value, np.ndarray | np.generic):
-        value = value.tolist()
-    if isinstance(value, list | tuple):
-        return type(value)(_plain(v) for v in value)
-    return int(value) if isinstance(value, float) and value.is_integer() else value
-
-
 class _Read(Mapping[str, float]):
     """A shape that remembers what was read of it."""
 
@@ -153,22 +137,4 @@ def realise_all(effects: Sequence[EffectInstance], robot: Robot) -> tuple[Realis
 def _acceptable(entry: Effect, robot: Robot, where: Where) -> bool:
     """Whether the robot has the place; any details are accepted where it is."""
     own = site(where)
-    return any(site(place) == own for place in entry.places(robot))
-
-
-def _check_parameters(found: Realisation) -> None:
-    """Refuse units that are none, and names that no C struct can hold.
-
-    What has no terms has no code, and its names may tell of rows.
-    """
-    for p in found.parameters:
-        if not UNIT.fullmatch(p.unit):
-            raise UserError(
-                f"the unit of {p.name} cannot be {p.unit!r}: give SI units, as rad/(N*m), m/N, kg or 1"
-            )
-    for p in found.parameters if found.terms else ():
-        if not NAME.fullmatch(p.name) or p.name in C_WORDS | _MEMBERS:
-            raise UserError(
-                f"an effect's parameter cannot be called {p.name!r}: it is a member of a C struct beside k, time, "
-                "temperature and branch: use letters, digits and _, e.g. <effect>_<place>_<what>"
-            )
+    return any(site(plain(place)) == own for place in entry.places(robot))

@@ -4,14 +4,58 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from functools import lru_cache
+from typing import Any
 
 import sympy as sp
 
+from symstiff.arguments import number, require
+from symstiff.effects.base import NAME, UNIT, EffectParameter, Realisation
 from symstiff.errors import UserError
+from symstiff.robot.names import C_WORDS
 from symstiff.robot.schema import Robot
 from symstiff.symbolic.algebras import FUNCTIONS
 from symstiff.symbolic.chain import ElasticChain
 from symstiff.symbolic.terms import AXES, CONTEXT, Term, VirtualJoint, deflection, q, tau, up, w
+
+_MEMBERS = frozenset({"k", "time", "temperature", "branch", "turn"})
+"""What the C struct of a model's parameters holds beside those of effects."""
+
+
+def check_realised(found: Any, robot: Robot) -> None:
+    """Raise UserError for what is no realisation, and for parameters and laws that nothing can compute."""
+    require(found, Realisation, "a Realisation of realise", "see symstiff.effects.base")
+    for name, kind in (("parameters", EffectParameter), ("terms", Term)):
+        several = getattr(found, name)
+        if not isinstance(several, tuple) or not all(isinstance(one, kind) for one in several):
+            raise UserError(f"its {name} are no {kind.__name__}s: give a tuple of them")
+    check_parameters(found)
+    check_laws(found.terms, robot)
+
+
+def check_parameters(found: Realisation) -> None:
+    """Refuse units that are none, ranges with no inside, terms of no parameter, and names that no C struct can hold.
+
+    What has no terms has no code, and its names may tell of rows.
+    """
+    for p in found.parameters:
+        if not UNIT.fullmatch(p.unit):
+            raise UserError(
+                f"the unit of {p.name} cannot be {p.unit!r}: give SI units, as rad/(N*m), m/N, kg or 1"
+            )
+        low, high = number(p.low, f"{p.name}: low"), number(p.high, f"{p.name}: high")
+        if not low < high:
+            raise UserError(f"{p.name}: low {low:g} is not below high {high:g}: give the plausible range")
+        number(p.typical, f"{p.name}: typical", "a finite number above 0", above=0.0)
+    for p in found.parameters if found.terms else ():
+        if not NAME.fullmatch(p.name) or p.name in C_WORDS | _MEMBERS:
+            raise UserError(
+                f"an effect's parameter cannot be called {p.name!r}: it is a member of a C struct beside k, time, "
+                "temperature and branch: use letters, digits and _, e.g. <effect>_<place>_<what>"
+            )
+    names = [p.name for p in found.parameters]
+    for name in (*(t.parameter for t in found.terms), *found.nominal):
+        if name not in names:
+            raise UserError(f"a law has the parameter {name!r}, which is none of {names}: list it there")
 
 
 def check_laws(terms: Iterable[Term], robot: Robot) -> None:
@@ -20,7 +64,7 @@ def check_laws(terms: Iterable[Term], robot: Robot) -> None:
     for term in terms:
         if term.at not in places:
             raise UserError(f"{term.parameter} acts at {term.at.name}, which {robot.name} does not have")
-        for part in sp.preorder_traversal(sp.sympify(term.factor)):
+        for part in sp.preorder_traversal(term.factor):
             if wrong := _wrong(part, symbols):
                 raise UserError(f"the law of {term.parameter} {wrong}")
 

@@ -5,6 +5,8 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
+import numpy as np
+
 DETAILS = {"harmonics": "({} a turn)"}
 """Keys beside a place that say which of several effects is there, with their words; no parameter's name holds them."""
 _WORDS = {
@@ -13,6 +15,19 @@ _WORDS = {
 }  # fmt: skip
 _THINGS = ("load", "measurement")
 """Keys whose values are words of their own."""
+
+
+def plain(where: Mapping[str, Any]) -> dict[str, Any]:
+    """A place as a file holds it: lists, and none of NumPy's types."""
+    return {key: _plain(value) for key, value in where.items()}
+
+
+def _plain(value: Any) -> Any:
+    if isinstance(value, np.ndarray | np.generic):
+        value = value.tolist()
+    if isinstance(value, list | tuple):
+        return [_plain(v) for v in value]
+    return int(value) if isinstance(value, float) and value.is_integer() else value
 
 
 def site(where: Mapping[str, Any]) -> dict[str, Any]:

@@ -5,18 +5,25 @@ A plugin registers an ``Effect`` under the entry point group ``symstiff.effects`
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import replace
 from functools import cache, wraps
 from importlib import import_module, metadata
 from pkgutil import iter_modules
 from typing import Any
 
-from symstiff.effects.base import Effect
+from symstiff.arguments import require
+from symstiff.effects.base import Effect, Realisation, Shape, Where
+from symstiff.effects.lawful import check_realised
+from symstiff.effects.places import plain
 from symstiff.errors import UserError
+from symstiff.robot.frozen import frozen_numbers
+from symstiff.robot.schema import Robot
 
-_ASKED = ("places", "shapes", "columns", "places_in", "moves", "odds", "unlikely", "alike", "levels")
-"""What an effect is asked beside its law, whose failures are told with the place."""
+_ASKED = (
+    "places", "shapes", "realise", "columns", "places_in", "moves", "odds", "unlikely", "alike", "levels",
+)  # fmt: skip
+"""What an effect is asked."""
 
 
 @cache
@@ -56,21 +63,59 @@ def _loaded(point: metadata.EntryPoint) -> Effect:
 
 
 def _told(point: metadata.EntryPoint, name: str, asked: Callable[..., Any]) -> Callable[..., Any]:
-    """A plugin's function, whose failure names the plugin."""
+    """A plugin's function, whose failure and whose answers that are none name the plugin."""
+    checked = _CHECKED.get(name)
 
     @wraps(asked)
     def telling(*arguments: Any) -> Any:
         try:
-            return asked(*arguments)
-        except UserError:
-            raise
+            found = asked(*arguments)
+            return found if checked is None else checked(name, found, *arguments)
+        except UserError as error:
+            raise UserError(f"{error} ({_of(point)})") from error
         except Exception as error:  # whatever another package's function raises
+            shape = f" with the shape {dict(arguments[2])}" if name == "realise" else ""
             raise UserError(
-                f"{_of(point)}: its {name} fails ({type(error).__name__}: {str(error)[:200]}): repair or uninstall "
-                "the package"
+                f"{_of(point)}: its {name} fails{shape} ({type(error).__name__}: {str(error)[:200]}): repair or "
+                "uninstall the package"
             ) from error
 
     return telling
+
+
+def _places(name: str, found: Any, *_: Any) -> tuple[Where, ...]:
+    """Places as tables of what files hold. Raises UserError for what are none."""
+    places = (
+        tuple(found) if isinstance(found, Iterable) and not isinstance(found, str | Mapping) else (found,)
+    )
+    for where in places:
+        require(where, Mapping, f"a place of {name}", "give a tuple of tables, as ({'joint': 2},)")
+    tables = tuple(plain(where) for where in places)
+    for where in tables:
+        for key, value in where.items():
+            parts = value if isinstance(value, list) else [value]
+            if not isinstance(key, str) or not all(isinstance(v, str | int | float) for v in parts):
+                raise UserError(f"{name} gives {where}: give texts, numbers or lists of them by name")
+    return tables
+
+
+def _shapes(name: str, found: Any, *_: Any) -> tuple[Shape, ...]:
+    """Shapes as tables of numbers. Raises UserError for what are none."""
+    shapes = (
+        tuple(found) if isinstance(found, Iterable) and not isinstance(found, str | Mapping) else (found,)
+    )
+    return tuple(frozen_numbers(shape, f"a shape of {name}") for shape in shapes)
+
+
+def _realised(name: str, found: Any, robot: Robot, *_: Any) -> Realisation:
+    check_realised(found, robot)
+    return found  # type: ignore[no-any-return]
+
+
+_CHECKED: dict[str, Callable[..., Any]] = {
+    "places": _places, "places_in": _places, "shapes": _shapes, "realise": _realised,
+}  # fmt: skip
+"""What makes sure of a plugin's answers, and puts them into one form."""
 
 
 def _of(point: metadata.EntryPoint) -> str:

@@ -28,6 +28,7 @@ from symstiff.discrepancy.statistics.scan import OWN, column_space
 from symstiff.effects.base import Effect, Move, Realisation, Scales, Shape, Where
 from symstiff.effects.lawful import check_laws
 from symstiff.effects.places import site
+from symstiff.errors import UserError
 from symstiff.model import StiffnessModel
 from symstiff.robot.schema import Robot
 from symstiff.symbolic.terms import BRANCH, TEMPERATURE, TIME, TURN, VirtualJoint, q, up
@@ -77,8 +78,12 @@ def candidates(
                 yield _unavailable(effect, where, reason)
                 continue
             columns = _Columns(situation, effect, where, taken, extent)
-            members = [columns.member(shape) for shape in shapes]
-            check_laws(members[0].realised.terms, model.robot)
+            members = _members(columns, shapes)
+            first, sound = members[0].parameters, _sound(columns, members)
+            if not sound:
+                yield _unavailable(effect, where, "its law gives no finite number in these data", first)
+                continue
+            members, shapes = sound, tuple(m.shape for m in sound)
             first, unseen = members[0].parameters, _unseen(columns, members, basis, situation.view)
             if unseen:
                 yield _unavailable(effect, where, unseen, first)
@@ -202,6 +207,22 @@ class _Columns:
         block = self.effect.columns(self.situation, self.where, member.shape)
         chosen = [k for k, p in enumerate(member.realised.parameters) if p.name in names]
         return np.asarray(block[:, chosen], dtype=float)
+
+
+def _members(columns: _Columns, shapes: Sequence[Shape]) -> list[_Member]:
+    """An effect with each of its shapes; the laws of a plugin's other shapes are checked as it gives them."""
+    try:
+        members = [columns.member(shape) for shape in shapes]
+        check_laws(members[0].realised.terms, columns.situation.view.robot)
+    except UserError as error:
+        raise UserError(f"{columns.effect.identifier} at {dict(columns.where)}: {error}") from error
+    return members
+
+
+def _sound(columns: _Columns, members: Sequence[_Member]) -> list[_Member]:
+    """The shapes whose columns are numbers."""
+    with np.errstate(all="ignore"):
+        return [m for m in members if not m.parameters or np.isfinite(columns(m.shape)).all()]
 
 
 def _unseen(columns: _Columns, members: Sequence[_Member], basis: Array, view: View) -> str:
