@@ -29,12 +29,7 @@ _ASKED = (
 @cache
 def catalogue() -> dict[str, Effect]:
     """All effects by identifier: the files of this room, then plugins (entry points ``symstiff.effects``)."""
-    package = import_module("symstiff.effects")
-    found: dict[str, Effect] = {}
-    for module in sorted(m.name for m in iter_modules(package.__path__)):
-        effect = getattr(import_module(f"symstiff.effects.{module}"), "EFFECT", None)
-        if isinstance(effect, Effect):
-            found[effect.identifier] = effect
+    found = dict(_own())
     for point in sorted(metadata.entry_points(group="symstiff.effects"), key=lambda p: p.name):
         effect = _loaded(point)
         if effect.identifier in found:
@@ -44,6 +39,23 @@ def catalogue() -> dict[str, Effect]:
             )
         found[effect.identifier] = effect
     return found
+
+
+@cache
+def _own() -> dict[str, Effect]:
+    """The effects of this room."""
+    package = import_module("symstiff.effects")
+    found: dict[str, Effect] = {}
+    for module in sorted(m.name for m in iter_modules(package.__path__)):
+        effect = getattr(import_module(f"symstiff.effects.{module}"), "EFFECT", None)
+        if isinstance(effect, Effect):
+            found[effect.identifier] = effect
+    return found
+
+
+def is_brought(effect: Effect) -> bool:
+    """Whether an effect is none of this room's, whose laws the tests know."""
+    return _own().get(effect.identifier) is not effect
 
 
 def _loaded(point: metadata.EntryPoint) -> Effect:

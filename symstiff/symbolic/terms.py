@@ -99,7 +99,8 @@ class Term:
     factor: sp.Expr
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "factor", sp.sympify(self.factor, strict=True))
+        if not isinstance(self.factor, sp.Basic):
+            object.__setattr__(self, "factor", sp.sympify(self.factor, strict=True))
 
 
 def link_terms(body: int, row: int, column: int, parameter: str, *, symmetric: bool) -> tuple[Term, ...]:

@@ -28,6 +28,7 @@ from symstiff.discrepancy.statistics.scan import OWN, column_space
 from symstiff.effects.base import Effect, Move, Realisation, Scales, Shape, Where
 from symstiff.effects.lawful import check_laws
 from symstiff.effects.places import site
+from symstiff.effects.registry import is_brought
 from symstiff.errors import UserError
 from symstiff.model import StiffnessModel
 from symstiff.robot.schema import Robot
@@ -220,7 +221,9 @@ def _members(columns: _Columns, shapes: Sequence[Shape]) -> list[_Member]:
 
 
 def _sound(columns: _Columns, members: Sequence[_Member]) -> list[_Member]:
-    """The shapes whose columns are numbers."""
+    """The shapes whose columns are numbers, as the catalogue's all are."""
+    if not is_brought(columns.effect):
+        return list(members)
     with np.errstate(all="ignore"):
         return [m for m in members if not m.parameters or np.isfinite(columns(m.shape)).all()]
 
