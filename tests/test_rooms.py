@@ -22,7 +22,7 @@ INSIDE = {
     ],
     "discrepancy": [
         {"problem", "reasons"}, {"noise"}, {"laws"}, {"statistics"}, {"search", "bridge"}, {"apart"}, {"findings"},
-        {"climb", "conclusion", "examine", "workflow"},
+        {"climb", "conclusion", "examine", "outgrown", "workflow"},
     ],
 }  # fmt: skip
 """The order within a room that has rooms of its own."""
