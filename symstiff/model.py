@@ -23,7 +23,7 @@ from symstiff.files import write_file
 from symstiff.reduction.complete import known_values
 from symstiff.reduction.physical import Parameter, terms_of
 from symstiff.reduction.reduce import Reduction, reduce
-from symstiff.robot.frozen import frozen_numbers
+from symstiff.robot.frozen import FrozenDict, frozen_numbers
 from symstiff.robot.loading import from_table
 from symstiff.robot.schema import Robot
 from symstiff.robot.table import structure_table, to_table
@@ -116,7 +116,7 @@ class StiffnessModel:
     def units(self) -> dict[str, str]:
         """SI unit of every parameter."""
         units = {p.name: p.unit for p in self.compliances}
-        return units | {p.name: p.unit for p in self.effect_parameters}
+        return FrozenDict(units | {p.name: p.unit for p in self.effect_parameters})
 
     @cached_property
     def terms(self) -> tuple[Term, ...]:
@@ -139,7 +139,7 @@ class StiffnessModel:
         """A usual size of every parameter, from which the steps of a central difference are found."""
         unit = {"m/N": 1e-8, "rad/N": 1e-8}
         steps = {p.name: unit.get(p.unit, 1e-7) for p in self.compliances}
-        return steps | {p.name: p.typical for p in self.effect_parameters}
+        return FrozenDict(steps | {p.name: p.typical for p in self.effect_parameters})
 
     @property
     def is_linear(self) -> bool:

@@ -10,6 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from symstiff.reduction.template import pattern
+from symstiff.robot.frozen import FrozenDict
 from symstiff.robot.schema import Robot
 from symstiff.symbolic.terms import AXES, Term, joint_terms, link_terms
 
@@ -62,12 +63,20 @@ class Parameter:
 
 @dataclass(frozen=True)
 class Stage:
-    """A parameter set π′, and how the set before it maps: ``stands_for[old]`` is new, or None where fixed to zero."""
+    """A parameter set π′, and how the set before it maps: ``stands_for[old]`` is new, or None where there is none.
+
+    There is none where a parameter is fixed to zero (M2), or is part of several, as a joint of a link before it is
+    (M3: ``symstiff.reduction.complete.complete_map`` tells which); ``reasons`` say why.
+    """
 
     step: str
     parameters: tuple[Parameter, ...]
     stands_for: dict[str, str | None]
     reasons: dict[str, str]
+
+    def __post_init__(self) -> None:
+        for name in ("stands_for", "reasons"):
+            object.__setattr__(self, name, FrozenDict(getattr(self, name)))
 
     @property
     def names(self) -> tuple[str, ...]:

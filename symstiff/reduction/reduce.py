@@ -17,6 +17,7 @@ from symstiff.reduction.aggregation import inexact_aggregations
 from symstiff.reduction.physical import Parameter, Stage, physical_stages, terms_of
 from symstiff.reduction.structural import ExactEngine, Experiment, Partition, in_rationals, in_unit_axes
 from symstiff.robot.exact import parse_exact
+from symstiff.robot.frozen import FrozenDict
 from symstiff.robot.quantities import LONGEST, WIDEST, in_parts_of_pi
 from symstiff.robot.schema import Robot
 from symstiff.symbolic.chain import ElasticChain
@@ -96,7 +97,7 @@ class Reduction:
             # moving a joint only adds rows: with the same rank they have the same null space
             if len(pivots) == self.partition.rank:
                 fixed = others
-        return fixed
+        return FrozenDict(fixed)
 
     @cached_property
     def projection(self) -> np.ndarray:
@@ -108,6 +109,7 @@ class Reduction:
             for eliminated, row in self.partition.couplings.items():
                 if kept in row:
                     matrix[r, names.index(eliminated)] = float(row[kept])
+        matrix.setflags(write=False)
         return matrix
 
     def reduced_values(self, full: Mapping[str, float]) -> dict[str, float]:

@@ -21,6 +21,7 @@ from symstiff.errors import UserError
 from symstiff.reduction.circle import ORDER, order_for, primes
 from symstiff.reduction.prime import PRIMES, Angle, PrimeAlgebra, echelon, rational
 from symstiff.robot.exact import Exact
+from symstiff.robot.frozen import FrozenDict
 from symstiff.symbolic.algebras import evaluate_decimal
 from symstiff.symbolic.chain import ElasticChain
 from symstiff.symbolic.program import Program, evaluate
@@ -47,6 +48,7 @@ class Experiment:
             raise UserError(f"loads: unknown {self.loads!r}: use {', '.join(LOADS)}")
         if not isinstance(self.measure, str) or self.measure not in MEASURES:
             raise UserError(f"measure: unknown {self.measure!r}: use {', '.join(MEASURES)}")
+        object.__setattr__(self, "fixed", FrozenDict(self.fixed))
 
     @property
     def rows(self) -> tuple[int, ...]:
@@ -71,6 +73,10 @@ class Partition:
     blocks: tuple[tuple[str, ...], ...]
     kept: tuple[str, ...]
     couplings: Couplings
+
+    def __post_init__(self) -> None:
+        rows = {eliminated: FrozenDict(row) for eliminated, row in self.couplings.items()}
+        object.__setattr__(self, "couplings", FrozenDict(rows))
 
     @property
     def rank(self) -> int:

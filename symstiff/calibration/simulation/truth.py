@@ -60,6 +60,7 @@ from symstiff.calibration.simulation.phenomena import Effect
 from symstiff.calibration.simulation.rehearsal import rehearse
 from symstiff.errors import UserError, printable
 from symstiff.robot import Robot, library, load
+from symstiff.robot.frozen import FrozenDict
 from symstiff.robot.loading import toml_table
 
 _TERM = re.compile(r"^(?:c(\d+)|k(\d+)_([1-6])([1-6]))$")
@@ -116,6 +117,9 @@ class Truth:
     weights: bool | Literal["before"] = True
     robot_file: Path | None = None
     """Where the robot was read from; None for one of the library, or none of a file."""
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "compliance", FrozenDict(self.compliance))
 
     def with_effects(self, *effects: Effect) -> Truth:
         """Return the same truth with other effects."""

@@ -68,7 +68,7 @@ class Measurements:
             array = getattr(self, name)
             if len(array) != rows:
                 raise ValueError(f"{name} has {len(array)} rows, q has {rows}")
-            if array.flags.writeable:
+            if array.flags.writeable or array.base is not None:  # a view's owner may change it
                 array = array.copy()
                 array.setflags(write=False)
                 object.__setattr__(self, name, array)
