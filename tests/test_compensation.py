@@ -160,3 +160,24 @@ def test_joints_that_are_redundant_in_a_plane_are_compensated_and_stretched_out_
     np.testing.assert_array_equal(found.q_cmd[1:], q[1:])
     online = compensate_online(m, q, np.array([*force, 0, 0, 0, 0]))
     np.testing.assert_array_equal(online, q)  # as the generated code, which asks for one direction a joint
+
+
+def test_a_model_without_values_is_refused() -> None:
+    """It is a start for ``identify``: commands that come back unchanged look like those of a stiff arm."""
+    start = StiffnessModel.of(reduce(load("planar2r"), "gravity"))
+    for empty in (start.with_values({}), start.with_values(dict.fromkeys(start.parameters, 0.0))):
+        for way in (compensate, compensate_online):
+            with pytest.raises(UserError, match="values: there are none but zeros, and nothing bends"):
+                way(empty, np.zeros((1, 2)), np.array([LOAD]))
+
+
+def test_loads_and_joints_that_the_model_was_not_reduced_for_are_told() -> None:
+    reduced = StiffnessModel.of(reduce(load("planar2r"), "force", fixed={2: 0.5}))
+    reduced = reduced.with_values(dict.fromkeys(reduced.parameters, 1e-7))
+    within = np.array([[0.1, 0.5]]), np.array([[100.0, 0.0, 0.0, 0.0, 0.0, 0.0]])
+    assert reduced.fixed
+    assert compensate(reduced, *within).remarks == ()
+    found = compensate(reduced, [[0.1, 0.7]], [[100.0, 0.0, 0.0, 0.0, 0.0, 10.0]])
+    loads, joints = found.remarks
+    assert "reduced for force loads (fx, fy, fz), and these have mz too" in loads
+    assert "reduced for q2 = 0.5 rad, and these poses have other values" in joints

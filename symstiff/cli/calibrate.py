@@ -82,13 +82,7 @@ def run_simulate(
 
 def run_compensate(model_file: Path, trajectory: Path, output: Path, json: str | None) -> None:
     """Correct a trajectory."""
-    from symstiff.calibration.doubts.soundness import (
-        of_levers,
-        of_tool,
-        outside_class,
-        outside_fixed,
-        usable_model,
-    )
+    from symstiff.calibration.doubts.soundness import check_bends, of_levers, of_tool, usable_model
     from symstiff.calibration.remarks import of_sag
     from symstiff.calibration.rows import context_of
     from symstiff.calibration.tables.checks import check_robot
@@ -100,17 +94,10 @@ def run_compensate(model_file: Path, trajectory: Path, output: Path, json: str |
 
     check_targets({"-o": output, "--json": json}, [model_file, trajectory])
     model = usable_model(model_file)
-    if not any(model.values.values()):
-        raise UserError(
-            f"{model_file}: values: there are none but zeros, and nothing bends: identify first, which takes this file "
-            "with --start"
-        )
+    check_bends(model, str(model_file))
     table, cells = read_trajectory(trajectory)
     out = console(json)
-    known = (
-        *check_robot(table, model.robot), *outside_class(table.w, model.loads), *outside_fixed(table.q, model),
-        *of_sag(model.robot), *of_tool(model),
-    )  # fmt: skip
+    warned = check_robot(table, model.robot)
     without = [named(e.effect, e.where) for e in model.effects if e not in model.of_robot().effects]
     moment = context_of(model.of_robot(), as_loading(table))  # as the model's own tables were read
     with stages(out) as progress:
@@ -122,7 +109,7 @@ def run_compensate(model_file: Path, trajectory: Path, output: Path, json: str |
     rms_mm = {"before": 1e3 * before, "after": 1e3 * after}
     poses = len(set(table.pose.tolist()))
     write_json(json, {"poses": poses, "rows": len(table), "rms_mm": rms_mm, **_record(found, beyond, table)})
-    for warning in known:
+    for warning in (*warned, *found.remarks, *of_sag(model.robot), *of_tool(model)):
         note(out, warning)
     if without:
         note(out, f"without {', '.join(without)}: no law of joints or links, not compensated")

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from symstiff.arguments import A_MODEL, require
+from symstiff.calibration.doubts.soundness import check_bends, outside_class, outside_fixed
 from symstiff.codegen.reference import LARGEST_CORRECTION, unit_length
 from symstiff.codegen.runtime import Evaluator, for_poses
 from symstiff.errors import UserError
@@ -32,13 +33,14 @@ class Compensated:
     """Corrected commands q_cmd (N, n), the pose error (N, 6) [m, rad] before and after, and why rows were not solved.
 
     ``kept`` (N,) is empty for a solved row, else "singular", "too_far", "not_converged" or "no_gain": such a row keeps
-    its q, and its error is what it was before.
+    its q, and its error is what it was before. ``remarks`` tell loads and joints that the model was not reduced for.
     """
 
     q_cmd: np.ndarray
     before: np.ndarray
     after: np.ndarray
     kept: np.ndarray
+    remarks: tuple[str, ...] = ()
 
     @property
     def solved(self) -> np.ndarray:
@@ -53,10 +55,13 @@ def compensate_online(
 
     q (N, n) [rad, m], w (N, 6) [N, N·m] in base axes; context: columns (N,) that a law needs, as ``deflection`` takes.
     Rows in a singular pose, or that would move a joint by more than 0.25 rad or m, keep their q. The generated code has
-    no rank but the number of joints or 6: an arm that nowhere has it is singular everywhere. Raises UserError for what
-    is no number.
+    no rank but the number of joints or 6: an arm that nowhere has it is singular everywhere. The model holds for the
+    loads and fixed joints that it was reduced for (``outside_class`` and ``outside_fixed`` of
+    ``symstiff.calibration.doubts.soundness`` tell others). Raises UserError for what is no number, and for a model
+    without values.
     """
     require(model, StiffnessModel, *A_MODEL)
+    check_bends(model)
     model = model.of_robot()
     q, w = model.poses(q, w)
     dt = for_poses(model, len(q)).deflection(q, w, context=context)
@@ -75,12 +80,15 @@ def compensate(
     redundant the motion is. Not solved are rows in a singular pose (fewer directions of motion than the arm has
     elsewhere), rows that did not converge or whose error would grow, and rows that would move a joint by
     more than 0.25 rad or m, where a correction of compliance errors has no meaning. Effects of the measurement alone
-    are no laws of the robot and move nothing. Raises UserError for values that are no numbers, and where a deflection
-    overflows.
+    are no laws of the robot and move nothing. A reduced model holds for its class of loads, and where joints stood
+    fixed for their values alone: ``remarks`` of the result tell what is outside. Raises UserError for values that are
+    no numbers, for a model without values (a start for ``identify``), and where a deflection overflows.
     """
     require(model, StiffnessModel, *A_MODEL)
+    check_bends(model)
     model = model.of_robot()
     q, w = model.poses(q, w)
+    remarks = (*outside_class(w, model.loads), *outside_fixed(q, model))
     moment = context_columns(context, len(q))
     target = forward(model.robot, q)
     evaluator = for_poses(model, _TYPICAL_ROUNDS * len(q))
@@ -112,7 +120,7 @@ def compensate(
     after[rows] = error(rows)
     kept[_weight(model, after) > _weight(model, before) + _CONVERGED] = "no_gain"
     keep = (kept != "")[:, None]
-    return Compensated(np.where(keep, q, command), before, np.where(keep, before, after), kept)
+    return Compensated(np.where(keep, q, command), before, np.where(keep, before, after), kept, remarks)
 
 
 def _small(motion: np.ndarray) -> np.ndarray:

@@ -103,6 +103,15 @@ def usable_model(path: str | Path) -> StiffnessModel:
     return model
 
 
+def check_bends(model: StiffnessModel, origin: str = "the model") -> None:
+    """Raise UserError where a model has no values, or none but zeros: a start for ``identify``, which bends nothing."""
+    if not any(model.values.values()):
+        raise UserError(
+            f"{origin}: values: there are none but zeros, and nothing bends: identify first, which takes it as a start "
+            "(--start)"
+        )
+
+
 def outside_class(w: Array, loads: str) -> list[str]:
     """A remark where wrenches (N, 6) have components that a model's class of loads leaves out."""
     names = ("fx", "fy", "fz", "mx", "my", "mz")
