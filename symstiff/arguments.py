@@ -75,6 +75,15 @@ def words(values: Any, name: str, example: str) -> tuple[str, ...]:
     return listed
 
 
+def several(values: Any, kind: type, name: str, example: str) -> tuple[Any, ...]:
+    """Several things of one type. Raises UserError."""
+    given = list(values) if isinstance(values, Iterable) and not isinstance(values, str) else None
+    wrong = [values] if given is None else [v for v in given if not isinstance(v, kind)]
+    if wrong:
+        raise UserError(f"{name}: expected a list, [{example}] is one, found {_shown(wrong[0])}")
+    return tuple(given or ())
+
+
 def _shown(value: Any) -> str:
     text = repr(value)
     return text if len(text) <= 40 else f"a {type(value).__name__}"

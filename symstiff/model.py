@@ -14,15 +14,16 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import numpy.typing as npt
 
-from symstiff.arguments import A_ROBOT, reals, require
+from symstiff.arguments import A_ROBOT, reals, require, several
 from symstiff.display import html_table
 from symstiff.effects.base import EffectParameter, Realisation
 from symstiff.effects.instance import EffectInstance, realise_all
-from symstiff.errors import UserError
+from symstiff.errors import UserError, printable
 from symstiff.files import write_file
 from symstiff.reduction.complete import known_values
 from symstiff.reduction.physical import Parameter, terms_of
 from symstiff.reduction.reduce import Reduction, reduce
+from symstiff.reduction.structural import Experiment
 from symstiff.robot.frozen import FrozenDict, frozen_numbers
 from symstiff.robot.loading import from_table
 from symstiff.robot.schema import Robot
@@ -39,6 +40,7 @@ if TYPE_CHECKING:
     from symstiff.codegen.runtime import Evaluator
 
 Context = Mapping[str, npt.ArrayLike]
+_AN_EFFECT = "EffectInstance('backlash', {'joint': 2})"
 _WITHOUT_VALUES = {
     "realisations", "units", "terms", "linear_parameters", "steps", "deflection_program", "observation_program",
     "linear_program", "compliance_program", "structure_hash",
@@ -66,6 +68,8 @@ class StiffnessModel:
 
     def __post_init__(self) -> None:
         require(self.robot, Robot, *A_ROBOT)
+        Experiment(self.loads, self.measure)  # refuses unknown classes
+        object.__setattr__(self, "effects", several(self.effects, EffectInstance, "effects", _AN_EFFECT))
         for name, least in (("values", -np.inf), ("deviations", 0.0), ("fixed", -np.inf)):
             object.__setattr__(self, name, frozen_numbers(getattr(self, name), name, least))
 
@@ -87,8 +91,18 @@ class StiffnessModel:
 
     @cached_property
     def realisations(self) -> tuple[Realisation, ...]:
-        """The effects' parameters and terms on this robot. Raises UserError for two laws of one parameter."""
-        return realise_all(self.effects, self.robot)
+        """The effects' parameters and terms on this robot.
+
+        Raises UserError for two laws of one parameter, and for a key that no law reads: misspelt, or of another effect.
+        """
+        found = realise_all(self.effects, self.robot)
+        for effect in self.effects:
+            if unread := effect.unread(self.robot):
+                raise UserError(
+                    f"{effect.effect} at {dict(effect.where)} knows no shape key {printable(unread[0], 40)!r}: correct "
+                    "or remove it"
+                )
+        return found
 
     @property
     def stiffness_parameters(self) -> tuple[str, ...]:
@@ -257,9 +271,10 @@ class StiffnessModel:
 
     def with_effects(self, effects: Sequence[EffectInstance]) -> StiffnessModel:
         """The model with these effects alone, and the values that it has of what is in them."""
-        if tuple(effects) == self.effects:
+        kept = several(effects, EffectInstance, "effects", _AN_EFFECT)
+        if kept == self.effects:
             return self
-        other = replace(self, effects=tuple(effects))
+        other = replace(self, effects=kept)
         names = set(other.parameters)
         return other.with_values(
             {n: v for n, v in self.values.items() if n in names},
@@ -276,8 +291,13 @@ class StiffnessModel:
         return other
 
     def with_effect(self, instance: EffectInstance) -> StiffnessModel:
-        """The model grown by an effect; it keeps the values of compliances that this replaces."""
-        return replace(self, effects=(*self.effects, instance))
+        """The model grown by an effect; it keeps the values of compliances that this replaces.
+
+        Raises UserError for a place or a shape that do not fit.
+        """
+        other = replace(self, effects=(*self.effects, instance))
+        _ = other.realisations  # a mistake shows here, not where the model is used
+        return other
 
     @cached_property
     def structure_hash(self) -> str:

@@ -126,12 +126,6 @@ def _complete(model: StiffnessModel, origin: str) -> None:
         parameters = set(model.parameters)
     except UserError as error:
         raise UserError(f"{origin}: effect: {error}") from error
-    for effect in model.effects:
-        if unread := effect.unread(model.robot):
-            raise UserError(
-                f"{origin}: effect: {effect.effect} at {dict(effect.where)} knows no shape key "
-                f"{printable(unread[0], 40)!r}: correct or remove it"
-            )
     for key, numbers in (("values", model.values), ("deviations", model.deviations)):
         unknown = sorted(set(numbers) - parameters)
         if unknown:

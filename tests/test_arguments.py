@@ -189,3 +189,28 @@ def test_what_a_report_left_is_a_line_in_a_notebook(tmp_path: Path) -> None:
         repr(written)
         == f"Written({str(tmp_path / 'out')!r}: report.html, verdict.json, model.toml; compiled by cc)"
     )
+
+
+BACKLASH = EffectInstance("backlash", {"joint": 1})
+
+
+@pytest.mark.parametrize(
+    ("call", "told"),
+    [
+        (lambda m: m.with_effect("backlash"), "effects: expected a list, [EffectInstance('backlash', {'joint': 2})]"),
+        (lambda m: m.with_effects(None), "effects: expected a list"),
+        (lambda m: m.with_effects(BACKLASH), "effects: expected a list"),
+        (lambda m: m.with_effects([BACKLASH, 3]), "is one, found 3"),
+        (lambda m: StiffnessModel(m.robot, m.compliances, effects=["backlash"]), "is one, found 'backlash'"),
+        (lambda m: StiffnessModel(m.robot, m.compliances, loads="zz"), "loads: unknown 'zz': use wrench"),
+        (lambda m: StiffnessModel(m.robot, m.compliances, measure="zz"), "measure: unknown 'zz': use pose"),
+        (lambda m: m.with_effect(EffectInstance("backlash", {"joint": 9})), "backlash cannot be at {'joint': 9}"),
+        (
+            lambda m: m.with_effect(EffectInstance("backlash", {"joint": 1}, {"wdth": 5.0})),
+            "backlash at {'joint': 1} knows no shape key 'wdth': correct or remove it",
+        ),
+    ],
+)  # fmt: skip
+def test_effects_of_a_model(model: StiffnessModel, call: Call, told: str) -> None:
+    assert told in refused(call, model)
+    assert model.with_effects([BACKLASH]).effects == model.with_effect(BACKLASH).effects == (BACKLASH,)

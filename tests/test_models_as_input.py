@@ -84,8 +84,10 @@ def test_generated_code_leaves_out_what_the_measuring_device_does(run: Run, tmp_
 
 
 def test_a_misspelt_key_of_a_shape_is_refused(run: Run, tmp_path: Path) -> None:
-    late = EffectInstance("backlash", {"joint": 2}, {"widht": 3.0})
-    scara().with_effect(late).save(tmp_path / "model.toml")
+    path = tmp_path / "model.toml"
+    scara().with_effect(EffectInstance("backlash", {"joint": 2}, {"width": 3.0})).save(path)
+    assert "width = 3.0" in path.read_text()
+    path.write_text(path.read_text().replace("width = 3.0", "widht = 3.0"))
     mistake = run("generate", "scara", "--model", tmp_path / "model.toml", "-o", tmp_path / "out")
     assert_users_mistake(mistake, "model.toml", "backlash", "widht")
 
