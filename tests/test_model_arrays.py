@@ -101,3 +101,15 @@ def test_an_entry_of_a_link_that_two_effects_bring_gives_way_once() -> None:
     np.testing.assert_allclose(
         joints_only(robot).with_effects([link]).deflection(q, w, values=values), once, rtol=1e-12
     )
+
+
+@pytest.mark.parametrize("wrong", [np.nan, [0.0, np.inf]])
+def test_a_time_that_is_no_number_is_refused_where_the_model_follows_it(wrong: Any) -> None:
+    drift = EffectInstance("thermal_drift", {"measurement": "frame"}, {"T": 3600.0})
+    plain = StiffnessModel.of(reduce(load("planar2r"), "gravity"))
+    model = plain.with_effect(drift)
+    q, w = np.zeros((2, 2)), np.array([[0.0, 0, -10.0, 0, 0, 0]])
+    for way in (model.deflection, model.observation):
+        with pytest.raises(UserError, match=r"context: time: row [01] holds what is no finite number"):
+            way(q, w, context={"time": wrong})
+    assert np.isfinite(model.deflection(q, w, context={"time": 5.0, "temperature": wrong})).all()

@@ -156,7 +156,10 @@ def evaluate_decimal(program: Program, digits: int = 50, **inputs: Sequence[Any]
 
 
 def context_columns(context: Mapping[str, Any] | None, n: int, needed: str = "") -> dict[str, np.ndarray]:
-    """The columns of ``context`` as arrays (n,). Raises UserError for other shapes, and without the needed one."""
+    """The columns of ``context`` as arrays (n,).
+
+    Raises UserError for other shapes, and where the needed one is not there or not finite.
+    """
     require(context or {}, Mapping, "a context", "{'time': seconds} is one, with a number a row")
     found = {}
     for name, given in (context or {}).items():
@@ -166,4 +169,7 @@ def context_columns(context: Mapping[str, Any] | None, n: int, needed: str = "")
         found[name] = np.broadcast_to(column, n)
     if needed and needed not in found:
         raise UserError(f"the model needs the column {needed}: add it to the table")
+    if needed and not (finite := np.isfinite(found[needed])).all():
+        row = int(np.argmin(finite))
+        raise UserError(f"context: {needed}: row {row} holds what is no finite number: correct it")
     return found
