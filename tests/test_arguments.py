@@ -13,7 +13,8 @@ import pytest
 import symstiff
 from symstiff import Goal, Load, StiffnessModel, Task, UserError
 from symstiff.calibration.planning import Search
-from symstiff.calibration.simulation import Truth, nominal_truth
+from symstiff.calibration.simulation import Truth, clean_response, nominal_truth
+from symstiff.calibration.tables.measurements import measurements
 from symstiff.codegen.options import Options
 from symstiff.discrepancy.workflow import diagnose
 from symstiff.effects.instance import EffectInstance
@@ -214,3 +215,47 @@ BACKLASH = EffectInstance("backlash", {"joint": 1})
 def test_effects_of_a_model(model: StiffnessModel, call: Call, told: str) -> None:
     assert told in refused(call, model)
     assert model.with_effects([BACKLASH]).effects == model.with_effect(BACKLASH).effects == (BACKLASH,)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "told"),
+    [
+        ({"q": "a"}, "q: expected numbers of shape (M, n)"),
+        ({"q": np.zeros((2, 2, 2))}, "q: expected an array of shape (M, n), found (2, 2, 2)"),
+        ({"w": np.zeros((2, 5))}, "w: expected an array of shape (3, 6), found (2, 5)"),
+        ({"w": "down"}, "w: expected numbers of shape (3, 6)"),
+        ({"values": [["a"] * 6] * 3}, "values: expected numbers of shape (3, 6)"),
+        ({"time": [1.0, 2.0]}, "time: expected an array of shape (3,), found (2,)"),
+        ({"kind": "zz"}, "kind: expected deflection, absolute, none, found 'zz'"),
+        ({"pose": [0, 1, 2], "labels": ["a", "b"]}, "pose: 2 is beyond the 2 names that are given"),
+        ({"pose": [0, 1, 1.5]}, "pose: expected whole numbers from 0 on"),
+        ({"point": [0, 1, 0]}, "point: 1 is beyond the 1 names that are given"),
+        ({"point": [0, -1, 0]}, "point: expected whole numbers from 0 on"),
+        ({"point": [0, np.nan, 0]}, "point: expected whole numbers from 0 on"),
+        ({"points": "p1"}, "points: expected a list of texts, found 'p1'"),
+        ({"joint_units": ["rad"]}, "joint_units: expected rad or m for each of 2 joints, found rad"),
+        ({"joint_units": ["rad", "deg"]}, "joint_units: expected rad or m for each of 2 joints, found rad, deg"),
+    ],
+)  # fmt: skip
+def test_tables_of_arrays(arguments: dict[str, Any], told: str) -> None:
+    given = {"q": np.zeros((3, 2)), "w": np.zeros(6)} | arguments
+    assert told in refused(measurements, **given)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "told"),
+    [
+        ({"q": [[0.1, 0.2, 0.3]]}, "3 joint columns, robot planar2r has 2 joints"),
+        ({"q": [[0.1]]}, "1 joint columns, robot planar2r has 2 joints"),
+        ({"w": [[0] * 7]}, "w: expected an array of shape (1, 6), found (1, 7)"),
+        ({"context": {"kind": "zz"}}, "kind: expected deflection or absolute, found 'zz'"),
+        ({"context": {"tme": 3.0}}, "context: unknown 'tme': known are branch, kind"),
+        ({"context": 3}, "expected a context, found 3"),
+        ({"context": {"points": ["p9"]}}, "has no marker 'p9'"),
+        ({"truth": "planar2r"}, "expected what is true, found 'planar2r'"),
+    ],
+)
+def test_responses_of_a_truth(arguments: dict[str, Any], told: str) -> None:
+    truth = Truth(load(ROBOT), nominal_truth(load(ROBOT)), ())
+    given = {"truth": truth, "q": [[0.1, 0.2]], "w": [[0, 10, 0, 0, 0, 0]]} | arguments
+    assert told in refused(clean_response, **given)

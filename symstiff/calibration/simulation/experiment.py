@@ -27,6 +27,8 @@ from symstiff.calibration.tables.measurements import Measurements, measurements
 from symstiff.errors import UserError
 
 Kind = Literal["deflection", "absolute"]
+_A_TRUTH = ("what is true", "load_truth('truth.toml') gives it")
+_GIVEN = frozenset({"kind", "points", "point", "labels", "pose", *CONTEXT})
 
 
 @dataclass(frozen=True)
@@ -75,13 +77,14 @@ def _link_weights(truth: Truth) -> tuple[Weight, ...]:
 def simulate(truth: Truth, design: Measurements, seed: int) -> Measurements:
     """Return what an experiment at the rows of ``design`` would have measured; the same seed, the same data.
 
+    ``seed``: a whole number from 0 on, of which the noise of every row follows; another one is another experiment.
     Raises UserError where the design does not fit the robot, no equilibrium exists, or a number is beyond what a
     table holds.
     """
     from symstiff.calibration.tables.checks import check_robot
     from symstiff.calibration.tables.table import check_limits
 
-    require(truth, Truth, "what is true", "load_truth('truth.toml') gives it")
+    require(truth, Truth, *_A_TRUTH)
     whole(seed, "seed")
     check_robot(design, truth.robot)
     kind: Kind = truth.kind or ("absolute" if design.kind == "absolute" else "deflection")
@@ -150,12 +153,24 @@ def clean_response(truth: Truth, q: Any, w: Any, context: Mapping[str, Any] | No
     """Noise-free values (M, 6) at joints ``q`` (M, n) under wrenches ``w`` (M, 6): m, rad.
 
     ``context`` may hold ``kind``, and any of ``points``, ``point``, ``labels``, ``pose``, ``time``,
-    ``temperature`` and ``branch`` as in ``measurements``.
+    ``temperature`` and ``branch`` as in ``measurements``. Raises UserError for what does not fit the robot.
     """
+    from symstiff.calibration.tables.checks import check_robot
+
+    require(truth, Truth, *_A_TRUTH)
+    require(context or {}, Mapping, "a context", "{'kind': 'absolute'} is one")
     given = dict(context or {})
-    kind: Kind = given.pop("kind", None) or truth.kind or "deflection"
-    units = ["m" if j.prismatic else "rad" for j in truth.robot.joint]
-    table = _in_environment(truth, measurements(q, w, joint_units=units, **given))
+    if strange := sorted(map(str, set(given) - _GIVEN)):
+        raise UserError(f"context: unknown {strange[0]!r}: known are {', '.join(sorted(_GIVEN))}")
+    kind = given.pop("kind", None) or truth.kind or "deflection"
+    if kind not in ("deflection", "absolute"):
+        raise UserError(f"kind: expected deflection or absolute, found {kind!r:.40}")
+    table = measurements(q, w, **given)
+    if table.dof == truth.robot.dof:
+        units = tuple("m" if j.prismatic else "rad" for j in truth.robot.joint)
+        table = replace(table, joint_units=units)
+    check_robot(table, truth.robot)
+    table = _in_environment(truth, table)
     return _clean(prepare(truth), table, kind, np.zeros(table.q.shape))
 
 

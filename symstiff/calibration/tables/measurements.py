@@ -4,11 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, fields, replace
-from typing import TYPE_CHECKING, Any, Literal
+from typing import TYPE_CHECKING, Any, Literal, get_args
 
 import numpy as np
 
-from symstiff.arguments import reals
+from symstiff.arguments import reals, words
 from symstiff.arrays import TINY, Array, Index, Mask, numbered
 from symstiff.errors import UserError
 
@@ -161,32 +161,48 @@ def measurements(
     """Build a table from arrays; what is left out is unknown, zero load, the tool centre point.
 
     ``q`` is (M, n); without ``pose`` equal rows of ``q`` are one pose, labelled p1, p2, … in order of
-    appearance; ``joint_units`` are "rad" where not given.
+    appearance; ``joint_units`` are "rad" where not given. ``w`` (M, 6) in N and N·m acts at the tool centre point, base
+    axes; ``values`` and ``sigma`` (M, 6) are in m and rad, NaN for what was not measured, of a ``kind`` "deflection" or
+    "absolute". ``pose`` and ``point`` (M,) count ``labels`` and ``points`` from 0. Raises UserError for other shapes,
+    kinds and numbers.
     """
     q = np.atleast_2d(reals(q, "q", "(M, n)"))
+    if q.ndim != 2:
+        raise UserError(f"q: expected an array of shape (M, n), found {q.shape}")
+    if not isinstance(kind, str) or kind not in get_args(Kind):
+        raise UserError(f"kind: expected {', '.join(get_args(Kind))}, found {kind!r:.40}")
     rows, dof = q.shape
     if pose is None:
         seen: dict[bytes, int] = {}
         pose = [seen.setdefault(row.tobytes(), len(seen)) for row in q + 0.0]
-    pose = np.asarray(pose, dtype=np.intp)
+    points = words(points, "points", "['p1', 'p2']")
+    point = _counted(0 if point is None else point, rows, "point", len(points))
+    pose = _counted(pose, rows, "pose")
     if labels is None:
         labels = [f"p{k + 1}" for k in range(int(pose.max(initial=-1)) + 1)]
+    labels = words(labels, "labels", "['p1', 'p2']")
+    _counted(pose, rows, "pose", len(labels))
+    units = ("rad",) * dof if joint_units is None else words(joint_units, "joint_units", "['rad', 'm']")
+    if len(units) != dof or not set(units) <= {"rad", "m"}:
+        raise UserError(
+            f"joint_units: expected rad or m for each of {dof} joints, found {', '.join(units):.40}"
+        )
     return Measurements(
-        labels=tuple(labels),
+        labels=labels,
         pose=pose,
         q=q,
-        w=_rows(w, (rows, 6), 0.0),
-        points=tuple(points),
-        point=np.zeros(rows, dtype=np.intp) if point is None else np.asarray(point, dtype=np.intp),
+        w=_rows(w, "w", (rows, 6), 0.0),
+        points=points,
+        point=point,
         kind=kind,
-        values=_rows(values, (rows, 6), np.nan),
-        sigma=_rows(sigma, (rows, 6), np.nan),
-        joint_units=tuple(joint_units) if joint_units is not None else ("rad",) * dof,
-        time=_rows(time, (rows,), np.nan),
-        temperature=_rows(temperature, (rows,), np.nan),
-        load_step=_rows(load_step, (rows,), np.nan),
-        branch=_rows(branch, (rows,), np.nan),
-        repeat=_rows(repeat, (rows,), np.nan),
+        values=_rows(values, "values", (rows, 6), np.nan),
+        sigma=_rows(sigma, "sigma", (rows, 6), np.nan),
+        joint_units=units,
+        time=_rows(time, "time", (rows,), np.nan),
+        temperature=_rows(temperature, "temperature", (rows,), np.nan),
+        load_step=_rows(load_step, "load_step", (rows,), np.nan),
+        branch=_rows(branch, "branch", (rows,), np.nan),
+        repeat=_rows(repeat, "repeat", (rows,), np.nan),
     )
 
 
@@ -222,6 +238,23 @@ def concatenate(tables: Sequence[Measurements]) -> Measurements:
     return Measurements(**merged)
 
 
-def _rows(given: Any, shape: tuple[int, ...], default: float) -> Array:
-    array = np.full(shape, default) if given is None else np.asarray(given, dtype=float)
-    return np.array(np.broadcast_to(array, shape))
+def _rows(given: Any, name: str, shape: tuple[int, ...], default: float) -> Array:
+    """A column (M,) or (M, 6) of numbers; one row stands for all. Raises UserError."""
+    array = np.asarray(default) if given is None else reals(given, name, str(shape))
+    try:
+        return np.array(np.broadcast_to(array, shape))
+    except ValueError:
+        raise UserError(f"{name}: expected an array of shape {shape}, found {array.shape}") from None
+
+
+def _counted(given: Any, rows: int, name: str, count: int | None = None) -> Index:
+    """Places (M,) in a list of ``count`` names, from 0 on. Raises UserError."""
+    numbers = _rows(given, name, (rows,), 0.0)
+    found = np.nan_to_num(numbers, nan=-1.0).astype(np.intp)
+    if (found != numbers).any() or found.min(initial=0) < 0:
+        raise UserError(f"{name}: expected whole numbers from 0 on, the places of its names in their list")
+    if count is not None and found.max(initial=-1) >= count:
+        raise UserError(
+            f"{name}: {found.max()} is beyond the {count} names that are given: they count from 0"
+        )
+    return found
