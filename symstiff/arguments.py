@@ -66,6 +66,14 @@ def reals(given: Any, name: str, shape: str) -> np.ndarray:
         raise UserError(f"{name}: expected numbers of shape {shape}: {error}") from error
 
 
+def listener(progress: Any) -> None:
+    """Raise UserError where what is told the progress is no function."""
+    if progress is not None and not callable(progress):
+        raise UserError(
+            f"expected a function that is told the progress, found {_shown(progress)}: leave it out"
+        )
+
+
 def words(values: Any, name: str, example: str) -> tuple[str, ...]:
     """Several texts; one text is not taken for its letters. Raises UserError."""
     several = isinstance(values, Iterable) and not isinstance(values, str | bytes | Mapping)
@@ -80,7 +88,7 @@ def several(values: Any, kind: type, name: str, example: str) -> tuple[Any, ...]
     given = list(values) if isinstance(values, Iterable) and not isinstance(values, str) else None
     wrong = [values] if given is None else [v for v in given if not isinstance(v, kind)]
     if wrong:
-        raise UserError(f"{name}: expected a list, [{example}] is one, found {_shown(wrong[0])}")
+        raise UserError(f"{name}: expected a list, {example} is one, found {_shown(wrong[0])}")
     return tuple(given or ())
 
 

@@ -40,7 +40,7 @@ if TYPE_CHECKING:
     from symstiff.codegen.runtime import Evaluator
 
 Context = Mapping[str, npt.ArrayLike]
-_AN_EFFECT = "EffectInstance('backlash', {'joint': 2})"
+_AN_EFFECT = "[EffectInstance('backlash', {'joint': 2})]"
 _WITHOUT_VALUES = {
     "realisations", "units", "terms", "linear_parameters", "steps", "deflection_program", "observation_program",
     "linear_program", "compliance_program", "structure_hash",
@@ -397,6 +397,7 @@ def joints_only(
     points: Sequence[str] = (),
 ) -> StiffnessModel:
     """The conventional model of rigid links: one compliance a joint (the seed's J models), reduced for the class."""
+    require(robot, Robot, *A_ROBOT)
     rigid = _without_links(robot)
     reduction = reduce(rigid, loads, measure, fixed, points=points)
     return replace(StiffnessModel.of(reduction), robot=robot)

@@ -12,14 +12,18 @@ import pytest
 
 import symstiff
 from symstiff import Goal, Load, StiffnessModel, Task, UserError
+from symstiff.calibration.complete import reconstruct_model
 from symstiff.calibration.planning import Search
-from symstiff.calibration.simulation import Truth, clean_response, nominal_truth
+from symstiff.calibration.simulation import Truth, clean_response, nominal_truth, truth_from_table
 from symstiff.calibration.tables.measurements import measurements
 from symstiff.codegen.options import Options
+from symstiff.codegen.runtime import Evaluator
 from symstiff.discrepancy.workflow import diagnose
 from symstiff.effects.instance import EffectInstance
+from symstiff.model import joints_only
 from symstiff.report.folder import Written
-from symstiff.robot import load
+from symstiff.robot import from_table, load, parse
+from symstiff.symbolic.numeric import forward
 from tests.diagnosis_data import ROBOT, measured
 
 Call = Callable[..., Any]
@@ -136,7 +140,7 @@ def test_models(model: StiffnessModel) -> None:
         assert refused(way, [0.0, math.nan], w) == "q: row 0 holds what is no finite number: correct it"
         assert refused(way, q, [[0] * 6, [0, math.inf, 0, 0, 0, 0]]).startswith("w: row 1 holds")
         with pytest.raises(TypeError, match="positional"):  # values are taken for no context
-            way(q, w, {"c1": 1e-6})  # type: ignore[misc]
+            way(q, w, {"c1": 1e-6})
     for threads in (-1, 0, 1.5, "a"):
         assert "threads: expected a whole number from 1 on" in refused(model.compile, threads)
 
@@ -259,3 +263,53 @@ def test_responses_of_a_truth(arguments: dict[str, Any], told: str) -> None:
     truth = Truth(load(ROBOT), nominal_truth(load(ROBOT)), ())
     given = {"truth": truth, "q": [[0.1, 0.2]], "w": [[0, 10, 0, 0, 0, 0]]} | arguments
     assert told in refused(clean_response, **given)
+
+
+CHAIN = symstiff.ElasticChain(load(ROBOT))
+RED = symstiff.reduce(load(ROBOT), "gravity")
+
+
+@pytest.mark.parametrize(
+    ("call", "told"),
+    [
+        (lambda: RED.full_values({"k9_66": 1e-7}), "reduced: 'k9_66' is no parameter of the identifiable set"),
+        (lambda: RED.full_values({RED.parameters[0]: math.nan}), "expected a finite number"),
+        (lambda: RED.full_values({}, {RED.parameters[0]: 1e-7}), "is no eliminated parameter of planar2r"),
+        (lambda: RED.reduced_values({"c9": 1.0}), "full: 'c9' is no parameter after M3 of planar2r"),
+        (lambda: RED.reduced_values(None), "expected full by name, found None"),
+        (lambda: nominal_truth("planar2r"), "expected a robot, found 'planar2r'"),
+        (lambda: joints_only("kuka"), "expected a robot, found 'kuka'"),
+        (lambda: truth_from_table(None), "expected a truth as a table, found None"),
+        (lambda: from_table(None), "expected a robot as a table, found None"),
+        (lambda: parse("text"), "expected the bytes of a robot file, found 'text'"),
+        (lambda: reconstruct_model(RED), "expected an identification, found"),
+        (lambda: forward(load(ROBOT), np.zeros((1, 5))), "q: expected an array of shape (N, 2), found (1, 5)"),
+        (lambda: forward("ur10", [0.1]), "expected a robot, found 'ur10'"),
+        (lambda: symstiff.observation_matrix(CHAIN, W=5), "expected a wrench W, found 5"),
+        (lambda: symstiff.observation_matrix(CHAIN, None, ["c1"]), "terms: expected a list"),
+        (lambda: symstiff.observation_matrix(CHAIN, None, 3), "terms: expected a list"),
+    ],
+)  # fmt: skip
+def test_values_and_robots(call: Call, told: str) -> None:
+    assert told in refused(call)
+
+
+def test_reduced_values_that_are_left_out_are_zero() -> None:
+    name = RED.parameters[0]
+    assert {n: v for n, v in RED.full_values({name: 2e-7}).items() if v} == {name: 2e-7}
+
+
+def test_compiled_models(model: StiffnessModel) -> None:
+    evaluator = Evaluator(model, None)
+    q, w = np.zeros((2, 2)), np.zeros((2, 6))
+    for method in (evaluator.deflection, evaluator.observation):
+        assert "q: expected numbers of shape (N, 2)" in refused(method, "a", w)
+        assert "q: expected numbers of shape (N, 2)" in refused(method, [[0.1, 0.2], [0.1]], w)
+        assert "w: expected numbers of shape (N, 6)" in refused(method, q, "down")
+        assert "q: expected an array of shape (N, 2), found (2, 6)" in refused(method, w, w)
+
+
+def test_progress_of_generation(model: StiffnessModel, tmp_path: Path) -> None:
+    told = refused(symstiff.generate, model, tmp_path / "c", progress="yes")
+    assert "expected a function that is told the progress, found 'yes'" in told
+    assert not list(tmp_path.iterdir())

@@ -6,6 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from symstiff.arguments import require
 from symstiff.calibration.identify import Identification
 from symstiff.calibration.simulation.nominal import nominal_truth
 from symstiff.errors import UserError
@@ -28,6 +29,7 @@ def reconstruct_model(
     complete model. Raises UserError otherwise. A fit with as many rows as parameters and no sigma tells no noise: what
     it has to give up is counted in nominal sizes then.
     """
+    require(result, Identification, "an identification", "identify(robot, table) gives one")
     reduction = result.reduction
     if reduction is None or result.fit.names != reduction.parameters:
         raise UserError("complete matrices need an identification with --start complete and no added effect")

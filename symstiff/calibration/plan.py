@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from symstiff.arguments import A_MODEL, number, require, whole, words
+from symstiff.arguments import A_MODEL, listener, number, require, whole, words
 from symstiff.calibration.planning import (
     Goal,
     Load,
@@ -125,10 +125,7 @@ def _check_kinds(load: Load, region: Region, progress: Progress | None, search: 
     """Refuse arguments of another kind."""
     require(load, Load, "a load", "Load('gravity', 1000.0) is one, in newtons")
     require(region, Region, "a region", "Region(half_spaces=(above_floor(0.3),)) is one")
-    if progress is not None and not callable(progress):
-        raise UserError(
-            f"expected a function that is told the progress, found {progress!r:.40}: leave it out"
-        )
+    listener(progress)
     require(search, Search, "a search", "Search(candidates=5000) is one")
 
 

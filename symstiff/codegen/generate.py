@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from symstiff import __version__
-from symstiff.arguments import A_MODEL, require
+from symstiff.arguments import A_MODEL, listener, require
 from symstiff.codegen.compiler import find_compiler, why_none
 from symstiff.codegen.emit import operations
 from symstiff.codegen.functions import Functions
@@ -54,6 +54,7 @@ def generate(
     footprint: measure code, stack and instructions too, on every machine that the tools at hand can show.
     """
     require(model, StiffnessModel, *A_MODEL)
+    listener(progress)
     tell = progress or (lambda stage: None)
     require(options or Options(), Options, "options", "symstiff.Options(precision='float') are some")
     options = replace(options or Options(), binaries=compile_c)

@@ -18,7 +18,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from symstiff.arguments import whole
+from symstiff.arguments import reals, whole
 from symstiff.codegen.compiler import find_compiler, why_none
 from symstiff.codegen.library import is_built, library
 from symstiff.codegen.names import moments
@@ -225,6 +225,8 @@ def programs(model: StiffnessModel) -> dict[str, Program]:
 def _arrays(program: Program, q: np.ndarray, w: np.ndarray, context: Context | None) -> dict[str, np.ndarray]:
     """The arrays (N or 1, size) of a program's inputs, in its order."""
     found: dict[str, np.ndarray] = {}
+    sizes = {vector.name: len(vector.symbols) for vector in program.inputs}
+    q, w = (reals(a, name, f"(N, {sizes.get(name, 6)})") for name, a in (("q", q), ("w", w)))
     for vector in program.inputs:
         if vector.name == "p":
             continue
@@ -233,7 +235,7 @@ def _arrays(program: Program, q: np.ndarray, w: np.ndarray, context: Context | N
             value = np.stack([context_columns(context, n, s.name)[s.name] for s in vector.symbols], -1)
         else:
             value = q if vector.name == "q" else w
-        array = np.atleast_2d(np.asarray(value, dtype=float))
+        array = np.atleast_2d(value)
         if array.ndim != 2 or array.shape[1] != len(vector.symbols):
             raise UserError(
                 f"{vector.name}: expected an array of shape (N, {len(vector.symbols)}), found {array.shape}"

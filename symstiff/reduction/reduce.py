@@ -12,12 +12,13 @@ import numpy as np
 import sympy as sp
 
 from symstiff.arguments import A_ROBOT, require, words
+from symstiff.display import few
 from symstiff.errors import UserError
 from symstiff.reduction.aggregation import inexact_aggregations
 from symstiff.reduction.physical import Parameter, Stage, physical_stages, terms_of
 from symstiff.reduction.structural import ExactEngine, Experiment, Partition, in_rationals, in_unit_axes
 from symstiff.robot.exact import parse_exact
-from symstiff.robot.frozen import FrozenDict
+from symstiff.robot.frozen import FrozenDict, frozen_numbers
 from symstiff.robot.quantities import LONGEST, WIDEST, in_parts_of_pi
 from symstiff.robot.schema import Robot
 from symstiff.symbolic.chain import ElasticChain
@@ -113,29 +114,34 @@ class Reduction:
         return matrix
 
     def reduced_values(self, full: Mapping[str, float]) -> dict[str, float]:
-        """Values of π″ that give the deflections of a full set π′ (absent ones zero)."""
-        names = {p.name for p in self.full}
-        unknown = sorted(set(full) - names)
-        if unknown:
-            raise UserError(f"no parameter {unknown[0]!r} after M3 of {self.robot.name}")
+        """Values of π″ that give the deflections of a full set π′, the parameters after M3 (absent ones zero).
+
+        Links and joints apart, as before M3, are led by ``symstiff.reduction.complete.complete_map``.
+        """
+        full = self._known(full, "full", [p.name for p in self.full], "parameter after M3")
         vector = np.array([full.get(p.name, 0.0) for p in self.full])
         return dict(zip(self.parameters, (self.projection @ vector).tolist(), strict=True))
 
     def full_values(
         self, reduced: Mapping[str, float], constants: Mapping[str, float] | None = None
     ) -> dict[str, float]:
-        """Values of π′ with the eliminated parameters fixed at constants (M5c; zero where none is given)."""
-        fixed = dict(constants or {})
+        """Values of π′ with the eliminated parameters fixed at constants (M5c); what is given of neither is zero."""
         eliminated = [p.name for p in self.full if p.name not in self.parameters]
-        wrong = sorted(set(fixed) - set(eliminated))
-        if wrong:
-            raise UserError(
-                f"{wrong[0]!r} is no eliminated parameter of {self.robot.name}: it cannot be fixed"
-            )
+        reduced = self._known(reduced, "reduced", self.parameters, "parameter of the identifiable set")
+        fixed = self._known(constants or {}, "constants", eliminated, "eliminated parameter")
         values = {n: fixed.get(n, 0.0) for n in eliminated}
         shift = self.reduced_values(values)
-        values |= {n: reduced[n] - shift[n] for n in self.parameters}
+        values |= {n: reduced.get(n, 0.0) - shift[n] for n in self.parameters}
         return {p.name: values[p.name] for p in self.full}
+
+    def _known(
+        self, values: Mapping[str, float], what: str, names: Sequence[str], kind: str
+    ) -> Mapping[str, float]:
+        """The values, checked. Raises UserError for a name that is none of ``names``."""
+        values = frozen_numbers(values, what)
+        if unknown := sorted(set(values) - set(names), key=str):
+            raise UserError(f"{what}: {unknown[0]!r:.40} is no {kind} of {self.robot.name}: {few(names)} are")
+        return values
 
     def as_dict(self) -> dict[str, Any]:
         """What ``inspect --json`` writes."""

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import tomllib
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from difflib import get_close_matches
 from functools import cache
 from importlib import resources
@@ -12,7 +12,7 @@ from typing import Any
 
 from pydantic import ValidationError
 
-from symstiff.arguments import require_path
+from symstiff.arguments import require, require_path
 from symstiff.errors import UserError, printable
 from symstiff.robot.exact import Decimal
 from symstiff.robot.mistakes import explain
@@ -69,6 +69,7 @@ def _read(path: Path) -> bytes:
 
 def parse(data: bytes, origin: str = "robot file") -> Robot:
     """Validate the bytes of a robot file; ``origin`` stands in messages. Raises UserError."""
+    require(data, bytes, "the bytes of a robot file", "load('robot.toml') reads one")
     origin = printable(origin)
     return from_table(toml_table(data, origin, "robot file", Decimal), origin)
 
@@ -101,6 +102,7 @@ def toml_table(
 
 def from_table(table: dict[str, Any], origin: str = "robot") -> Robot:
     """Validate a robot given as nested dictionaries. Raises UserError."""
+    require(table, Mapping, "a robot as a table", "load('kuka_kr270') gives a robot by its name")
     if "robot" in table and "parameters" in table:
         raise UserError(
             f"{printable(origin)}: is a model, not a robot: name the robot or its file, and give the model with "

@@ -7,6 +7,8 @@ from functools import lru_cache
 
 import numpy as np
 
+from symstiff.arguments import A_ROBOT, reals, require
+from symstiff.errors import UserError
 from symstiff.robot.schema import Robot
 from symstiff.symbolic.algebras import evaluate_numpy
 from symstiff.symbolic.builder import Builder
@@ -97,7 +99,11 @@ def kinematics(robot: Robot, q: np.ndarray) -> Kinematics:
 
 
 def forward(robot: Robot, q: np.ndarray) -> np.ndarray:
-    """Pose of the tool centre point in world axes (N, 4, 4)."""
+    """Pose of the tool centre point in world axes (N, 4, 4), q (N, n) [rad, m]. Raises UserError for other shapes."""
+    require(robot, Robot, *A_ROBOT)
+    q = np.atleast_2d(reals(q, "q", f"(N, {robot.dof})"))
+    if q.ndim != 2 or q.shape[1] != robot.dof:
+        raise UserError(f"q: expected an array of shape (N, {robot.dof}), found {q.shape}")
     return evaluate_numpy(_programs(robot)[1], q=q)["T"]
 
 

@@ -5,12 +5,12 @@ For eyes, not for evaluation: the expressions repeat what a Program computes onc
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from itertools import product
 
 import sympy as sp
 
-from symstiff.arguments import A_CHAIN, require
+from symstiff.arguments import A_CHAIN, require, several
 from symstiff.display import html_table
 from symstiff.errors import UserError
 from symstiff.symbolic.chain import ElasticChain
@@ -53,6 +53,8 @@ def observation_matrix(
     which is at no column of J.
     """
     J = virtual_jacobian(chain)
+    require(W if W is not None else (), Iterable, "a wrench W", "[0, 0, -F, 0, 0, 0] is a vertical force")
+    terms = original_terms(chain) if terms is None else several(terms, Term, "terms", "model.terms")
     wrench = sp.Matrix([w(c) for c in AXES] if W is None else list(W))
     if len(wrench) != len(AXES):
         raise UserError(
@@ -61,7 +63,7 @@ def observation_matrix(
     column = {v: J[:, k] for k, v in enumerate(chain.virtual_joints)}
     loads = {tau(v): (j.T * wrench)[0] for v, j in column.items()}
     columns: dict[str, sp.Matrix] = {}
-    for term in original_terms(chain) if terms is None else terms:
+    for term in terms:
         if term.at not in column:
             raise UserError(
                 f"{term.parameter} acts at {term.at.name}, which is no virtual joint of {chain.robot.name}: leave its "

@@ -19,6 +19,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from symstiff.arguments import A_ROBOT, require
 from symstiff.calibration.simulation.chain import Chain, chain_of, joint_index, posture
 from symstiff.robot import Robot
 from symstiff.robot.schema import Link
@@ -35,6 +36,7 @@ _COUPLING = 0.75  # greatest k_ab²/(k_aa·k_bb) of a beam: one that only bends
 
 def nominal_truth(robot: Robot) -> dict[str, float]:
     """Return complete compliances by name (``k<i>_<ab>``, ``c<j>``) that suit the robot's size, SI units."""
+    require(robot, Robot, *A_ROBOT)
     chain = chain_of(robot)
     reach = _reach(chain)
     joints = _joints(robot, reach)

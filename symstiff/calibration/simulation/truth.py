@@ -52,7 +52,7 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any, Literal
 
-from symstiff.arguments import require_path
+from symstiff.arguments import require, require_path
 from symstiff.calibration.simulation.chain import chain_of
 from symstiff.calibration.simulation.forms import number
 from symstiff.calibration.simulation.nominal import nominal_truth
@@ -143,6 +143,7 @@ def load_truth(path: str | Path) -> Truth:
 
 def truth_from_table(table: Mapping[str, Any], folder: Path | None = None) -> Truth:
     """Build a truth from nested dictionaries as in the file; ``robot`` may be a Robot. Raises UserError."""
+    require(table, Mapping, "a truth as a table", "{'robot': 'ur10'} is one")
     sections = ("measure", "compliance", "effect", "noise", "device", "environment")
     _known(table, ("format", "robot", "weights", *sections), "")
     stated = table.get("format", 1)
