@@ -8,9 +8,10 @@
     dt = model.deflection(q=[[0.0, -1.2, 1.4, 0.0, 0.6, 0.0]], w=[[0, 0, -2500, 0, 0, 0]])
     generate(model, "kr270")
 
-With measurements: ``read_table``, then ``identify``, or ``diagnose(Task(robot, table))`` and ``write_report``. Without
-a robot: ``plan`` poses for a model, and ``simulate`` the truth that ``load_truth`` reads at the poses that
-``read_poses`` reads. Mistakes in files and arguments raise ``UserError``, a ValueError of one line.
+With measurements: ``read_table``, or ``measurements`` of arrays, then ``identify``, or ``diagnose(Task(robot, table))``
+and ``write_report``. Without a robot: ``plan`` poses for a model, and ``simulate`` the truth that ``load_truth`` reads,
+or ``truth_from_table`` builds, at the poses that ``read_poses`` reads. ``model.with_effect(EffectInstance(…))`` grows a
+model by an effect. Mistakes in files and arguments raise ``UserError``, a ValueError of one line.
 """
 
 from __future__ import annotations
@@ -21,13 +22,15 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     from symstiff.calibration.identify import identify
     from symstiff.calibration.plan import Goal, Load, plan
-    from symstiff.calibration.simulation import load_truth, simulate
+    from symstiff.calibration.simulation import load_truth, simulate, truth_from_table
+    from symstiff.calibration.tables.measurements import measurements
     from symstiff.calibration.tables.table import read_poses, read_table, write_table
     from symstiff.codegen.generate import generate
     from symstiff.codegen.options import Options
     from symstiff.compensation import compensate
     from symstiff.discrepancy.findings.finding import Task
     from symstiff.discrepancy.workflow import diagnose
+    from symstiff.effects.instance import EffectInstance
     from symstiff.errors import UserError
     from symstiff.model import StiffnessModel, load_model
     from symstiff.reduction import reduce
@@ -39,6 +42,7 @@ if TYPE_CHECKING:
 __version__ = "0.1.0"
 
 __all__ = [
+    "EffectInstance",
     "ElasticChain",
     "Goal",
     "Load",
@@ -54,12 +58,14 @@ __all__ = [
     "load",
     "load_model",
     "load_truth",
+    "measurements",
     "observation_matrix",
     "plan",
     "read_poses",
     "read_table",
     "reduce",
     "simulate",
+    "truth_from_table",
     "virtual_jacobian",
     "write_report",
     "write_table",
@@ -67,6 +73,7 @@ __all__ = [
 
 # Resolved when first asked for: `import symstiff` and `symstiff --help` load no SymPy, CasADi or pandas.
 _HOME = {
+    "EffectInstance": "symstiff.effects.instance",
     "ElasticChain": "symstiff.symbolic.chain",
     "Goal": "symstiff.calibration.plan",
     "Load": "symstiff.calibration.plan",
@@ -82,12 +89,14 @@ _HOME = {
     "load": "symstiff.robot",
     "load_model": "symstiff.model",
     "load_truth": "symstiff.calibration.simulation",
+    "measurements": "symstiff.calibration.tables.measurements",
     "observation_matrix": "symstiff.symbolic.reading",
     "plan": "symstiff.calibration.plan",
     "read_poses": "symstiff.calibration.tables.table",
     "read_table": "symstiff.calibration.tables.table",
     "reduce": "symstiff.reduction",
     "simulate": "symstiff.calibration.simulation",
+    "truth_from_table": "symstiff.calibration.simulation",
     "virtual_jacobian": "symstiff.symbolic.reading",
     "write_report": "symstiff.report.folder",
     "write_table": "symstiff.calibration.tables.table",

@@ -140,7 +140,7 @@ def test_models(model: StiffnessModel) -> None:
         assert refused(way, [0.0, math.nan], w) == "q: row 0 holds what is no finite number: correct it"
         assert refused(way, q, [[0] * 6, [0, math.inf, 0, 0, 0, 0]]).startswith("w: row 1 holds")
         with pytest.raises(TypeError, match="positional"):  # values are taken for no context
-            way(q, w, {"c1": 1e-6})
+            way(q, w, {"c1": 1e-6})  # type: ignore[misc]
     for threads in (-1, 0, 1.5, "a"):
         assert "threads: expected a whole number from 1 on" in refused(model.compile, threads)
 

@@ -10,6 +10,7 @@ import sys
 from importlib import import_module
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 import symstiff
@@ -72,6 +73,18 @@ def test_help_shows_every_exported_name() -> None:
     shown = pydoc.render_doc(symstiff, renderer=pydoc.plaintext)
     for name in symstiff.__all__:
         assert re.search(rf"^    (class )?{name}\b", shown, re.MULTILINE), name
+
+
+def test_arrays_become_a_table_that_is_identified() -> None:
+    rng = np.random.default_rng(0)
+    q, w = rng.uniform(-2.0, 2.0, (30, 2)), rng.normal(size=(30, 6)) * [50.0, 50, 50, 0, 0, 0]
+    truth = symstiff.truth_from_table({"robot": "planar2r", "measure": {"components": "pose"}})
+    read = symstiff.simulate(truth, symstiff.measurements(q, w), 1).values
+    table = symstiff.measurements(q, w, values=read, kind="deflection")
+    model = symstiff.identify(load("planar2r"), table, start="joints").model
+    assert model.deflection(q, w) == pytest.approx(read, abs=0.5 * np.abs(read).max())
+    grown = model.with_effect(symstiff.EffectInstance("backlash", {"joint": 1}, {"width": 5.0}))
+    assert len(grown.parameters) == len(model.parameters) + 1
 
 
 @pytest.mark.slow

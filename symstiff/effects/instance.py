@@ -23,7 +23,11 @@ _DIGITS, _CLOCK = 4, 1e4
 
 @dataclass(frozen=True)
 class EffectInstance:
-    """An effect in a model: which, where, with which shape."""
+    """An effect in a model: which, where, with which shape.
+
+    ``EffectInstance("backlash", {"joint": 2}, {"width": 5.0})`` is one. ``symstiff effects ROBOT`` lists identifiers
+    and places; what a shape leaves out is as the effect usually is.
+    """
 
     effect: str
     where: Where

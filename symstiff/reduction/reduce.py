@@ -188,6 +188,8 @@ def reduce(
 ) -> Reduction:
     """Reduce a robot's complete model to what a class of loads and measurements identifies.
 
+    ``loads`` at the tool centre point: "wrench" (any forces and moments), "force" (any forces) or "gravity" (f_z in
+    world axes alone); ``measure``: "pose" (translations and rotations) or "position" (translations).
     ``fixed`` holds joints at values [rad, m]; ``prefer`` names parameters to keep first, ``avoid`` to eliminate first
     (M5b); ``points`` are markers whose positions are all that is measured.
     Raises UserError for an unknown class, joint or parameter.

@@ -19,7 +19,11 @@ _SHARE = 2 / 3
 
 @dataclass(frozen=True)
 class Load:
-    """A load class with its magnitude [N]; ``moment`` [N·m] of wrenches; ``cases`` (k, 6) fix them."""
+    """A load class with its magnitude [N]; ``moment`` [N·m] of wrenches; ``cases`` (k, 6) fix them.
+
+    ``kind``: "gravity" is a weight at the tool centre point, f_z = −force in world axes; "force" is a force in any
+    direction, "wrench" a force and a moment in any directions.
+    """
 
     kind: Kind = "gravity"
     force: float = 1000.0

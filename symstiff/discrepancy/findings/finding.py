@@ -21,7 +21,11 @@ from symstiff.robot.schema import Robot
 
 @dataclass(frozen=True)
 class Task:
-    """What to diagnose; ``loads`` and ``measure`` are read from the data where None."""
+    """What to diagnose; ``loads`` and ``measure`` are read from the data where None.
+
+    ``start``: "complete" (joints and links, reduced for the data), "joints" (rigid links), the path of a model.toml, or
+    a model. ``max_effects`` are looked for together at most, on ``max_poses`` of the poses where given.
+    """
 
     robot: Robot
     table: Measurements
