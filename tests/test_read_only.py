@@ -12,6 +12,7 @@ import pytest
 from symstiff.calibration.simulation import Truth, nominal_truth
 from symstiff.calibration.tables.measurements import measurements
 from symstiff.effects.instance import EffectInstance
+from symstiff.effects.registry import catalogue
 from symstiff.model import StiffnessModel
 from symstiff.reduction import reduce
 from symstiff.robot import load
@@ -25,6 +26,7 @@ MODEL = StiffnessModel.of(REDUCTION)
     "shared",
     [
         lambda: EffectInstance("backlash", {"joint": 1}).where,
+        catalogue,
         lambda: MODEL.units,
         lambda: MODEL.steps,
         lambda: REDUCTION.partition.couplings,

@@ -40,6 +40,8 @@ def outgrown(
     They are asked beside the first few of the effects ``found`` too: what those explain would hide it, and the last of
     them may stand for it.
     """
+    if not model.stiffness_parameters:
+        return ()  # without its effects nothing of it is left
     beside = [grow(model, found[:n]) for n in range(len(found) + 1)]
     return tuple(e for e in model.effects if any(_asks(grown, e, table) for grown in beside))
 
@@ -79,7 +81,7 @@ def _asks(model: StiffnessModel, instance: EffectInstance, table: Measurements) 
     assembly = assemble(bare, table, (effect,), noise)
     key = key_of(instance.effect, instance.where)
     candidate = next((c for c in assembly.candidates if c.key == key and not c.unavailable), None)
-    if candidate is None:
+    if candidate is None or candidate.shapes == (dict(instance.shape),):
         return False
     ready = prepare(assembly.problem, (_with_own(candidate, instance, model),))
     bank, entry = ready.scan.bank, evidence(ready.scan).entry

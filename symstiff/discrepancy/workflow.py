@@ -14,7 +14,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from symstiff.arguments import require, whole
+from symstiff.arguments import listener, require, whole
 from symstiff.calibration.doubts.point import find_point
 from symstiff.calibration.doubts.soundness import other_weights, outside_class, outside_fixed
 from symstiff.calibration.experiment.readings import ExperimentClass, experiment_of
@@ -58,9 +58,14 @@ _AGAIN = 2
 
 
 @one_thread()
-def diagnose(task: Task, tell: Tell = lambda stage: None) -> Finding:
-    """Diagnose a table. Raises UserError for data that do not fit the robot or hold nothing measured."""
+def diagnose(task: Task, tell: Tell | None = None) -> Finding:
+    """Diagnose a table; ``tell`` is told each stage.
+
+    Raises UserError for data that do not fit the robot or hold nothing measured.
+    """
     require(task, Task, "a task", "Task(robot, table) is one")
+    listener(tell)
+    tell = tell or (lambda stage: None)
     whole(task.max_effects, "max_effects", 1)
     whole(task.seed, "seed")
     if task.max_poses is not None:

@@ -17,7 +17,7 @@ from symstiff.effects.base import Effect, Realisation, Shape, Where
 from symstiff.effects.lawful import check_realised
 from symstiff.effects.places import plain
 from symstiff.errors import UserError
-from symstiff.robot.frozen import frozen_numbers
+from symstiff.robot.frozen import FrozenDict, frozen_numbers
 from symstiff.robot.schema import Robot
 
 _ASKED = (
@@ -27,7 +27,7 @@ _ASKED = (
 
 
 @cache
-def catalogue() -> dict[str, Effect]:
+def catalogue() -> Mapping[str, Effect]:
     """All effects by identifier: the files of this room, then plugins (entry points ``symstiff.effects``)."""
     found = dict(_own())
     for point in sorted(metadata.entry_points(group="symstiff.effects"), key=lambda p: p.name):
@@ -38,7 +38,7 @@ def catalogue() -> dict[str, Effect]:
                 "uninstall the package"
             )
         found[effect.identifier] = effect
-    return found
+    return FrozenDict(found)
 
 
 @cache
