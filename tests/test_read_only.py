@@ -26,7 +26,6 @@ MODEL = StiffnessModel.of(REDUCTION)
     "shared",
     [
         lambda: EffectInstance("backlash", {"joint": 1}).where,
-        catalogue,
         lambda: MODEL.units,
         lambda: MODEL.steps,
         lambda: REDUCTION.partition.couplings,
@@ -49,6 +48,11 @@ def test_dictionaries(shared: Callable[[], Any]) -> None:
     again = pickle.loads(pickle.dumps(values))
     assert again == before
     assert type(again) is type(values)
+
+
+def test_the_catalogue() -> None:
+    with pytest.raises(TypeError, match="read-only"):
+        catalogue().pop("backlash")  # type: ignore[attr-defined]
 
 
 def test_the_projection_of_a_reduction() -> None:
