@@ -299,9 +299,9 @@ def test_what_moved_is_told_from_what_the_start_model_says() -> None:
     (gap,) = [m for m in moved(found) if m.name == "backlash_3_gap"]
     assert (gap.before, gap.before_std) == (5e-4, 1e-5)
     assert gap.after == pytest.approx(9e-4, rel=0.1)
-    assert verdict_table(found)["rms_mm"]["as_told"] > 1.5 * verdict_table(found)["rms_mm"]["before"]
+    assert verdict_table(found)["as_told_mm"] > 1.5 * verdict_table(found)["rms_mm"]["before"]
     assert sum("with its own values" in r or "its size has changed" in r for r in found.remarks) == 2
-    assert verdict_table(longer_session())["rms_mm"]["as_told"] is not None
+    assert verdict_table(longer_session())["as_told_mm"] is not None
 
 
 def test_a_size_of_which_the_start_model_does_not_tell_how_sure_it_is_is_not_remarked() -> None:

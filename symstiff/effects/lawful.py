@@ -43,9 +43,10 @@ def check_parameters(found: Realisation) -> None:
                 f"the unit of {p.name} cannot be {p.unit!r}: give SI units, as rad/(N*m), m/N, kg or 1"
             )
         low, high = number(p.low, f"{p.name}: low"), number(p.high, f"{p.name}: high")
-        if not low < high:
-            raise UserError(f"{p.name}: low {low:g} is not below high {high:g}: give the plausible range")
-        number(p.typical, f"{p.name}: typical", "a finite number above 0", above=0.0)
+        if low > high:
+            raise UserError(f"{p.name}: low {low:g} is above high {high:g}: give the plausible range")
+        if number(p.typical, f"{p.name}: typical") < 0.0:
+            raise UserError(f"{p.name}: typical {p.typical:g} is below zero: give the size that is usual")
     for p in found.parameters if found.terms else ():
         if not NAME.fullmatch(p.name) or p.name in C_WORDS | _MEMBERS:
             raise UserError(

@@ -33,8 +33,8 @@ def verdict_table(finding: Finding, decide: Mapping[str, Any] | None = None) -> 
         "effects": [effect_table(e) for e in finding.effects],
         "alternatives": [effect_table(e) for e in finding.alternatives],
         "candidates": [_candidate(c) for c in finding.candidates],
+        "as_told_mm": _mm(finding.as_told),
         "rms_mm": {
-            "as_told": _mm(finding.as_told),
             "before": _mm(finding.rms.before),
             "after": _mm(finding.rms.after),
             "held_out_before": _mm(finding.rms.held_out_before),
