@@ -14,7 +14,7 @@ from symstiff.calibration.simulation.chain import posture as posture_of
 from symstiff.codegen.compiler import find_compiler
 from symstiff.codegen.generate import generate
 from symstiff.codegen.runtime import compiled
-from symstiff.effects import Effect, EffectInstance, EffectParameter, Realisation, catalogue
+from symstiff.effects import Effect, EffectInstance, EffectParameter, Realisation, catalogue, registry
 from symstiff.errors import UserError
 from symstiff.model import StiffnessModel, joints_only
 from symstiff.robot import load
@@ -33,7 +33,8 @@ def grown(monkeypatch: pytest.MonkeyPatch, law: sp.Expr, at: VirtualJoint = GEAR
         "tilt", "Tilt", "A gear that feels how it hangs.", frozenset({"deflection"}),
         lambda robot: ({"joint": 2},), lambda robot, where, shape: Realisation((c,), (Term(c.name, at, law),)),
     )  # fmt: skip
-    monkeypatch.setitem(catalogue(), "tilt", effect)
+    known = {**catalogue(), "tilt": effect}
+    monkeypatch.setattr(registry, "catalogue", lambda: known)
     model = joints_only(load(ROBOT)).with_effect(EffectInstance("tilt", {"joint": 2}))
     return model.with_values(dict.fromkeys(model.parameters, 0.0) | {"c2": 2e-6, "tilt_2_c": 3e-6})
 
