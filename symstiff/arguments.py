@@ -85,7 +85,8 @@ def words(values: Any, name: str, example: str) -> tuple[str, ...]:
 
 def several(values: Any, kind: type, name: str, example: str) -> tuple[Any, ...]:
     """Several things of one type. Raises UserError."""
-    given = list(values) if isinstance(values, Iterable) and not isinstance(values, str) else None
+    listed = isinstance(values, Iterable) and not isinstance(values, str | Mapping)
+    given = list(values) if listed else None
     wrong = [values] if given is None else [v for v in given if not isinstance(v, kind)]
     if wrong:
         raise UserError(f"{name}: expected a list, {example} is one, found {_shown(wrong[0])}")

@@ -26,9 +26,11 @@ GEAR = actuated_joint(2)
 Law = Callable[[], sp.Expr]
 
 
-def grown(monkeypatch: pytest.MonkeyPatch, law: sp.Expr, at: VirtualJoint = GEAR) -> StiffnessModel:
+def grown(
+    monkeypatch: pytest.MonkeyPatch, law: sp.Expr, at: VirtualJoint = GEAR, name: str = "tilt_2_c"
+) -> StiffnessModel:
     """A model of joints with a law of a plugin."""
-    c = EffectParameter("tilt_2_c", "rad/(N*m)", -1e-3, 1e-3, 1e-6)
+    c = EffectParameter(name, "rad/(N*m)", -1e-3, 1e-3, 1e-6)
     effect = Effect(
         "tilt", "Tilt", "A gear that feels how it hangs.", frozenset({"deflection"}),
         lambda robot: ({"joint": 2},), lambda robot, where, shape: Realisation((c,), (Term(c.name, at, law),)),
@@ -36,7 +38,17 @@ def grown(monkeypatch: pytest.MonkeyPatch, law: sp.Expr, at: VirtualJoint = GEAR
     known = {**catalogue(), "tilt": effect}
     monkeypatch.setattr(registry, "catalogue", lambda: known)
     model = joints_only(load(ROBOT)).with_effect(EffectInstance("tilt", {"joint": 2}))
-    return model.with_values(dict.fromkeys(model.parameters, 0.0) | {"c2": 2e-6, "tilt_2_c": 3e-6})
+    return model.with_values(dict.fromkeys(model.parameters, 0.0) | {"c2": 2e-6, name: 3e-6})
+
+
+@pytest.mark.parametrize("name", ["tilt_2_c", "w_tilt_2_c", "tau_tilt_2_c"])
+def test_a_parameter_may_be_called_like_a_load(monkeypatch: pytest.MonkeyPatch, name: str) -> None:
+    """Without load only loads are zero, and no parameter whose name begins as theirs do."""
+    model = grown(monkeypatch, tau(GEAR), name=name)
+    angles = np.array([[0.3, -1.1, 0.9, 0.4, 0.7, 0.2]])
+    by_columns = model.deflection(angles, np.eye(6)).T
+    C = evaluate_numpy(model.compliance_program, p=model.vector(), q=angles)["C"][0]
+    np.testing.assert_allclose(C, by_columns, atol=1e-12 * np.abs(by_columns).max())
 
 
 @pytest.mark.parametrize("body", [0, 2, 6])

@@ -211,8 +211,8 @@ def _begin(
         model = by_level(model, table, per_level)
     _refuse_rows(model)
     told, left_out = _of_laws(model)
+    told, elapsed = on_the_clock(told, table)
     model, unseen = seen_in(told, table.kind)
-    model, elapsed = on_the_clock(model, table)
     unseen += elapsed
     context_of(model, table)  # refuses a table without the time or the branch that the model follows
     if not model.parameters:

@@ -49,9 +49,10 @@ def seen_in(model: StiffnessModel, kind: str) -> tuple[StiffnessModel, list[str]
 
 
 def on_the_clock(model: StiffnessModel, table: Measurements) -> tuple[StiffnessModel, list[str]]:
-    """The model without the effects that count their time from another start than a table does, and a remark on them.
+    """The model without the effects of a session that a table's clock does not share, and a remark on them.
 
-    A drift's law holds for a session: before its begin and behind its end it tells nothing of another one.
+    A drift's law holds for its session: before the begin its exponential is beyond all numbers, behind the end it tells
+    nothing of another one.
     """
     if not np.isfinite(table.time).any():
         return model, []
@@ -65,8 +66,8 @@ def on_the_clock(model: StiffnessModel, table: Measurements) -> tuple[StiffnessM
         return model, []
     remarks = [
         f"{named(effect.effect, effect.where)}: the start model's clock ran from {begin:.9g} to {end:.9g} s, that of "
-        f"these data from {first:.9g} to {last:.9g} s: it is left out here; unless it is found anew, it stays as the "
-        "start model has it"
+        f"these data from {first:.9g} to {last:.9g} s: its law tells nothing of them and is left out of the model; "
+        "symstiff diagnose looks for it anew"
         for effect, begin, end in other
     ]
     gone = [effect for effect, *_ in other]

@@ -46,6 +46,8 @@ class Course:
     assembly: Assembly
     first: Diagnosis
     last: Diagnosis
+    plain: Course | None = None
+    """How it went with the start model's effects in the shapes that it gives them, where they got others."""
 
     @property
     def trusted(self) -> bool:
@@ -75,6 +77,8 @@ def finding_of(
     after = fit_told(grown, table, known, trusted=course.trusted)
     extent = extent_of(course.assembly.situation.view)
     if strays := [e for e in leading if astray([_as_identified(e, after)], task.robot, extent)]:
+        if course.plain is not None:
+            return finding_of(course.plain, remarks, tell, without)
         other = without(course, strays) or replace(course, last=_taken_back(last))
         return finding_of(other, remarks, tell)
     before = after if grown is ladder.start else fit_told(ladder.start, table, after.noise, after)
@@ -85,7 +89,7 @@ def finding_of(
     doubts, changing = _unconfirmed(course), inconstant(last)
     named = _effects(course, after, bool(doubts))
     counted = named if verdict == AMBIGUOUS else tuple(e for e in named if e.set_number == 0)
-    left = as_told(ladder.start, before) if task.from_model and ladder.start.values else None
+    left = as_told(ladder.start, before) if task.from_model and any(ladder.start.values.values()) else None
     remarks = [*remarks, *([] if left is None else of_values(left, before))]
     remarks += [*ladder.remarks, *since(ladder.start, after.model)]
     remarks += remarked(course.assembly.situation.view, last)

@@ -21,7 +21,7 @@ from symstiff.discrepancy.problem import Candidate, Parameter, key_of
 from symstiff.discrepancy.search.verdict import AMBIGUOUS, NAMED
 from symstiff.discrepancy.statistics.evidence import evidence
 from symstiff.discrepancy.statistics.prepare import at_first, prepare
-from symstiff.effects.base import Shape
+from symstiff.effects.base import Scales, Shape
 from symstiff.effects.instance import EffectInstance
 from symstiff.effects.registry import find
 from symstiff.model import StiffnessModel
@@ -57,7 +57,7 @@ def accounts_better(
 ) -> bool:
     """Whether ``old`` effects in shapes ``anew`` account for the data better than what was ``found`` beside them did.
 
-    With fewer effects more, or as many that leave less; component: (M,) 0 … 5 of each row.
+    Where both do, with fewer effects more, or with as many that leave less; component: (M,) 0 … 5 of each row.
     """
     keys = {key_of(e.effect, e.where) for e in old}
     named = {key_of(name.effect, name.where) for name, *_ in anew.leading}
@@ -74,8 +74,8 @@ def accounts_better(
 
 def _asks(model: StiffnessModel, instance: EffectInstance, table: Measurements) -> bool:
     effect = find(instance.effect)
-    if effect.columns is not None:
-        return False
+    if effect.columns is not None or effect.shapes(model.robot, instance.where, Scales(table.kind)) == ({},):
+        return False  # it has one shape
     bare = bare_of(model, [instance])
     noise = at_first(assemble(bare, table, effects=()).problem)
     assembly = assemble(bare, table, (effect,), noise)
@@ -85,9 +85,12 @@ def _asks(model: StiffnessModel, instance: EffectInstance, table: Measurements) 
         return False
     ready = prepare(assembly.problem, (_with_own(candidate, instance, model),))
     bank, entry = ready.scan.bank, evidence(ready.scan).entry
-    entries = range(*bank.entries_of(0).indices(len(entry)))
-    own = [entry[e] for e in entries if bank.shape_of(e) == dict(instance.shape)]
-    return bool(own) and float(max(entry[e] for e in entries) - own[0]) > _ASKED
+    if key not in bank.named:
+        return False
+    entries = range(*bank.entries_of(bank.named[key]).indices(len(entry)))
+    # a shape of which these data hold nothing has no entry: it explains nothing
+    own = next((entry[e] for e in entries if bank.shape_of(e) == dict(instance.shape)), 0.0)
+    return float(max(entry[e] for e in entries) - own) > _ASKED
 
 
 def _with_own(candidate: Candidate, instance: EffectInstance, model: StiffnessModel) -> Candidate:

@@ -125,9 +125,8 @@ def _of_table(task: Task, table: Measurements, remarks: Sequence[str], tell: Tel
     remarks += reduction_remarks(reduction) if reduction is not None else []
     remarks += [*other_weights(model, task.robot), *outside_class(table.w, model.loads)]
     remarks += outside_fixed(table.q, model)
-    told = model
-    model, unseen = seen_in(model, table.kind)
-    model, elapsed = on_the_clock(model, table)
+    told, elapsed = on_the_clock(model, table)
+    model, unseen = seen_in(told, table.kind)
     remarks += [*unseen, *elapsed]
     context_of(model, table)  # refuses a table without the time or the branch that the model follows
     model, of_point = find_point(model, table, task.robot)
@@ -180,9 +179,8 @@ def _shaped_anew(course: Course, tell: Tell) -> Course:
     if not accounts_better(anew, found, old, assembly.problem.axis, readings):
         return course
     first = replace(course.first, candidates=anew.candidates)
-    return replace(
-        course, ladder=course.ladder.without(old, bare, found), assembly=assembly, first=first, last=anew
-    )
+    ladder = course.ladder.without(old, bare, found)
+    return replace(course, ladder=ladder, assembly=assembly, first=first, last=anew, plain=course)
 
 
 def _climbed(course: Course, wider: Wider, tell: Tell) -> Course | None:

@@ -33,7 +33,7 @@ def check_realised(found: Any, robot: Robot) -> None:
 
 
 def check_parameters(found: Realisation) -> None:
-    """Refuse units that are none, ranges with no inside, terms of no parameter, and names that no C struct can hold.
+    """Refuse units that are none, ranges upside down, terms of no parameter, and names that no C struct can hold.
 
     What has no terms has no code, and its names may tell of rows.
     """

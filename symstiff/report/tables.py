@@ -112,7 +112,8 @@ def moved(finding: Finding) -> list[Moved]:
     told = {n: e for f in finding.named for n, e in f.parameters.items() if math.isfinite(e.std)}
     out = []
     for name in dict.fromkeys((*start.parameters, *after.parameters)):
-        a, b = name in (before.deviations or before.values), name in after.deviations or name in told
+        a = name in (before.deviations if finding.as_told is None else before.values)
+        b = name in after.deviations or name in told
         value = told[name].value if name in told else after.values.get(name, 0.0)
         std = told[name].std if name in told else after.deviations.get(name, 0.0)
         out.append(

@@ -104,13 +104,18 @@ def _headline(finding: Finding) -> str:
 
 def _what(finding: Finding) -> str:
     """What was named; what the start model has in another shape apart."""
-    there = [named(e.effect, e.where) for e in finding.reshaped]
-    new, old = (
-        [e for e in finding.named if (named(e.effect, e.where) in there) is held] for held in (False, True)
-    )
+    new, old = _new_and_old(finding)
     missing = [f"missing: {names(new)}"] if new else []
     other = [f"in another shape than the start model has it: {names(old)}"] if old else []
     return sentence_case("; ".join([*missing, *other]))
+
+
+def _new_and_old(finding: Finding) -> list[list[Found]]:
+    """Those of the leading set that the start model lacks, and those that it has in another shape."""
+    there = [named(e.effect, e.where) for e in finding.reshaped]
+    return [
+        [e for e in finding.named if (named(e.effect, e.where) in there) is held] for held in (False, True)
+    ]
 
 
 def sentence(finding: Finding, decide: Mapping[str, Any] | None = None) -> str:
@@ -132,16 +137,16 @@ def sentence(finding: Finding, decide: Mapping[str, Any] | None = None) -> str:
     text = " ".join(
         [*(f"{sentence_case(doubt)}." for doubt in of_units(finding.table, finding.task.robot)), text]
     )
-    if finding.reshaped:
+    if finding.reshaped and finding.verdict != NAMED:
         has = listing([named(e.effect, e.where) for e in finding.reshaped])
         text += f" The start model has {has} in another shape."
     return text if decide is None else f"{text} {deciding(decide)}"
 
 
-def listed(finding: Finding) -> str:
-    """The leading set: names, sizes, confidence; an effect at many places in one breath."""
+def listed(finding: Finding, some: Sequence[Found] | None = None) -> str:
+    """The leading set, or some of it: names, sizes, confidence; an effect at many places in one breath."""
     kinds: dict[str, list[Found]] = {}
-    for e in finding.named:
+    for e in finding.named if some is None else some:
         kinds.setdefault(e.effect, []).append(e)
     return "; ".join(part for group in kinds.values() for part in each_told(finding, group))
 
@@ -175,7 +180,10 @@ def _noise(finding: Finding, decimals: int | None = None) -> str:
 
 
 def _named(finding: Finding) -> str:
-    text = f"What is missing: {listed(finding)}; {gap(finding)}.{as_well(finding)}"
+    new, old = (listed(finding, some) for some in _new_and_old(finding))
+    missing = [f"what is missing: {new}"] if new else []
+    other = [f"in another shape than the start model has it: {old}"] if old else []
+    text = f"{sentence_case('; '.join([*missing, *other, gap(finding)]))}.{as_well(finding)}"
     sets = sorted({e.set_number for e in finding.alternatives})
     others = [[e for e in finding.alternatives if e.set_number == s] for s in sets]
     if not others:

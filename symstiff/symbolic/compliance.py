@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Collection, Sequence
 from dataclasses import dataclass
 from functools import partial
 
@@ -87,12 +87,13 @@ def _added(b: Builder, x: list[list[sp.Expr]], y: list[list[sp.Expr]]) -> list[l
     return [[b.let(total[min(i, j)][max(i, j)]) for j in range(6)] for i in range(6)]
 
 
-def _unloaded(law: sp.Expr, load: sp.Symbol) -> sp.Expr:
+def _unloaded(law: sp.Expr, load: sp.Symbol, parameters: Collection[str]) -> sp.Expr:
     """How a law follows a load where there is none; steps, as of ``sign``, are flat on either side."""
     slope = sp.diff(law, load)
     if slope.has(sp.DiracDelta):
         slope = slope.replace(sp.DiracDelta, lambda *_: sp.S.Zero)
-    return slope.subs({s: 0 for s in slope.free_symbols if s.name.startswith(("tau_", "w_"))})
+    loads = {s for s in slope.free_symbols if s.name.startswith(("tau_", "w_")) and s.name not in parameters}
+    return slope.subs(dict.fromkeys(loads, 0))
 
 
 @dataclass(frozen=True)
@@ -109,9 +110,11 @@ class _Slopes:
 
     def along(self, at: VirtualJoint, load: sp.Symbol) -> sp.Expr:
         """How virtual joint ``at`` follows a load on a virtual joint, or a component of the wrench."""
-        slope = _unloaded(self.laws.at(at), load)
+        parameters = {term.parameter for term in self.laws.terms}
+        slope = _unloaded(self.laws.at(at), load, parameters)
         if slope.has(*_NO_SLOPE):
-            alone = [_unloaded(Laws((term,)).at(at), load) for term in self.laws.by_joint[at]]
+            each = (Laws((term,)).at(at) for term in self.laws.by_joint[at])
+            alone = [_unloaded(law, load, parameters) for law in each]
             slope = sp.Add(*[part for part in alone if not part.has(*_NO_SLOPE)])
         return bound(self.b, slope, self.ups)
 

@@ -250,7 +250,7 @@ def _rows(given: Any, name: str, shape: tuple[int, ...], default: float) -> Arra
 def _counted(given: Any, rows: int, name: str, count: int | None = None) -> Index:
     """Places (M,) in a list of ``count`` names, from 0 on. Raises UserError."""
     numbers = _rows(given, name, (rows,), 0.0)
-    found = np.nan_to_num(numbers, nan=-1.0).astype(np.intp)
+    found = np.where(np.isfinite(numbers), numbers, -1.0).astype(np.intp)
     if (found != numbers).any() or found.min(initial=0) < 0:
         raise UserError(f"{name}: expected whole numbers from 0 on, the places of its names in their list")
     if count is not None and found.max(initial=-1) >= count:

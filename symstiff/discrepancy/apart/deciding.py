@@ -308,14 +308,10 @@ def _on_offer(model: StiffnessModel, setup: Setup, choice: Choice) -> Measuremen
 
 def _at_the_end(offered: Measurements, taken: Measurements) -> Measurements:
     """What is offered at the time and warmth that the data ended with: a session that goes on."""
-    time, warmth = (_last(column, len(offered)) for column in (taken.time, taken.temperature))
+    known = np.flatnonzero(np.isfinite(taken.time))
+    last = known[np.argmax(taken.time[known])] if len(known) else -1
+    time, warmth = (np.full(len(offered), column[last]) for column in (taken.time, taken.temperature))
     return replace(offered, time=time, temperature=warmth)
-
-
-def _last(column: Array, rows: int) -> Array:
-    """The last value of a column that is known (rows,); NaN where none is."""
-    known = column[np.isfinite(column)]
-    return np.full(rows, known[-1] if len(known) else np.nan)
 
 
 def _round(model: StiffnessModel, limits: Sequence[tuple[float, float]], q: Array) -> Array:

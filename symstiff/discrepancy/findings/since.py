@@ -78,7 +78,7 @@ def since(start: StiffnessModel, fitted: StiffnessModel) -> list[str]:
 def _pairs(names: list[str], start: StiffnessModel, fitted: StiffnessModel) -> Iterator[_Pair]:
     """Parameters of which both models tell how sure they are, with what they say."""
     for name in names:
-        if name in start.deviations and name in fitted.deviations:
+        if name in start.values and name in start.deviations and name in fitted.deviations:
             then, now = (
                 Quantity(float(m.values[name]), float(m.deviations[name]), m.units[name])
                 for m in (start, fitted)

@@ -300,4 +300,4 @@ def _log_prior(kept: Sequence[Candidate], generic: Mask) -> Array:
     ]
     kin = np.array([c.kin and not g for c, g in zip(kept, generic, strict=True)], dtype=float)
     prior = np.array(weight)
-    return np.log((1.0 - BESIDE) * prior + BESIDE * kin / kin.sum() if kin.any() else prior)
+    return np.asarray(np.log((1.0 - BESIDE) * prior + BESIDE * kin / kin.sum() if kin.any() else prior))
