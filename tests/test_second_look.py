@@ -77,8 +77,8 @@ def no_surer(**confidence: float) -> Callable[[Diagnosis], Diagnosis]:
 def backlash_too(found: Diagnosis) -> Diagnosis:
     gear = next(e for e in found.effects if e.effect == GEAR)
     entry = next(x for x in found.leading if x[0].effect == GEAR)
-    more = replace(gear, effect="backlash", where={"joint": 3})
-    elsewhere = (Name("backlash", {"joint": 3}), *entry[1:])
+    more = replace(gear, effect="backlash", where={"joint": 3}, shape={"width": 20.0})
+    elsewhere = (Name("backlash", {"joint": 3}), more.shape, entry[2])
     return replace(found, effects=(*found.effects, more), leading=(*found.leading, elsewhere))
 
 
