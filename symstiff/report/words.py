@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 from symstiff.calibration.tables.checks import of_units
@@ -94,7 +94,7 @@ def _headline(finding: Finding) -> str:
     if finding.because.why in (Why.AS_WELL, Why.REFUTED):
         return f"Something is missing, perhaps: {names(finding.named)}"
     return {
-        NAMED: _what(finding),
+        NAMED: sentence_case(_told_apart(finding, names)),
         NOTHING: _nothing_missing(finding),
         AMBIGUOUS: "Ambiguous: more than one explanation accounts for the data",
         INSUFFICIENT: "Missing, but not all of it: " + names(finding.named),
@@ -102,20 +102,15 @@ def _headline(finding: Finding) -> str:
     }[finding.verdict]
 
 
-def _what(finding: Finding) -> str:
-    """What was named; what the start model has in another shape apart."""
-    new, old = _new_and_old(finding)
-    missing = [f"missing: {names(new)}"] if new else []
-    other = [f"in another shape than the start model has it: {names(old)}"] if old else []
-    return sentence_case("; ".join([*missing, *other]))
-
-
-def _new_and_old(finding: Finding) -> list[list[Found]]:
-    """Those of the leading set that the start model lacks, and those that it has in another shape."""
+def _told_apart(finding: Finding, tell: Callable[[list[Found]], str]) -> str:
+    """What was named, in words; what the start model has in another shape apart."""
     there = [named(e.effect, e.where) for e in finding.reshaped]
-    return [
+    new, old = (
         [e for e in finding.named if (named(e.effect, e.where) in there) is held] for held in (False, True)
-    ]
+    )
+    missing = [f"missing: {tell(new)}"] if new else []
+    other = [f"in another shape than the start model has it: {tell(old)}"] if old else []
+    return "; ".join([*missing, *other])
 
 
 def sentence(finding: Finding, decide: Mapping[str, Any] | None = None) -> str:
@@ -180,10 +175,9 @@ def _noise(finding: Finding, decimals: int | None = None) -> str:
 
 
 def _named(finding: Finding) -> str:
-    new, old = (listed(finding, some) for some in _new_and_old(finding))
-    missing = [f"what is missing: {new}"] if new else []
-    other = [f"in another shape than the start model has it: {old}"] if old else []
-    text = f"{sentence_case('; '.join([*missing, *other, gap(finding)]))}.{as_well(finding)}"
+    told = _told_apart(finding, lambda some: listed(finding, some))
+    told = f"what is {told}" if told.startswith("missing") else told
+    text = f"{sentence_case(told)}; {gap(finding)}.{as_well(finding)}"
     sets = sorted({e.set_number for e in finding.alternatives})
     others = [[e for e in finding.alternatives if e.set_number == s] for s in sets]
     if not others:

@@ -17,8 +17,9 @@ from symstiff.calibration.experiment.situation import Situation, View, loads_of,
 from symstiff.calibration.tables.checks import check_measured, check_robot
 from symstiff.calibration.tables.loading import load_factor
 from symstiff.calibration.tables.measurements import Measurements
-from symstiff.discrepancy.bridge.candidates import UNLOADED, grouped, structural
+from symstiff.discrepancy.bridge.candidates import UNLOADED
 from symstiff.discrepancy.bridge.candidates import candidates as candidates_of
+from symstiff.discrepancy.bridge.groups import grouped, structural
 from symstiff.discrepancy.laws.devices import DeviceLaws
 from symstiff.discrepancy.noise.scales import Noise
 from symstiff.discrepancy.problem import Candidate, Problem

@@ -10,21 +10,17 @@ from typing import Any
 import numpy as np
 
 from symstiff.arrays import Array
-from symstiff.calibration.experiment.anywhere import any_poses
 from symstiff.calibration.experiment.current import spread_of
-from symstiff.calibration.experiment.placement import placement_columns
 from symstiff.calibration.experiment.situation import (
     Situation,
     View,
-    linear_columns,
-    look,
     under_weights,
 )
 from symstiff.calibration.tables.measurements import Measurements
 from symstiff.discrepancy.bridge.ranges import Extent, at_size, extent_of
 from symstiff.discrepancy.noise.scales import Noise
 from symstiff.discrepancy.problem import ANGLE, CLOCK, HISTORY, Candidate, Parameter, Problem
-from symstiff.discrepancy.statistics.scan import OWN, column_space
+from symstiff.discrepancy.statistics.scan import column_space
 from symstiff.effects.base import Effect, Move, Realisation, Scales, Shape, Where
 from symstiff.effects.lawful import check_laws
 from symstiff.effects.places import site
@@ -42,10 +38,6 @@ _AT_ONCE = 0.1
 """Share of a session up to which the first reading's time is taken for the time since its start."""
 UNLOADED = 1e-9
 """Load on a virtual joint, against the largest, that is rounding."""
-_SAME = 1e-6
-"""Distance of two shadows, against their length, up to which they are one."""
-_MOST_SHAPES = 6
-"""Simplest shapes of a candidate up to which its columns are compared with those of others."""
 _KEPT = 4096
 """Shapes of effects at their places whose laws are kept."""
 _SAME_ANGLE = 2e-3
@@ -79,29 +71,37 @@ def candidates(
                 yield _unavailable(effect, where, reason)
                 continue
             columns = _Columns(situation, effect, where, taken, extent)
-            members = _members(columns, shapes)
-            first, sound = members[0].parameters, _sound(columns, members)
-            if not sound:
-                yield _unavailable(effect, where, "its law gives no finite number in these data", first)
-                continue
-            members, shapes = sound, tuple(m.shape for m in sound)
-            first, unseen = members[0].parameters, _unseen(columns, members, basis, situation.view)
-            if unseen:
-                yield _unavailable(effect, where, unseen, first)
-                continue
-            known = _below_noise(columns, members, problem, noise)
-            if known is not None:
-                reason = "its known size is below the noise: it is counted as it is"
-                yield replace(_unavailable(effect, where, reason, first), counted=known)
-                continue
-            alike = all(m.parameters == first for m in members)
-            kin = any(e.effect == effect.identifier and site(e.where) == site(where) for e in model.effects)
-            yield Candidate(
-                effect.identifier, where, first, columns, tuple(shapes), _weights(effect, model.robot, shapes),
-                parameters_of=None if alike else columns.parameters, driven=columns.driven,
-                assumed=frozenset(effect.assumed), moves=columns.moves, expected=bool(members[0].realised.nominal),
-                kin=kin,
-            )  # fmt: skip
+            yield _candidate(model, columns, shapes, problem, basis, noise)
+
+
+def _candidate(
+    model: StiffnessModel, columns: _Columns, shapes: Sequence[Shape], problem: Problem, basis: Array,
+    noise: Noise | None,
+) -> Candidate:  # fmt: skip
+    """An effect at a place with the shapes that these data can tell of, or the reason why they show it in none."""
+    effect, where = columns.effect, columns.where
+    every = _members(columns, shapes)
+    members = _sound(columns, every)
+    first = (members or every)[0].parameters
+    unseen = (
+        _unseen(columns, members, basis, columns.situation.view)
+        if members
+        else "its law gives no finite number in these data"
+    )
+    if unseen:
+        return _unavailable(effect, where, unseen, first)
+    known = _below_noise(columns, members, problem, noise)
+    if known is not None:
+        reason = "its known size is below the noise: it is counted as it is"
+        return replace(_unavailable(effect, where, reason, first), counted=known)
+    kept = tuple(m.shape for m in members)
+    return Candidate(
+        effect.identifier, where, first, columns, kept, _weights(effect, model.robot, kept),
+        parameters_of=None if all(m.parameters == first for m in members) else columns.parameters,
+        driven=columns.driven, assumed=frozenset(effect.assumed), moves=columns.moves,
+        expected=bool(members[0].realised.nominal),
+        kin=any(e.effect == effect.identifier and site(e.where) == site(where) for e in model.effects),
+    )  # fmt: skip
 
 
 def _weights(effect: Effect, robot: Robot, shapes: Sequence[Shape]) -> tuple[float, ...]:
@@ -278,85 +278,6 @@ def _noncentrality(signal: Array, problem: Problem, noise: Noise | None) -> floa
     found = rest / max(problem.rows - basis.shape[1], 1)
     scale = found if problem.sigma is None else min(found, 1.0)
     return float(size / scale) if scale > 0 else np.inf
-
-
-def grouped(problem: Problem, candidates: Sequence[Candidate]) -> tuple[Candidate, ...]:
-    """Name the groups of candidates that add the same spaces to the model, whichever of their simplest shapes.
-
-    A shape whose space is a part of another one's does not count: that takes in all it does.
-    """
-    basis = column_space(problem.A)
-    probe = np.random.default_rng(0).standard_normal(problem.rows)
-    known: list[tuple[str, Array, float]] = []
-    out = []
-    for candidate in candidates:
-        if candidate.unavailable or len(candidate.simplest) > _MOST_SHAPES:
-            out.append(candidate)
-            continue
-        spaces = [_own_space(candidate.block(s), basis) for s in candidate.simplest]
-        shadow = np.concatenate([own @ (own.T @ probe) for own in spaces if not _within(own, spaces)])
-        size = float(np.linalg.norm(shadow))
-        alike = (n for n, other, s in known if abs(s - size) <= _SAME * size and _equal(other, shadow))
-        name = next(alike, candidate.key)
-        known.append((name, shadow, size))
-        out.append(replace(candidate, group=name))
-    return tuple(out)
-
-
-def structural(
-    model: StiffnessModel, situation: Situation, candidates: Sequence[Candidate]
-) -> tuple[Candidate, ...]:
-    """Keep the groups that hold at other poses too: these poses alone may make columns look the same."""
-    names = [c.group for c in candidates]
-    several = [c for c in candidates if c.group and names.count(c.group) > 1]
-    if not several:
-        return tuple(candidates)
-    elsewhere = _elsewhere(model.robot, situation)
-    moved = [replace(c, columns=replace(c.columns, situation=elsewhere, _seen={})) for c in several]  # type: ignore[type-var]
-    compliances = list(dict.fromkeys(t.parameter for t in situation.laws.terms))
-    A = np.hstack([
-        linear_columns(elsewhere.view, situation.laws.terms, compliances), placement_columns(elsewhere.view)
-    ])  # fmt: skip
-    rows = len(A)
-    blank = np.zeros(rows, dtype=np.intp)
-    there = grouped(Problem(np.zeros(rows), A, blank, blank, blank, blank), moved)
-    both = {c.key: (c.group, found.group) for c, found in zip(several, there, strict=True)}
-    first: dict[tuple[str, str], str] = {}
-    return tuple(
-        replace(c, group=first.setdefault(both[c.key], c.key)) if c.key in both else c for c in candidates
-    )
-
-
-def _elsewhere(robot: Robot, situation: Situation) -> Situation:
-    """The same experiment at random poses within the joints' limits."""
-    view = situation.view
-    poses, back = np.unique(view.table.pose, return_inverse=True)
-    q = any_poses(robot, np.random.default_rng(0), len(poses))
-    moved = look(robot, replace(view.table, q=q[back.reshape(-1)]))
-    moved = replace(moved, turn=view.turn, shift=view.shift)
-    if view.table.kind == "absolute":
-        moved = under_weights(moved)
-    return Situation(moved, replace(situation.laws, view=moved))
-
-
-def _own_space(block: Array, basis: Array) -> Array:
-    """Orthonormal basis (M, r) of what a block adds to the model."""
-    length = np.linalg.norm(block, axis=0)
-    block = block[:, length > 0] / length[length > 0]
-    return column_space(block - basis @ (basis.T @ block), OWN)
-
-
-def _within(own: Array, spaces: Sequence[Array]) -> bool:
-    """Whether a space is a part of a larger one among some."""
-    return any(
-        other.shape[1] > own.shape[1]
-        and bool(np.linalg.norm(own - other @ (other.T @ own)) < _SAME * np.sqrt(own.shape[1]))
-        for other in spaces
-    )
-
-
-def _equal(a: Array, b: Array) -> bool:
-    return a.shape == b.shape and bool(np.linalg.norm(a - b) < _SAME * np.linalg.norm(b))
 
 
 def scales_of(view: View) -> Scales:
