@@ -222,6 +222,34 @@ def test_an_old_effect_in_another_shape_and_a_new_one_are_told_apart() -> None:
 
 
 @pytest.mark.slow
+def test_several_effects_in_other_shapes_are_found_at_once() -> None:
+    old = EffectInstance("nonlinear_stiffness", {"joint": 2}, {"load": 500.0, "knee": 1.0})
+    spring = Effect("nonlinear_stiffness", {"joint": 2}, "two_slope", {"c": 6e-7, "knee": 2500.0})
+    model = joints_only(ROBOT).with_effects([LASH, old])
+    found = of_campaign(model, lash(gap=9e-4, knee=400.0), spring)
+    assert {e.effect for e in found.reshaped} == {e.effect for e in found.named} == {LASH.effect, old.effect}
+    assert [step.parameters for step in found.steps] == [8, 6, 7, 8]
+    assert sum("ask for other shapes" in r and "takes them out" in r for r in found.remarks) == 1
+
+
+@pytest.mark.slow
+def test_behind_elastic_links_that_joined_an_old_shape_is_seen_too() -> None:
+    """Beside rigid links what it leaves passes for what they lack."""
+    truth = Truth(ROBOT, nominal_truth(ROBOT), (lash(gap=9e-4, knee=400.0),), Noise((0.004,) * 3))
+    found = diagnose(Task(ROBOT, simulate(truth, design(1, "deflection"), 1), start(LASH)))
+    links = "complete model (all links elastic)"
+    assert [s.title for s in found.steps][:3] == [
+        "start model",
+        links,
+        f"{links} without backlash at joint 3",
+    ]
+    assert {e.effect for e in found.reshaped} == {"backlash"}
+    assert {e.where["link"] for e in found.named if e.effect == "link_compliance"} == set(range(7))
+    (kept,) = (e for e in found.model.effects if e.effect == "backlash")
+    assert kept.shape["width"] > 200.0
+
+
+@pytest.mark.slow
 def test_a_link_whose_growth_the_model_has_is_found_to_bend_as_well() -> None:
     found = of_campaign(start(GROWN), warm(turn=[3e-8, -5e-8, 2e-8]), kind="absolute")
     assert found.verdict == "named"

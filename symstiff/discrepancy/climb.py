@@ -100,6 +100,11 @@ class Ladder:
         return self.models[-1].model if self.models else self.start
 
     @property
+    def path(self) -> tuple[StiffnessModel, ...]:
+        """The start model and those that took its place, to the widest."""
+        return (self.start, *(wider.model for wider in self.models))
+
+    @property
     def title(self) -> str:
         """Of the widest model, in the growth path."""
         return self.models[-1].title if self.models else "start model"
@@ -138,11 +143,12 @@ class Ladder:
             f"{named_at(e.effect, e.where)} ({', '.join(e.shape_phrases(bare.robot)) or 'the first shape'})"
             for e in effects
         )
+        shape, them = ("another shape", "it") if len(effects) == 1 else ("other shapes", "them")
         remark = (
-            f"the start model has {told}: these data ask for another shape, with which the model goes on; the growth "
-            "path takes it out and adds it anew"
+            f"the start model has {told}: these data ask for {shape}, with which the model goes on; the growth path "
+            f"takes {them} out and adds {them} anew"
         )
-        return self._beside(Wider(bare, f"start model without {names}", Why.NOTHING, remark), left)
+        return self._beside(Wider(bare, f"{self.title} without {names}", Why.NOTHING, remark), left)
 
     def _beside(self, model: Wider, left: Diagnosis) -> Ladder:
         first = left.growth[0]
@@ -189,7 +195,7 @@ def _of_all_links(
     frames: tuple[EffectInstance, ...],
 ) -> Wider | None:  # fmt: skip
     """The complete model, where links are rigid in this one and elastic links are what is missing, few or not."""
-    rigid = all(p.is_joint for p in model.compliances) and all(e in frames for e in model.effects)
+    rigid = all(p.is_joint for p in model.compliances)
     tested = [c.parameters for c in found.candidates if c.testable][:1]
     parts = {NAMED: [sizes for *_, sizes in found.leading], UNEXPLAINED: tested, INSUFFICIENT: tested}
     parts[AMBIGUOUS] = parts[NAMED]
@@ -202,7 +208,7 @@ def _of_all_links(
         "complete model (all links elastic)",
         Why.LINKS,
         "a few elastic links do not account for what the joints leave as well as all of them do: the complete model "
-        "takes the place of the joints-only model, and the diagnosis goes on from there",
+        "takes the place of the one with rigid links, and the diagnosis goes on from there",
         prices=_LINKS if task.table.kind == "absolute" else 0.0,
     )
 

@@ -18,7 +18,7 @@ from symstiff.discrepancy.findings.finding import Finding, Rung, Task
 from symstiff.discrepancy.findings.numbers import milli
 from symstiff.discrepancy.findings.out_of_range import astray, out_of_range
 from symstiff.discrepancy.findings.remarks import inconstant, remarked
-from symstiff.discrepancy.findings.result import Diagnosis, Found, Quantity
+from symstiff.discrepancy.findings.result import Diagnosis, Found, Name, Quantity
 from symstiff.discrepancy.findings.since import as_told, of_values, since
 from symstiff.discrepancy.reasons import Reason, Why
 from symstiff.discrepancy.search.proof import FEWEST
@@ -46,6 +46,8 @@ class Course:
     assembly: Assembly
     first: Diagnosis
     last: Diagnosis
+    given: tuple[Name, ...] = ()
+    """Effects of the start model that belong to every explanation, in whatever shape."""
     plain: Course | None = None
     """How it went with the start model's effects in the shapes that it gives them, where they got others."""
 
@@ -59,11 +61,15 @@ Without = Callable[[Course, Sequence[Found]], Course | None]
 """The course without some effects; None where nothing else accounts for the data."""
 
 
+def _nothing(course: Course, found: Sequence[Found]) -> None:
+    """Nothing else accounts for the data."""
+
+
 def finding_of(
     course: Course,
     remarks: list[str],
     tell: Callable[[str], None],
-    without: Without = lambda course, found: None,
+    without: Without = _nothing,
 ) -> Finding:
     """Identify all parameters jointly with the leading effects, and say what was found.
 
@@ -77,15 +83,13 @@ def finding_of(
     after = fit_told(grown, table, known, trusted=course.trusted)
     extent = extent_of(course.assembly.situation.view)
     if strays := [e for e in leading if astray([_as_identified(e, after)], task.robot, extent)]:
-        if course.plain is not None:
-            return finding_of(course.plain, remarks, tell, without)
         other = without(course, strays) or replace(course, last=_taken_back(last))
-        return finding_of(other, remarks, tell)
+        return finding_of(other, remarks, tell, _nothing if course.plain is None else without)
     before = after if grown is ladder.start else fit_told(ladder.start, table, after.noise, after)
     verdict, because = last.verdict, last.because
     if ladder.effects and verdict == NOTHING:
         verdict, because = NAMED, ladder.because
-    held = _redundant(task, ladder.start, table)
+    held = [_redundant(task, model, table) for model in ladder.path]
     doubts, changing = _unconfirmed(course), inconstant(last)
     named = _effects(course, after, bool(doubts))
     counted = named if verdict == AMBIGUOUS else tuple(e for e in named if e.set_number == 0)
@@ -94,7 +98,7 @@ def finding_of(
     remarks += [*ladder.remarks, *since(ladder.start, after.model)]
     remarks += remarked(course.assembly.situation.view, last)
     remarks += _beyond_code(after.model, table, last.rms.after)
-    remarks += _without_value(course, after, held)
+    remarks += _without_value(course, after, held[-1])
     remarks += [*doubts, *changing, *_of_effects(course, counted)]
     testable = verdict != UNTESTABLE
     rms = replace(last.rms, before=course.first.rms.before, held_out_before=course.first.rms.held_out_before)
@@ -102,7 +106,7 @@ def finding_of(
         task, table, before, after, course.told, course.first, last, course.assembly,
         verdict if testable else UNEXPLAINED, testable, because,
         counted, tuple(e for e in named if e not in counted),
-        _steps(ladder, last, before, len(held)), rms, tuple(remarks), left,
+        _steps(ladder, last, before, [len(h) for h in held]), rms, tuple(remarks), left,
     )  # fmt: skip
 
 
@@ -167,7 +171,7 @@ def _without_value(course: Course, after: JointFit, held: Couplings) -> list[str
         return hidden
     if not course.last.growth:
         return _left_at_zero(after)
-    return _undetermined(course, after, held if base is course.ladder.start else {})
+    return _undetermined(course, after, held)
 
 
 def _beyond_code(model: StiffnessModel, table: Measurements, left: float) -> list[str]:
@@ -298,12 +302,12 @@ def _as_identified(effect: Found, fitted: JointFit) -> Found:
     return replace(effect, parameters=parameters)
 
 
-def _steps(ladder: Ladder, last: Diagnosis, before: JointFit, held: int) -> tuple[Rung, ...]:
-    """The growth path from the start model on; ``held`` of its parameters nothing tells from its others."""
+def _steps(ladder: Ladder, last: Diagnosis, before: JointFit, held: Sequence[int]) -> tuple[Rung, ...]:
+    """The growth path from the start model on; ``held``: parameters of each model that its others stand for."""
+    most = ladder.count - held[-1]
     if not last.growth:
-        return (Rung(ladder.title, ladder.count - held, before.residual, last.strata, last.p_missing),)
-    out = [replace(r, parameters=r.parameters - held * (k == 0)) for k, r in enumerate(ladder.rungs)]
-    most = ladder.count - held * (not out)
+        return (Rung(ladder.title, most, before.residual, last.strata, last.p_missing),)
+    out = [replace(r, parameters=r.parameters - h) for r, h in zip(ladder.rungs, held, strict=False)]
     for k, g in enumerate(last.growth):
         title = ladder.title if g.added is None else f"+ {named_at(g.added.effect, g.added.where)}"
         p_left = last.p_missing if k == 0 else g.p_left

@@ -134,12 +134,8 @@ def _of_table(task: Task, table: Measurements, remarks: Sequence[str], tell: Tel
     whole = _with_links(model, task, table, experiment)
     assembly, first = _diagnosed(model, table, _options(task), tell, doubted(model, table, whole))
     course = _shaped_anew(Course(task, table, told, Ladder(model), assembly, first, first), tell)
-    while (wider := wider_model(course.ladder.base, course.last, task, experiment)) is not None:
-        climbed = _climbed(course, wider, tell)
-        if climbed is None:
-            break
-        course = climbed
-    return finding_of(course, remarks, tell, lambda course, found: _without(course, found, tell))
+    course = _at_the_top(course, experiment, tell)
+    return finding_of(course, remarks, tell, lambda course, found: _without(course, found, experiment, tell))
 
 
 def _with_links(
@@ -151,9 +147,26 @@ def _with_links(
     return seen_in(start_model(task.robot, "complete", experiment)[0], table.kind)[0]
 
 
-def _without(course: Course, found: Sequence[Found], tell: Tell) -> Course | None:
-    """The diagnosis without effects that went astray; None where nothing else accounts for the data."""
+def _at_the_top(course: Course, experiment: ExperimentClass, tell: Tell) -> Course:
+    """The diagnosis from the widest model on that takes the place of a narrower one."""
+    while (wider := wider_model(course.ladder.base, course.last, course.task, experiment)) is not None:
+        climbed = _climbed(course, wider, tell)
+        if climbed is None:
+            break
+        course = _shaped_anew(climbed, tell)  # beside narrower links an old shape may pass for theirs
+    return course
+
+
+def _without(
+    course: Course, found: Sequence[Found], experiment: ExperimentClass, tell: Tell
+) -> Course | None:
+    """The diagnosis without effects that went astray; None where nothing else accounts for the data.
+
+    Where effects of the start model got other shapes, it is that with the shapes that it gives them.
+    """
     tell("without what goes astray")
+    if course.plain is not None:
+        return _at_the_top(course.plain, experiment, tell)
     names = [key_of(e.effect, e.where) for e in found]
     assembly, last = _diagnosed(course.ladder.base, course.table, _options(course.task), tell, without=names)
     if last.verdict not in (NAMED, AMBIGUOUS):
@@ -171,22 +184,23 @@ def _shaped_anew(course: Course, tell: Tell) -> Course:
     old = outgrown(model, course.table, _leading(found))
     if not old:
         return course
-    bare, options = bare_of(model, old), _options(course.task)
-    options = replace(options, max_effects=options.max_effects + len(old))
-    names = [Name(e.effect, e.where) for e in old]
-    assembly, anew = _diagnosed(bare, course.table, options, tell, given=names)
+    bare, given = bare_of(model, old), (*course.given, *(Name(e.effect, e.where) for e in old))
+    assembly, anew = _diagnosed(bare, course.table, _options(course.task, given), tell, given=given)
     readings = len(np.unique(6 * assembly.problem.pose + assembly.problem.axis))
     if not accounts_better(anew, found, old, assembly.problem.axis, readings):
         return course
     first = replace(course.first, candidates=anew.candidates)
     ladder = course.ladder.without(old, bare, found)
-    return replace(course, ladder=ladder, assembly=assembly, first=first, last=anew, plain=course)
+    return replace(
+        course, ladder=ladder, assembly=assembly, first=first, last=anew, given=given, plain=course
+    )
 
 
 def _climbed(course: Course, wider: Wider, tell: Tell) -> Course | None:
     """The diagnosis from a wider model on; None where that does not take the place of the one before."""
     tell(wider.title)
-    assembly, last = _diagnosed(wider.model, course.table, _options(course.task), tell)
+    given = course.given
+    assembly, last = _diagnosed(wider.model, course.table, _options(course.task, given), tell, given=given)
     if last.verdict == UNTESTABLE or not wider.leaves_less(
         last, course.last, assembly.problem.axis, assembly.problem.pose
     ):
@@ -276,5 +290,7 @@ def _loads(assembly: Assembly, effect: EffectInstance, estimates: Mapping[str, Q
     return view.table.kind == "absolute" and bool(np.max(np.abs(turned)) > _FAR)
 
 
-def _options(task: Task) -> Options:
-    return replace(Options(), max_effects=task.max_effects, seed=Options().seed + task.seed)
+def _options(task: Task, given: Sequence[Name] = ()) -> Options:
+    """What a task asks for; effects that are ``given`` do not count among those that it looks for."""
+    most = task.max_effects + len(given)
+    return replace(Options(), max_effects=most, seed=Options().seed + task.seed)
