@@ -129,6 +129,27 @@ def test_several_files_are_one_table_and_each_keeps_its_lines(tmp_path):
     assert table.place(7).endswith("two.csv: line 5")
 
 
+def test_a_label_for_other_joint_values_in_another_file_is_another_pose(tmp_path):
+    """Plans of two campaigns call their poses p1, p2, …"""
+    one, two, three = (
+        save(tmp_path, GOOD.replace("b,-45", f"b,-{b}"), f"{name}.csv")
+        for name, b in (("may", 45), ("june", 40), ("july", 35))
+    )
+    with pytest.raises(UserError, match=r"june\.csv: line 2: duplicate"):  # pose a is the same in both
+        read_table([one, two])
+    for path, a in ((two, 85), (three, 80)):
+        path.write_text(path.read_text().replace("a,90", f"a,{a}"))
+    table = read_table([one, two, three])
+    assert table.labels == ("a", "b", "a (june)", "b (june)", "a (july)", "b (july)")
+
+
+def test_files_of_one_name_are_told_apart_by_their_folders(tmp_path):
+    (tmp_path / "old").mkdir()
+    one = save(tmp_path, GOOD, "may.csv")
+    two = save(tmp_path / "old", GOOD.replace("b,-45", "b,-40").replace("a,90", "a,85"), "may.csv")
+    assert read_table([one, two]).labels == ("a", "b", f"a ({two})", f"b ({two})")
+
+
 def test_a_row_given_in_two_files_names_both(tmp_path):
     one, two = save(tmp_path, GOOD, "one.csv"), save(tmp_path, GOOD, "two.csv")
     with pytest.raises(UserError, match=r"two\.csv: line 2: duplicate of .*one\.csv: line 2"):

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from symstiff.arguments import A_ROBOT, A_TABLE, require
+from symstiff.arrays import Array
 from symstiff.calibration.plausible import SOFTEST
 from symstiff.calibration.tables.columns import SHOWN
 from symstiff.calibration.tables.measurements import Measurements
@@ -79,6 +80,11 @@ def _one_configuration_a_label(table: Measurements) -> None:
             f"{table.place(row)}: pose {printable(label, SHOWN)!r} has other joint values than at "
             f"{table.place(int(first[table.pose[row]]))}: give each configuration its own label"
         )
+
+
+def elsewhere(q: Array, other: Array) -> bool:
+    """Whether joint values (n,) are those of another configuration than others (n,) are, of the same joints."""
+    return q.shape == other.shape and bool(np.abs(q - other).max(initial=0.0) > _SAME_POSE)
 
 
 def same_configuration(pose: np.ndarray, labels: int, q: np.ndarray) -> np.ndarray:

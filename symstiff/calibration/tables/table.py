@@ -11,6 +11,7 @@ import csv
 import io
 import re
 from collections.abc import Sequence
+from dataclasses import replace
 from os import PathLike
 from pathlib import Path
 from typing import Literal
@@ -19,7 +20,7 @@ import numpy as np
 
 from symstiff.arguments import require, require_path
 from symstiff.arrays import Array, Index
-from symstiff.calibration.tables.checks import check_rows, check_sigmas
+from symstiff.calibration.tables.checks import check_rows, check_sigmas, elsewhere
 from symstiff.calibration.tables.columns import SHOWN, Columns, read_header
 from symstiff.calibration.tables.measurements import (
     COMPONENTS,
@@ -45,8 +46,9 @@ Paths = str | Path | Sequence[str | Path]
 def read_table(paths: Paths) -> Measurements:
     """Read one or several measurement tables as one.
 
-    Raises UserError with file and line for whatever the format does not allow; for tables without measured
-    columns; for deflection data in which every wrench is zero.
+    A pose label means the same in all of them; where another file has it for other joint values, as of another
+    campaign, it is told from the first by the file's name. Raises UserError with file and line for whatever the format
+    does not allow; for tables without measured columns; for deflection data in which every wrench is zero.
     """
     return _read(paths, "measured")
 
@@ -70,9 +72,24 @@ def _read(paths: Paths, purpose: Literal["measured", "poses"]) -> Measurements:
         require_path(path, "a table")
         if Path(path).resolve() in [Path(other).resolve() for other in paths[:k]]:
             raise UserError(f"{path} is given twice: name each table once")
-    table = concatenate([read_file(Path(path), purpose) for path in paths])
+    table = concatenate(_told_apart([read_file(Path(path), purpose) for path in paths]))
     check_rows(table)
     return table
+
+
+def _told_apart(tables: Sequence[Measurements]) -> list[Measurements]:
+    """Tables of which no label stands for other joint values than in one before: there its file's name is added."""
+    known: dict[str, Array] = {}
+    stems = [Path(table.files[0]).stem for table in tables]
+    out = []
+    for table, stem in zip(tables, stems, strict=True):
+        file = stem if stems.count(stem) == 1 else table.files[0]
+        _, first = np.unique(table.pose, return_index=True)
+        own = dict(zip(table.labels, table.q[first], strict=True))
+        labels = [f"{n} ({file})" if n in known and elsewhere(q, known[n]) else n for n, q in own.items()]
+        out.append(replace(table, labels=tuple(labels)))
+        known = dict(zip(labels, own.values(), strict=True)) | known
+    return out
 
 
 def check_limits(table: Measurements) -> None:
