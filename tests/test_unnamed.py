@@ -77,7 +77,7 @@ def test_a_marker_that_sits_elsewhere_moves_with_the_tool() -> None:
     expected = look(other, table).offset - look(robot, table).offset
     view = found.situation.view
     block = _law(found.problem, "marker p2", "shift in the tool's axes")
-    assert block @ shift == pytest.approx((expected @ view.turn.T)[view.state, view.component], abs=1e-9)
+    assert block @ shift == pytest.approx(view.in_device(expected)[view.state, view.component], abs=1e-9)
     assert np.any(expected[table.point == 1])
 
 

@@ -8,7 +8,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from symstiff.calibration.experiment.current import Current, settled, sigma_of
-from symstiff.calibration.experiment.placement import best_placed
+from symstiff.calibration.experiment.placement import best_placed, placement_columns
 from symstiff.calibration.fits.decomposition import own_columns
 from symstiff.calibration.fits.estimate import Estimate, estimate
 from symstiff.calibration.plausible import implausible
@@ -17,6 +17,7 @@ from symstiff.calibration.rows import Equations, shared_blocks, weights
 from symstiff.calibration.tables.measurements import Measurements
 from symstiff.model import StiffnessModel
 from symstiff.reduction.svd import svd
+from symstiff.symbolic.terms import AXES
 
 _INSIDE, _OUTSIDE = 1e-6, 1e-4
 """Least part of a column outside others for it to count: of a constant of the geometry, and of a weight's effect."""
@@ -28,13 +29,15 @@ _LEVER = 0.02
 class AbsoluteFit:
     """A fit to absolute data: the model's parameters, then the geometry; residuals beyond the rigid robot.
 
-    ``silent`` are parameters that move no row; ``untold`` (value and deviation that they would have) are compliances
-    that the geometry hides: any size that an arm may have fits, or one that no arm has. Neither is part of the fit.
+    ``constants`` are those of geometry and placement. ``silent`` are parameters that move no row; ``untold`` (value and
+    deviation that they would have) are compliances that the geometry hides: any size that an arm may have fits, or one
+    that no arm has. Neither is part of the fit.
     """
 
     fit: Estimate
     equations: Equations
     residuals: ResidualTable
+    constants: tuple[str, ...]
     silent: tuple[str, ...] = ()
     untold: Mapping[str, tuple[float, float]] = field(default_factory=dict)
 
@@ -50,7 +53,8 @@ def fit_absolute(model: StiffnessModel, table: Measurements) -> AbsoluteFit:
 
     The excess over the rigid robot at its best placement is explained by deflections under load and weight and by an
     independent set of constants at the links' virtual joints (geometry, tool and placement of the device, called
-    ``geometry_<link>_<axis>`` [m, rad]); those that a compliance could mimic are left to the geometry.
+    ``geometry_<link>_<axis>`` [m, rad]); those that a compliance could mimic are left to the geometry. Where the
+    device stood in further files is ``device_<file>_<axis>``, from its closest placement there.
     """
     current = settled(model, table)
     silent = tuple(n for n in model.parameters if n not in current.names)
@@ -86,7 +90,7 @@ def _elastic(current: Current, model: StiffnessModel) -> list[_Column]:
 
 
 def _geometry(current: Current) -> list[_Column]:
-    """Constants at the links' virtual joints, as many as are independent.
+    """Where the device stood in further files, and constants at the links' virtual joints, as far as independent.
 
     Those that would turn by much to move the point by little come last: the point stands on their axes.
     """
@@ -94,11 +98,14 @@ def _geometry(current: Current) -> list[_Column]:
     lever = np.sqrt(np.mean(view.J**2, axis=0)) / view.robot.reach
     links = [k for k, v in enumerate(view.joints) if v.kind == "link"]
     links.sort(key=lambda k: view.joints[k].rotational and lever[k] < _LEVER)
-    chosen = sorted(links[k] for k in own_columns(view.J[:, links], _INSIDE))
-    return [
-        _Column(f"geometry_{v.body}_{v.axis}", "rad" if v.rotational else "m", view.J[:, k], True)
-        for k, v in ((k, view.joints[k]) for k in chosen)
-    ]
+    further = placement_columns(view)[:, len(AXES) :]  # the base's link is the first station
+    count = further.shape[1]
+    own = own_columns(np.hstack([further, view.J[:, links]]), _INSIDE)
+    chosen = sorted(links[k - count] for k in own if k >= count)
+    stood = [(f"device_{2 + k // 6}_{1 + k % 6}", k % 6 >= 3, further[:, k]) for k in range(count)]
+    frames = [(f"geometry_{v.body}_{v.axis}", v.rotational, view.J[:, k])
+              for k, v in ((k, view.joints[k]) for k in chosen)]  # fmt: skip
+    return [_Column(n, "rad" if turns else "m", values, True) for n, turns, values in (*stood, *frames)]
 
 
 def _hidden(current: Current, geometry: Sequence[_Column]) -> list[_Column]:
@@ -126,7 +133,8 @@ def _fitted(current: Current, table: Measurements, columns: Sequence[_Column]) -
     before, after, alone = (
         e.spread(rows, len(table)) for rows in (e.y, e.A @ fit.values, _explained(e, geometry))
     )
-    return AbsoluteFit(fit, e, replace(residual_table(before, after), geometry=sizes(before - alone)))
+    residuals = replace(residual_table(before, after), geometry=sizes(before - alone))
+    return AbsoluteFit(fit, e, residuals, tuple(c.name for c in columns if c.constant))
 
 
 def _explained(e: Equations, columns: np.ndarray) -> np.ndarray:

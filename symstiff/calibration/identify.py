@@ -41,6 +41,7 @@ from symstiff.calibration.remarks import (
     of_loads,
     of_redundant,
     of_sag,
+    of_stations,
     repeated,
     unsettled,
 )
@@ -281,6 +282,7 @@ def _from_absolute(begin: _Begin, table: Measurements, remarks: list[str]) -> Id
     model = model.with_values(values, {n: std for n, (_, std) in own.items()})
     remarks = [
         *remarks,
+        *of_stations(table),
         *beside_geometry(found, model),
         *unlike_file(model, model.robot),
         *of_sag(model.robot),

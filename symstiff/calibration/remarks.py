@@ -92,6 +92,18 @@ def of_loads(table: Measurements, loads: str) -> list[str]:
     return [r for r in check_loads(table.w, table.place) if loads != "gravity" or "one direction" not in r]
 
 
+def of_stations(table: Measurements) -> list[str]:
+    """A remark on where the device is taken to have stood, where positions come from several files."""
+    if table.kind != "absolute" or len(table.files) < 2:
+        return []
+    station, names = table.station, np.array(table.files)
+    groups = [", ".join(names[np.unique(table.file[station == k])]) for k in np.unique(station)]
+    return [
+        "where the measuring device stood is found for every file or group of files by itself: "
+        f"{'; '.join(groups)}"
+    ]
+
+
 def beside_geometry(found: AbsoluteFit, model: StiffnessModel) -> list[str]:
     """What is to be said of a fit to absolute positions: parameters without a value, what was fitted along, the fit."""
     remarks = []
@@ -105,12 +117,11 @@ def beside_geometry(found: AbsoluteFit, model: StiffnessModel) -> list[str]:
             f"{shown}: cannot be told from geometry in these positions (the fit gives sizes that no arm has): not "
             "determined, and zero"
         )
-    names = found.fit.names
-    geometry = sum(n.startswith("geometry_") for n in names)
-    beside = [n for n in names if not n.startswith("geometry_") and n not in model.parameters]
+    known = {*found.constants, *model.parameters}
+    beside = [n for n in found.fit.names if n not in known]
     weights = f", and what only the links' weights show: {', '.join(beside)}" if beside else ""
     remarks.append(
-        f"absolute positions: {geometry} constants of geometry and placement were fitted along{weights}"
+        f"absolute positions: {len(found.constants)} constants of geometry and placement were fitted along{weights}"
     )
     return [*remarks, *_of_drawing(found, model.robot), *fits(found.fit, found.equations)]
 

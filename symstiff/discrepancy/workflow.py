@@ -21,6 +21,7 @@ from symstiff.calibration.experiment.readings import ExperimentClass, experiment
 from symstiff.calibration.experiment.situation import Laws
 from symstiff.calibration.identify import start_model
 from symstiff.calibration.kept import on_the_clock, seen_in
+from symstiff.calibration.remarks import of_stations
 from symstiff.calibration.rows import context_of
 from symstiff.calibration.tables.checks import check_measured, check_robot, of_units
 from symstiff.calibration.tables.loading import as_loading
@@ -77,7 +78,7 @@ def diagnose(task: Task, tell: Tell | None = None) -> Finding:
     check_measured(task.table)
     task = replace(task, table=as_loading(task.table))
     table, unused = used(task.table, task.max_poses)
-    remarks = [*warnings, *unused]
+    remarks = [*warnings, *unused, *of_stations(table)]
     finding = _of_table(task, table, remarks, tell)
     for _ in range(_AGAIN):
         rows = gross(finding)

@@ -12,7 +12,7 @@ import numpy as np
 
 from symstiff.arrays import Array
 from symstiff.calibration.doubts.soundness import check_tool
-from symstiff.calibration.experiment.placement import closest
+from symstiff.calibration.experiment.placement import motions, stations
 from symstiff.calibration.tables.measurements import Measurements
 from symstiff.model import StiffnessModel
 from symstiff.robot.schema import Robot
@@ -42,7 +42,7 @@ def find_point(model: StiffnessModel, table: Measurements, robot: Robot) -> tupl
     if len(rows) < _FEWEST:
         return model, ""
     found = kinematics(model.robot, table.q[rows])
-    offset = _offset(found.T[:, :3, :3], found.T[:, :3, 3], table.values[rows, :3])
+    offset = _offset(found.T[:, :3, :3], found.T[:, :3, 3], table.select(rows))
     length = float(np.linalg.norm(offset))
     if length < min(LEAST, LEAST_SHARE * model.robot.reach):
         return model, ""
@@ -53,22 +53,15 @@ def find_point(model: StiffnessModel, table: Measurements, robot: Robot) -> tupl
     )
 
 
-def _offset(attitude: Array, position: Array, seen: Array) -> Array:
+def _offset(attitude: Array, position: Array, table: Measurements) -> Array:
     """(3,) point in tool axes that, with the device's placement, brings prediction and data together."""
-    offset = np.zeros(3)
+    offset, station, seen = np.zeros(3), table.station, table.values[:, :3]
     for _ in range(_ROUNDS):
         points = position + attitude @ offset
-        turn, shift = closest(points, seen)
-        twists = points - points.mean(axis=0)
-        X = np.concatenate(
-            [
-                attitude,
-                np.broadcast_to(np.eye(3), attitude.shape),
-                np.cross(np.eye(3)[None, :, :], twists[:, None, :]).transpose(0, 2, 1),
-            ],
-            axis=2,
-        ).reshape(-1, 9)
-        y = ((seen - shift) @ turn - points).reshape(-1)
+        turn, shift = stations(points, table)
+        moved = motions(points, station)[:, :3]
+        X = np.concatenate([attitude, moved], axis=2).reshape(-1, 3 + moved.shape[2])
+        y = (np.einsum("nij,ni->nj", turn, seen - shift) - points).reshape(-1)
         length = np.linalg.norm(X, axis=0)
         step = np.linalg.lstsq(X / length, y, rcond=1e-6)[0] / length
         offset = offset + step[:3]

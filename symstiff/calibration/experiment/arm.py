@@ -24,7 +24,7 @@ class Arm:
 
 def drawn(view: View, laws: Laws) -> Arm:
     """The arm as its file draws it, bent by some laws."""
-    moved = np.einsum("nrv,nv->nr", replace(view, turn=np.eye(3)).at_point, laws(view.tau))
+    moved = np.einsum("nrv,nv->nr", replace(view, turn=np.eye(3)[None]).at_point, laws(view.tau))
     return Arm(view.found.T[:, :3, 3] + view.offset + moved[:, :3], np.zeros_like(moved), laws)
 
 
@@ -34,7 +34,7 @@ def standing(view: View, laws: Laws, off: Array) -> Arm:
     One whose frames are off by a milliradian stands some micrometres beside what linear equations say, by a hundredth
     of a radian some tenths of a millimetre, and bends by other levers.
     """
-    view = replace(view, turn=np.eye(3))
+    view = replace(view, turn=np.eye(3)[None])
     rest = replace(laws, view=view)(np.zeros_like(view.tau))
     there = under_weights(look(view.robot, view.table, stand=rest + off))
     bent = replace(laws, view=there)(there.tau + view.more) - rest

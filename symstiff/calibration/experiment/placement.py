@@ -1,4 +1,4 @@
-"""Where the measuring device stands: six numbers that are always estimated from absolute data."""
+"""Where the measuring device stands: six numbers a station, which are always estimated from absolute data."""
 
 from __future__ import annotations
 
@@ -6,9 +6,10 @@ from dataclasses import replace
 
 import numpy as np
 
-from symstiff.arrays import Array
+from symstiff.arrays import Array, Index
 from symstiff.calibration.experiment.arm import Arm, turns_between
 from symstiff.calibration.experiment.situation import View
+from symstiff.calibration.tables.measurements import Measurements
 from symstiff.errors import UserError
 
 _NO_TURN = 1e-4
@@ -19,7 +20,7 @@ def placed(view: View, arm: Arm) -> tuple[View, Array]:
     """The view in the device's axes, and what its rows read beyond the rigid robot of the file (M,).
 
     Deflections are read in base axes and come back as they are. For absolute data the device's placement is
-    the rotation and shift that bring the arm's points closest to the measured ones (Kabsch).
+    the rotation and shift that bring the arm's points closest to the measured ones (Kabsch), of each station.
     """
     table = view.table
     if table.kind != "absolute":
@@ -30,12 +31,23 @@ def placed(view: View, arm: Arm) -> tuple[View, Array]:
             f"absolute positions need x, y and z together in at least three rows, {int(complete.sum())} found: "
             "without them nobody knows where the measuring device stands"
         )
-    turn, shift = closest(arm.points[complete], table.values[complete, :3])
+    turn, shift = stations(arm.points, table)
     view, excess = replace(view, turn=turn, shift=shift), np.zeros((len(table), 6))
-    excess[:, :3] = table.values[:, :3] - view.points - arm.beyond[:, :3] @ turn.T
+    excess[:, :3] = table.values[:, :3] - view.points - view.in_device(arm.beyond[:, :3])
     if table.measured[:, 3:].any():
-        excess[:, 3:] = _attitudes(view, turn) - arm.beyond[:, 3:] @ turn.T
+        excess[:, 3:] = _attitudes(view) - view.in_device(arm.beyond[:, 3:])
     return view, np.array(excess[view.state, view.component])
+
+
+def stations(points: Array, table: Measurements) -> tuple[Array, Array]:
+    """Rotations (N, 3, 3) and shifts (N, 3) that bring points (N, 3) closest to the measured ones, one a station."""
+    station, complete = table.station, table.measured[:, :3].all(axis=1)
+    found = [
+        closest(points[own], table.values[own, :3])
+        for own in (complete & (station == k) for k in range(station.max(initial=0) + 1))
+    ]
+    turns, shifts = (np.array(each) for each in zip(*found, strict=True))
+    return turns[station], shifts[station]
 
 
 def closest(points: Array, seen: Array) -> tuple[Array, Array]:
@@ -49,12 +61,12 @@ def closest(points: Array, seen: Array) -> tuple[Array, Array]:
     return turn, b - turn @ a
 
 
-def _attitudes(view: View, turn: Array) -> Array:
+def _attitudes(view: View) -> Array:
     """Rotation vectors (N, 3) from the rigid robot's tool attitude to the measured one, device axes."""
     from scipy.spatial.transform import Rotation
 
     values = np.nan_to_num(view.table.values[:, 3:])
-    return turns_between(turn @ view.found.T[:, :3, :3], Rotation.from_rotvec(values).as_matrix())
+    return turns_between(view.turn @ view.found.T[:, :3, :3], Rotation.from_rotvec(values).as_matrix())
 
 
 def turns_of(vectors: Array) -> Array:
@@ -69,13 +81,22 @@ def turns_of(vectors: Array) -> Array:
 
 
 def placement_columns(view: View) -> Array:
-    """(M, 6) small shifts and turns of the device about the arm of the file; none (M, 0) for deflections."""
+    """(M, 6 a station) small shifts and turns of the device about the arm of the file; none for deflections."""
     if view.table.kind != "absolute":
         return np.zeros((len(view.state), 0))
-    points = view.points - view.points.mean(axis=0)
-    twist = np.tile(np.eye(6), (len(points), 1, 1))
-    twist[:, :3, 3:] = np.cross(np.eye(3), points[:, None]).transpose(0, 2, 1)
-    return np.asarray(twist[view.state, view.component])
+    return motions(view.points, view.table.station)[view.state, view.component]
+
+
+def motions(points: Array, station: Index) -> Array:
+    """(N, 6, 6 a station) twists of points (N, 3) by small shifts and turns, of each station (N,) about its middle."""
+    found = []
+    for k in range(station.max(initial=0) + 1):
+        there = station == k
+        twist = np.tile(np.eye(6), (len(points), 1, 1))
+        levers = points - points[there].mean(axis=0)
+        twist[:, :3, 3:] = np.cross(np.eye(3), levers[:, None]).transpose(0, 2, 1)
+        found.append(twist * there[:, None, None])
+    return np.concatenate(found, axis=2)
 
 
 def best_placed(view: View, y: Array) -> Array:

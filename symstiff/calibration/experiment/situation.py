@@ -50,8 +50,8 @@ _STEP = 1e-4
 class View:
     """N states and the M data rows that are read from them.
 
-    ``turn`` (3, 3) and ``shift`` (3,) take base axes to the device's; ``state`` and ``component`` (M,) say what each
-    row reads.
+    ``turn`` (N, 3, 3) and ``shift`` (N, 3), or one for all, take base axes to the device's; ``state`` and ``component``
+    (M,) say what each row reads.
     """
 
     robot: Robot
@@ -63,8 +63,8 @@ class View:
     component: Index
     tau: Array
     """(N, V) by the wrenches of the table, in absolute data by the links' weight as well."""
-    turn: Array = field(default_factory=lambda: np.eye(3))
-    shift: Array = field(default_factory=lambda: np.zeros(3))
+    turn: Array = field(default_factory=lambda: np.eye(3)[None])
+    shift: Array = field(default_factory=lambda: np.zeros((1, 3)))
     more: Array | float = 0.0
     """(N, V) loads that the model's effects add by their fitted values: every law but a compliance's sees them."""
 
@@ -87,7 +87,7 @@ class View:
     @cached_property
     def points(self) -> Array:
         """(N, 3) where the device would read the measured points of the arm of the file: no noise is in them."""
-        return np.asarray((self.found.T[:, :3, 3] + self.offset) @ self.turn.T + self.shift)
+        return self.in_device(self.found.T[:, :3, 3] + self.offset) + self.shift
 
     @cached_property
     def J(self) -> Array:
@@ -102,6 +102,10 @@ class View:
             Body(7 * i + 6, self.found.R[:, i] @ np.array(link.com) - self.found.rho[:, i], link.mass * down)
             for i, link in enumerate(self.robot.links) if i and link.mass
         )  # fmt: skip
+
+    def in_device(self, vectors: Array) -> Array:
+        """Vectors (N, 3) of base axes in the device's."""
+        return np.asarray((self.turn @ vectors[:, :, None])[:, :, 0])
 
     def read(self, twists: Array) -> Array:
         """Rows (M,) of twists (N, 6) of the measured points, device axes."""
@@ -313,8 +317,8 @@ class Situation:
 
     def rows(self, twists: Array) -> Array:
         """Rows (M,) of twists (N, 6) of the measured points, base axes."""
-        turn = self.view.turn
-        return self.view.read(np.concatenate([twists[:, :3] @ turn.T, twists[:, 3:] @ turn.T], axis=1))
+        parts = [self.view.in_device(part) for part in (twists[:, :3], twists[:, 3:])]
+        return self.view.read(np.concatenate(parts, axis=1))
 
     @cached_property
     def reading(self) -> dict[sp.Symbol, Array]:

@@ -22,6 +22,8 @@ CONTEXT = ("time", "temperature", "load_step", "branch", "repeat")
 _ROWS = ("pose", "q", "w", "point", "values", "sigma", *CONTEXT, "file", "line")
 _STILL = 1e-9
 """Range [rad, m] up to which a joint never moves."""
+_FLAT = 1e-2
+"""How far [m] points have to spread beside their longest line for a file to tell where the device stood."""
 
 
 def course(values: Array) -> Array:
@@ -100,6 +102,20 @@ class Measurements:
     def session(self) -> Array:
         """(M,) how far the session has gone, from 0 to 1."""
         return course(self.clock)
+
+    @property
+    def station(self) -> Index:
+        """(M,) where the measuring device stood, from 0 on: another place for every file of absolute positions.
+
+        A file that does not tell it, of points on a line or without all three coordinates, has the first one.
+        """
+        station = np.zeros(len(self), dtype=np.intp)
+        if self.kind != "absolute" or len(self.files) < 2:
+            return station
+        own = [k for k in np.unique(self.file) if _spread_out(self.values[self.file == k, :3])]
+        for number, k in enumerate(own):
+            station[self.file == k] = number
+        return station
 
     @property
     def dof(self) -> int:
@@ -236,6 +252,15 @@ def concatenate(tables: Sequence[Measurements]) -> Measurements:
         if name not in ("pose", "point", "file"):
             merged[name] = np.concatenate([getattr(table, name) for table in tables])
     return Measurements(**merged)
+
+
+def _spread_out(points: Array) -> bool:
+    """Whether points (N, 3), as far as they are known, span a plane."""
+    known = points[np.isfinite(points).all(axis=1)]
+    if len(known) < 3:
+        return False
+    extents = np.linalg.svd(known - known.mean(axis=0), compute_uv=False) / np.sqrt(len(known))
+    return bool(extents[1] > _FLAT)
 
 
 def _rows(given: Any, name: str, shape: tuple[int, ...], default: float) -> Array:

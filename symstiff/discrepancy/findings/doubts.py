@@ -16,7 +16,7 @@ from symstiff.discrepancy.reasons import Reason, Why
 from symstiff.model import StiffnessModel
 
 _PLACEMENT = 6
-"""Numbers that say where the measuring device stands."""
+"""Numbers that say where the measuring device stood, a station."""
 _AWAY = 0.03
 """Distance from the measured positions, in reaches, that no uncalibrated robot has."""
 
@@ -42,13 +42,17 @@ def _excess(model: StiffnessModel, table: Measurements) -> tuple[float, int]:
     view = look(model.robot, table)
     view, excess = placed(view, drawn(view, Laws(view, model.terms, model.values)))
     beyond = excess[view.component < 3]
-    return float(beyond @ beyond), len(beyond) - _PLACEMENT
+    return float(beyond @ beyond), len(beyond) - _PLACEMENT * _stations(table)
+
+
+def _stations(table: Measurements) -> int:
+    return int(table.station.max(initial=0)) + 1
 
 
 def _misplaced(model: StiffnessModel, table: Measurements) -> Reason | None:
     """Why absolute positions cannot be this robot's: placed as well as possible it is far from them."""
     square, freedom = _excess(model, table)
-    away = float(np.sqrt(3.0 * square / (freedom + _PLACEMENT)))
+    away = float(np.sqrt(3.0 * square / (freedom + _PLACEMENT * _stations(table))))
     if away < _AWAY * model.robot.reach:
         return None
     mm = f"{1e3 * away:.0f} mm rms"

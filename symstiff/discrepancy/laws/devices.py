@@ -360,13 +360,14 @@ def _bent(view: View) -> Iterator[DeviceLaw]:
     seen = seen / max(float(np.linalg.norm(seen, axis=1).max()), 1e-9)
     ways = [*seen.T, np.sum(seen**2, axis=1)]
     names = tuple(Parameter(f"vertical error by the place: {name}", "m") for name in (*"xyz", "distance^2"))
-    columns = [_read(view, way[:, None] * view.turn[:, 2]) for way in ways]
+    up = view.turn[:, :, 2]
+    columns = [_read(view, way[:, None] * up) for way in ways]
     yield DeviceLaw(DEVICE, "vertical error by the place", names, np.column_stack(columns))
 
 
 def _force(view: View) -> Array:
     """(N, 3) forces in the device's axes, in which shifts are read."""
-    return np.asarray(view.table.w[:, :3] @ view.turn.T)
+    return view.in_device(view.table.w[:, :3])
 
 
 def _read(view: View, moves: Array) -> Array:
