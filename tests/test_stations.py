@@ -103,6 +103,18 @@ def test_a_file_that_does_not_tell_where_the_device_stood_has_the_first_place(
     assert set(saved(tmp_path, *sessions()).station) == {0, 1}
 
 
+def test_a_pose_that_was_measured_from_two_places_was_approached_twice(tmp_path: Path) -> None:
+    """The arm came back to it, and may have stopped elsewhere."""
+    one, _ = sessions()
+    other = session(1, PLACES[1], LASH)
+    heavy, light = (np.flatnonzero((np.linalg.norm(t.w, axis=1) > 1200.0) == more)
+                    for t, more in ((one, True), (other, False)))  # fmt: skip
+    table = saved(tmp_path, one.select(heavy), other.select(light))
+    assert len(table.labels) == POSES
+    assert len(np.unique(table.approach)) == 2 * POSES
+    assert set(saved(tmp_path, *sessions()).visit) == {0}
+
+
 def test_deflections_have_no_station() -> None:
     table = replace(concatenate(sessions()), kind="deflection", files=("may.csv", "june.csv"))
     assert not table.station.any()

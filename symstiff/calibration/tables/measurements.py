@@ -90,8 +90,15 @@ class Measurements:
 
     @property
     def approach(self) -> Index:
-        """(M,) number of the approach that a row belongs to: the rows of one pose and repeat share one."""
-        return numbered(self.pose, np.nan_to_num(self.repeat, nan=-1.0))
+        """(M,) number of the approach that a row belongs to: the rows of one pose and visit share one."""
+        return numbered(self.pose, self.visit)
+
+    @property
+    def visit(self) -> Index:
+        """(M,) which of the visits to its pose a row is of: each repeat is one, and each station of the device."""
+        repeat, station = np.nan_to_num(self.repeat, nan=-1.0), self.station
+        several = numbered(self.pose, station).max(initial=0) > numbered(self.pose).max(initial=0)
+        return numbered(repeat, station) if several else numbered(repeat)
 
     @property
     def clock(self) -> Array:

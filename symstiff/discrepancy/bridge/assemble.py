@@ -127,7 +127,7 @@ def _problem(situation: Situation, current: Current) -> Problem:
         time=_context(table.time, state),
         temperature=_context(table.temperature, state),
         branch=_context(table.branch, state),
-        turn=numbered(np.nan_to_num(table.repeat))[state],
+        turn=table.visit[state],
         differences=table.kind == "deflection",
         spread=_spreads(view),
     )
