@@ -67,3 +67,29 @@ def test_a_named_effect_without_one_size_is_told_and_less_sure() -> None:
     assert [(one["effect"], one["where"], one["by"]) for one in told] == [
         ("nonlinear_stiffness", {"joint": 2}, "q1")
     ]
+
+
+def sessions(*sizes: float) -> Measurements:
+    """Files of one pose after another, each with a size of its own of the same effect."""
+    plain, whole = measured(seed=3, poses=14), measured(HARDENING | {"a": 1e-4}, seed=3, poses=14)
+    file = (whole.pose >= len(whole.labels) // 2).astype(np.intp)
+    size = np.array(sizes)[file][:, None]
+    values = plain.values + size * (whole.values - plain.values)
+    return replace(whole, values=values, file=file, files=("may.csv", "june.csv"))
+
+
+def test_a_size_that_changed_between_files_is_told_for_each() -> None:
+    first = found_of(sessions(0.5, 1.5))[0]
+    assert first.by == "file"
+    assert dict(first.each) == pytest.approx({"may.csv": 0.5, "june.csv": 1.5}, abs=0.15)
+    assert not any(one.by == "file" for one in found_of(sessions(1.0, 1.0)))
+
+
+def test_what_changed_between_files_is_told_with_what_to_do_next() -> None:
+    found = diagnose(Task(load(ROBOT), sessions(0.3, 1.7)))
+    (told,) = (r for r in found.remarks if "diagnose each by itself" in r)
+    if found.verdict == "named":
+        assert "has no one size in these files" in told
+        assert set(verdict_table(found)["inconstant"][0]["files"]) == {"may.csv", "june.csv"}
+    else:
+        assert "these are several files" in told

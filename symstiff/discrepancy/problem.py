@@ -86,6 +86,9 @@ class Problem:
     """(M,) +1 loading, -1 unloading."""
     turn: Index | None = None
     """(M,) number of the repeat, for which the robot may have come to its pose anew."""
+    file: Index | None = None
+    """(M,) where a row came from, among ``files``."""
+    files: tuple[str, ...] = ()
     differences: bool = False
     """Whether a row is a reading less the one without load, which all rows of its pose may share."""
     spread: Mapping[str, Array] = field(default_factory=dict)

@@ -163,6 +163,7 @@ def _inconstant(one: Inconstancy) -> dict[str, Any]:
         "share": one.share,
         "low": one.low,
         "high": one.high,
+        **({"files": dict(one.each)} if one.each else {}),
     }
     return {**_name(one.name), **ways}
 

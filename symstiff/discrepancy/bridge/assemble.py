@@ -128,6 +128,8 @@ def _problem(situation: Situation, current: Current) -> Problem:
         temperature=_context(table.temperature, state),
         branch=_context(table.branch, state),
         turn=table.visit[state],
+        file=table.file[state],
+        files=table.files,
         differences=table.kind == "deflection",
         spread=_spreads(view),
     )

@@ -1,19 +1,21 @@
 """Whether what was named has one size in the whole table, or follows something that its law does not depend on.
 
 A name states a law with one size. Where the residual asks for another size with a joint's angle, the session or the
-load, the law has another cause, as friction of a rig that stands on one side of the cell is no joint's hysteresis.
+load, the law has another cause, as friction of a rig that stands on one side of the cell is no joint's hysteresis; or
+it changed between the sessions that a table's files are of.
 The test has few degrees of freedom, so that it sees what the search among all laws without a name does not.
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy import stats
 
 from symstiff.arrays import TINY, Array
+from symstiff.calibration.fits.decomposition import unit_columns
 from symstiff.discrepancy.findings.result import Inconstancy, Name
 from symstiff.discrepancy.problem import Problem
 from symstiff.discrepancy.statistics.prepare import Prepared
@@ -24,6 +26,9 @@ LEVEL = 0.01
 """Family-wise level, over all effects of a set and all that their sizes may follow."""
 NOTABLE = 0.03
 """Share of an effect's signal that follows something from which that is spoken of: no law's shape is exact."""
+_TOLD = 1e-4
+"""Singular value of a file's columns, by the largest, from which the file tells a direction by itself."""
+_FILE = "file"
 _OWN = 0.02
 """Share of a modulated signal's length that model and effects have to leave for a direction to be tested."""
 
@@ -39,10 +44,7 @@ class _Modulator:
 def inconstancies(problem: Problem, ready: Prepared, entries: Sequence[int]) -> tuple[Inconstancy, ...]:
     """What the sizes of a set's effects follow, surest first: none for effects of one size in the whole table."""
     found = list(_tested(problem, ready, tuple(entries)))
-    told = [
-        Inconstancy(one.name, one.by, min(1.0, one.p_value * len(found)), one.share, one.low, one.high)
-        for one in found
-    ]
+    told = [replace(one, p_value=min(1.0, one.p_value * len(found))) for one in found]
     return tuple(
         sorted((o for o in told if o.p_value < LEVEL and o.share > NOTABLE), key=lambda o: o.p_value)
     )
@@ -54,19 +56,43 @@ def _tested(problem: Problem, ready: Prepared, entries: tuple[int, ...]) -> Iter
     layer = after.best
     start = next(one for one in ready.scan.layers if one.sharing == layer.sharing)
     value = coefficients(ready.scan, problem.A, problem.y, entries)[0][problem.A.shape[1] :]
-    ends = np.cumsum([bank.width[e] for e in entries])[:-1]
-    for entry, size in zip(entries, np.split(value, ends), strict=True):
-        columns = bank.slice(entry)
-        signal = bank.columns[:, columns] @ (bank.scale[columns] * size)
-        alone = float(np.sum(_outside(after, start, signal[:, None])[0] ** 2))
-        candidate = bank.candidates[int(bank.owner[entry])]
+    sizes = np.split(value, np.cumsum([bank.width[e] for e in entries])[:-1])
+    columns = [bank.slice(e) for e in entries]
+    signals = [
+        bank.columns[:, own] @ (bank.scale[own] * size) for own, size in zip(columns, sizes, strict=True)
+    ]
+    for k, entry in enumerate(entries):
+        signal, candidate = signals[k][:, None], bank.candidates[int(bank.owner[entry])]
+        alone = float(np.sum(_outside(after, start, signal)[0] ** 2))
         for by in _modulators(problem):
-            test = _test(after, layer, signal[:, None] * by.values, alone)
+            test = _test(after, layer, signal * by.values, alone)
             if test is not None:
                 p, share, change = test
                 ways = 1.0 + by.values @ change
                 name = Name(candidate.effect, candidate.where)
-                yield Inconstancy(name, by.name, p, share, float(ways.min()), float(ways.max()))
+                each = _by_file(problem, ready.scan, layer, signals, k) if by.name == _FILE else ()
+                yield Inconstancy(name, by.name, p, share, float(ways.min()), float(ways.max()), each)
+
+
+def _by_file(
+    problem: Problem, scan: Scan, layer: Layer, signals: Sequence[Array], k: int
+) -> tuple[tuple[str, float], ...]:
+    """The size of one of the effects in each file, where model and effects have sizes of their own in each.
+
+    Compliances change with a gear that changes: sizes of the effect alone would bear that.
+    """
+    file, X, found = np.asarray(problem.file), np.column_stack([problem.A, *signals]), []
+    for number in np.unique(file):
+        there = X * (file == number)[:, None]
+        rows = scan.noise.apply(
+            layer.whiten, np.column_stack([problem.y, there]) / scan.noise.spread[:, None]
+        )
+        unit, length = unit_columns(rows[:, 1:])
+        U, s, Vt = svd(unit)
+        kept = s > _TOLD * s.max(initial=0.0)
+        size = (Vt[kept].T @ ((U[:, kept].T @ rows[:, 0]) / s[kept]) / length)[problem.A.shape[1] + k]
+        found.append((problem.files[number], float(size)))
+    return tuple(found)
 
 
 def _test(after: Scan, layer: Layer, modulated: Array, alone: float) -> tuple[float, float, Array] | None:
@@ -93,7 +119,10 @@ def _outside(scan: Scan, layer: Layer, X: Array) -> tuple[Array, float]:
 
 
 def _modulators(problem: Problem) -> Iterator[_Modulator]:
-    """Session, temperature, size of the load, branch, and the joints' variables."""
+    """File, session, temperature, size of the load, branch, and the joints' variables."""
+    if problem.file is not None and np.ptp(problem.file) > 0:
+        several = np.unique(problem.file)[1:]
+        yield _about_mean(_FILE, (problem.file[:, None] == several).astype(float))
     context = {
         "time": problem.time, "temperature": problem.temperature, "load": problem.load, "branch": problem.branch,
     }  # fmt: skip

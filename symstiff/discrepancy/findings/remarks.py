@@ -64,6 +64,7 @@ def remarked(view: View, last: Diagnosis) -> list[str]:
         *_of_poses(view.table, last), *_of_single(last), *_of_proof(last), *_of_rows(view, last),
         *_of_succession(view, last), *_of_drawing(view, last), *_of_weights(view, last), *_of_sizes(view, last),
         *_of_settling(last), *_of_known(view.robot, last), *_of_further(last), *_of_alike(last),
+        *_of_files(view.table, last),
         *(of_sag(view.robot) if view.table.kind == "absolute" else ()),
     ]  # fmt: skip
 
@@ -184,6 +185,16 @@ def _of_further(last: Diagnosis) -> list[str]:
     ]
 
 
+def _of_files(table: Measurements, last: Diagnosis) -> list[str]:
+    """What may have changed between the sessions that files are of, where no effect accounts for all of them."""
+    if last.verdict not in (UNEXPLAINED, INSUFFICIENT) or len(np.unique(table.file)) < 2:
+        return []
+    return [
+        "these are several files, and nothing here looks for what changed between them: diagnose each by itself, a "
+        "later one also from the model of an earlier one (--start model.toml)"
+    ]
+
+
 def _of_alike(last: Diagnosis) -> list[str]:
     """A law without a name elsewhere that describes what was named."""
     if last.alike is None:
@@ -203,6 +214,13 @@ def inconstant(last: Diagnosis) -> list[str]:
 
 
 def _followed(effect: str, one: Inconstancy) -> str:
+    if one.each:
+        sizes = ", ".join(f"{round(size, 1) + 0.0:.1f} in {file}" for file, size in one.each)
+        return (
+            f"{effect} has no one size in these files: by its mean it is {sizes} ({p_equals(one.p_value)}): it changed "
+            "between them, or something else did: diagnose each by itself, a later one also from the model of an "
+            "earlier one (--start model.toml)"
+        )
     by = _FOLLOWED.get(one.by) or f"the position of joint {one.by.removeprefix('q')}"
     return (
         f"{effect} has no one size in these data: it runs from {one.low:.1f} to {one.high:.1f} of its mean with {by} "

@@ -115,13 +115,15 @@ class Inconstancy:
 
     name: Name
     by: str
-    """``time``, ``order`` of the rows, ``temperature``, ``load``, ``branch`` or ``q<joint>``."""
+    """``file``, ``time``, ``order`` of the rows, ``temperature``, ``load``, ``branch`` or ``q<joint>``."""
     p_value: float
     share: float
     """Share of the effect's signal that follows it."""
     low: float
     high: float
     """Least and largest size in the table, by the size in its middle."""
+    each: tuple[tuple[str, float], ...] = ()
+    """Files with the size in each, by the size in the middle; none where it follows something else."""
 
 
 @dataclass(frozen=True)
