@@ -16,6 +16,8 @@ from symstiff.discrepancy.apart.deciding import (
     Rival,
     Setup,
     _hypotheses,
+    _of_another_file,
+    _on_offer,
     decide_by,
     decide_poses,
     names_of,
@@ -215,3 +217,18 @@ def test_the_loads_that_are_tried_do_not_depend_on_the_order_of_poses() -> None:
     largest = [e.loads[np.argmax(np.linalg.norm(e.loads, axis=1))] for e in one]
     for a, b in permutations(largest, 2):
         assert abs(a @ b) < 0.9 * np.linalg.norm(a) * np.linalg.norm(b)
+
+
+def test_positions_to_be_measured_are_of_a_place_of_the_device_that_is_found_anew() -> None:
+    """They will be a file of their own."""
+    setup = Setup("absolute", ("tcp",), (0, 1, 2), LOADS)
+    first, offered = (
+        _of_another_file(stiff(), _on_offer(stiff(), setup, Choice(2, offered=20, seed=s))) for s in (0, 1)
+    )
+    table = concatenate([replace(first, files=("data.csv",)), offered])
+    assert np.array_equal(table.station, np.repeat([0, 1], len(offered)))
+    away, _ = decide_poses(
+        stiff(), LINKS, setup, SIGMA, Choice(2, offered=20), replace(first, files=("data.csv",))
+    )
+    assert away.kind == "none"
+    assert not np.isfinite(away.values).any()

@@ -144,7 +144,7 @@ def decide_poses(
     other shapes of its laws than the one that was named.
     """
     offered = _on_offer(model, setup, choice)
-    offered = offered if taken is None else _at_the_end(offered, taken)
+    offered = offered if taken is None else _of_another_file(model, _at_the_end(offered, taken))
     table = offered if taken is None else concatenate([taken, offered])
     new = np.zeros(len(table), dtype=bool)
     new[len(table) - len(offered) :] = True
@@ -312,6 +312,14 @@ def _at_the_end(offered: Measurements, taken: Measurements) -> Measurements:
     last = known[np.argmax(taken.time[known])] if len(known) else -1
     time, warmth = (np.full(len(offered), column[last]) for column in (taken.time, taken.temperature))
     return replace(offered, time=time, temperature=warmth)
+
+
+def _of_another_file(model: StiffnessModel, offered: Measurements) -> Measurements:
+    """What is offered as a file of its own is read: positions from a place of the device that is found anew."""
+    view = look(model.robot, offered)
+    seen = np.hstack([view.points, np.zeros((len(offered), 3))])
+    values = np.where(offered.measured, seen if offered.kind == "absolute" else 0.0, np.nan)
+    return replace(offered, values=values, files=("offered",))
 
 
 def _round(model: StiffnessModel, limits: Sequence[tuple[float, float]], q: Array) -> Array:
