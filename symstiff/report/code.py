@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import difflib
 import hashlib
+import math
 import re
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
@@ -22,8 +23,17 @@ _LONG = 20
 _READ, _WRITTEN = 4, 6
 """Significant digits of long fractions in a formula, and in the text of it that one copies."""
 _TEMPORARY = re.compile(r"\bt(\d+)\b")
-_LONE_DOT = re.compile(r"<mo>·</mo>(?=(</mrow>)*(<mo>[+-]</mo>|$))")
-"""The dot behind a parameter that nothing is multiplied with."""
+_PLAIN, _LARGE, _ENDS, _WHOLE = 4, 10**5, 6, 1e-9
+"""Denominators up to which a fraction stands as one in a formula, and those of one over a whole number; digits of a
+decimal that has an end; what a whole number may be off."""
+_MEANT = {
+    "branch": "branch: 1 where the load rises and −1 where it falls",
+    "turn": "turn: the joint's load where it last turned over its present one, 1 while it grows",
+    "up": "up: the vertical in the axes of the link's frame",
+    "time": "time in s",
+    "temperature": "temperature in °C",
+}
+"""What stands in a law beside its parameter, load and angles."""
 
 
 @dataclass(frozen=True)
@@ -58,10 +68,10 @@ def formulas(robot: Robot, instance: EffectInstance) -> list[Formula]:
     for name, (symbol, law) in list(laws.items())[:_MOST_TERMS]:
         letters: dict[sp.Expr, sp.Symbol] = {}
         told = _abridged(law, letters)
-        body = mathml(_readable(told, names), printer="presentation")
+        body = mathml(_readable(told, names), printer="presentation", mul_symbol="dot")
         for k, parameter in enumerate(names):
             body = body.replace(f"<mi>{_stand_in(k)}</mi>", _parameter(parameter))
-        body = _LONE_DOT.sub("", body)
+        body = body.replace("<mo>-</mo>", "<mo>−</mo>").replace("<mo> </mo>", "<mo>,</mo>")
         left = mathml(sp.Symbol(symbol), printer="presentation")
         out.append(
             Formula(
@@ -73,8 +83,13 @@ def formulas(robot: Robot, instance: EffectInstance) -> list[Formula]:
                     ]
                 ),
                 "; ".join(
-                    f"{letter}: a function of {_joints(own)} alone, written out below"
-                    for own, letter in letters.items()
+                    [
+                        *(
+                            f"{letter}: a function of {_joints(own)} alone, written out below"
+                            for own, letter in letters.items()
+                        ),
+                        *_meant(told),
+                    ]
                 ),
             )
         )
@@ -112,11 +127,17 @@ def _parameter(name: str) -> str:
     head, underscore, axes = name.partition("_")
     if underscore and head[0] == "k" and head[1:].isdigit() and axes.isdigit():
         return f"<msub><mi>k</mi><mtext>{head[1:]},{axes}</mtext></msub>"
-    return f"<mtext>{name}</mtext><mo>·</mo>"
+    return f"<mtext>{name}</mtext>"
+
+
+def _meant(law: sp.Expr) -> list[str]:
+    """What the words of a law mean."""
+    words = {s.name.partition("_")[0] for s in law.free_symbols}
+    return [meaning for word, meaning in _MEANT.items() if word in words]
 
 
 def _readable(law: sp.Expr, names: list[str]) -> sp.Expr:
-    """Parameters as stand-ins; loads as τ with the virtual joint as index; long fractions to four digits."""
+    """Parameters as stand-ins; loads as τ with the virtual joint as index; fractions that one reads at a glance."""
     import sympy as sp
 
     renamed = {sp.Symbol(name): sp.Symbol(_stand_in(k)) for k, name in enumerate(names)}
@@ -125,8 +146,47 @@ def _readable(law: sp.Expr, names: list[str]) -> sp.Expr:
             renamed[s] = sp.Symbol(
                 "tau_" + s.name[4:].replace("_", ",").replace("joint", "").replace("link", "")
             )
+    legible = {r: _legible(r) for r in law.atoms(sp.Rational) if r.q > _PLAIN}
     with sp.evaluate(False):
-        return _rounded(law, _READ).xreplace(renamed)
+        return _flat(_rounded(law.xreplace(legible), _READ)).xreplace(renamed)
+
+
+def _legible(fraction: sp.Rational) -> sp.Expr:
+    """A fraction as a decimal, or as one over a decimal where that has an end: 25/97 is 1/3.88."""
+    import sympy as sp
+
+    if fraction < 0:
+        return sp.Mul(-1, _legible(-fraction), evaluate=False)
+    turned = 1 / fraction
+    if turned.q == 1 and turned.p < _LARGE:
+        return sp.Pow(turned, -1, evaluate=False)
+    for number in (fraction, turned):
+        short = f"{float(number):.{_ENDS}g}"
+        if "e" not in short and sp.Rational(short) == number:
+            decimal = sp.Float(short, _ENDS)
+            return decimal if number is fraction else sp.Pow(decimal, -1, evaluate=False)
+    return sp.Float(float(fraction), _READ)
+
+
+def _flat(law: sp.Expr) -> sp.Expr:
+    """A product of products as one, with one number in front."""
+    import sympy as sp
+
+    if not law.args:
+        return law
+    parts = [_flat(x) for x in law.args]
+    if not law.is_Mul:
+        return law.func(*parts, evaluate=False) if law.is_Add or law.is_Pow else law.func(*parts)
+    parts = [y for x in parts for y in (x.args if x.is_Mul else (x,))]
+    numbers = [x for x in parts if x.is_number]
+    others = [x for x in parts if not x.is_number]
+    if sum(abs(x) != 1 for x in numbers) > 1:
+        value = math.prod(map(float, numbers))
+        numbers = [sp.Integer(round(value)) if abs(value - round(value)) < _WHOLE else sp.Float(value, _READ)]
+    front = [x for x in numbers if x != 1]
+    return (
+        sp.Mul(*front, *others, evaluate=False) if len(front) + len(others) > 1 else sp.Mul(*front, *others)
+    )
 
 
 def _rounded(law: sp.Expr, digits: int) -> sp.Expr:
