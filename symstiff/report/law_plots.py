@@ -43,6 +43,8 @@ class _Law:
     formula: sp.Expr | None = None
     angle: int = 0
     """Number of the joint variable that it depends on beside its load; 0: the joint's own."""
+    among: int = 1
+    """Virtual joints that the effect moves."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -73,9 +75,10 @@ def draw_law(finding: Finding, effect: Found) -> Picture | None:
     if points is None:
         return None
     name = finding.assembly.problem.virtual_joints[law.joint]
+    most = ", which it moves most," if law.among > 1 else ""
     caption = (
-        f"{_title(effect)}: deflection of {name} that the data ask for (points, ± one standard deviation; the rest of "
-        f"the model taken away), and the fitted law (red).{_of_whole_load(finding, effect)}"
+        f"{_title(effect)}: deflection of {name}{most} that the data ask for (points, ± one standard deviation; "
+        f"the rest of the model taken away), and the fitted law (red).{_of_whole_load(finding, effect)}"
     )
     return Picture(
         _draw(finding, law, points, f"law {effect.set_number} {effect.effect} {effect.where}"), caption
@@ -120,6 +123,8 @@ def draw_unnamed(finding: Finding) -> Picture | None:
     caption = (
         f"Deflection of {name} that the data ask for beside the model (points, ± one standard deviation)"
     )
+    if found is None:
+        caption += ", which could bear most of it: no law was found there"
     if found is not None:
         caption += f", and the best smooth law (red): {shift(finding, name)} = {law_text(finding, found)}"
     return Picture(_draw(finding, law, points, "unnamed", ratio=True), caption + ".")
@@ -166,7 +171,7 @@ def _strongest(finding: Finding, effect: Found) -> _Law | None:
         drivers = sorted(loads[s] for s in formula.free_symbols if s in loads)
         driver = v if v in drivers or not drivers else drivers[0]
         if best is None or size > best[0]:
-            best = size, _Law(v, driver, values, formula)
+            best = size, _Law(v, driver, values, formula, among=len(laws))
     return None if best is None or best[0] == 0 else best[1]
 
 

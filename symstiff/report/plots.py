@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import io
 import re
-from collections.abc import Iterator
+import unicodedata
+import warnings
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from typing import Any
@@ -14,7 +16,8 @@ import numpy as np
 from symstiff.arrays import Array
 from symstiff.calibration.tables.measurements import COMPONENTS
 from symstiff.discrepancy.findings.finding import Finding
-from symstiff.discrepancy.findings.numbers import milli
+from symstiff.discrepancy.findings.numbers import decimals_between, milli
+from symstiff.report import words
 from symstiff.report.tables import by_state, standardised
 
 BEFORE, AFTER, NOISE, LAW = "#9aa7b4", "#1f6f8b", "#b8860b", "#c0392b"
@@ -31,6 +34,8 @@ _STYLE = {
     "legend.frameon": False,
     "axes.titlesize": 9,
 }
+_LABEL, _LETTER, _USUAL = 14, 0.06, 3
+"""Letters of a pose's label under a map, the height [in] of each, which stands upright, and those that any map has."""
 
 
 @dataclass(frozen=True)
@@ -48,7 +53,11 @@ def drawing(name: str, width: float, height: float) -> Iterator[tuple[Any, list[
     from matplotlib.figure import Figure
 
     out: list[str] = []
-    with matplotlib.rc_context({**_STYLE, "svg.hashsalt": f"symstiff {name}"}):
+    with (
+        matplotlib.rc_context({**_STYLE, "svg.hashsalt": f"symstiff {name}"}),
+        warnings.catch_warnings(),
+    ):
+        warnings.filterwarnings("ignore", "Glyph .* missing")  # the reader's browser writes the text
         figure = Figure(figsize=(width, height), layout="constrained")
         yield figure, out
         buffer = io.StringIO()
@@ -62,8 +71,7 @@ def inline(svg: str, name: str) -> str:
     svg = re.sub(r'\bid="', f'id="{name}-', svg)
     svg = re.sub(r'(href="|url\()#', rf"\1#{name}-", svg)
     svg = re.sub(r"<metadata>.*?</metadata>", "", svg, flags=re.S)
-    svg = re.sub(r'\s+xmlns(:\w+)?="[^"]*"', "", svg)
-    return svg.replace('width="', 'style="max-width:100%;height:auto" width="', 1)
+    return re.sub(r'\s+xmlns(:\w+)?="[^"]*"', "", svg)
 
 
 def draw_gap(finding: Finding) -> Picture:
@@ -76,24 +84,29 @@ def draw_gap(finding: Finding) -> Picture:
     with drawing("gap", 7.2, 0.75 + 0.62 * len(rows)) as (figure, out):
         axes = figure.subplots()
         for k, (_, before, after) in enumerate(rows):
+            decimals = decimals_between(before, after) if grown else None
             bars = ((-0.19, before, BEFORE), (0.19, after, AFTER)) if grown else ((0.0, before, BEFORE),)
             for shift, value, colour in bars:
                 axes.barh(k + shift, 1e3 * value, 0.34, color=colour)
                 right = max(value, r.noise) if 0.8 * r.noise < value < 1.15 * r.noise else value
                 axes.annotate(
-                    milli(value), (1e3 * right, k + shift), va="center", fontsize=8,
+                    words.size(value, finding, decimals), (1e3 * right, k + shift), va="center", fontsize=8,
                     xytext=(4, 0), textcoords="offset points",
                 )  # fmt: skip
         axes.axvline(1e3 * r.noise, color=NOISE, linewidth=1.4, linestyle="--")
+        noise = words.size(r.noise, finding, decimals_between(r.before, r.after))
         axes.annotate(
-            f"noise {milli(r.noise)}", (1e3 * r.noise, -0.62), color=NOISE, fontsize=8,
+            f"noise {noise}", (1e3 * r.noise, -0.62), color=NOISE, fontsize=8,
             xytext=(3, 0), textcoords="offset points",
         )  # fmt: skip
         axes.set_yticks(range(len(rows)), [name for name, *_ in rows])
-        axes.set(xlabel="root mean square of a coordinate [mm]", ylim=(len(rows) - 0.45, -0.8))
-        axes.margins(x=0.12)
-    who = "Grey: the start model; blue: with what was added." if grown else "The start model."
-    return Picture(out[0], f"{who} Dashed: the noise, approach error included.")
+        axes.set(
+            xlabel=f"root mean square of a coordinate [{words.unit(finding)}]", ylim=(len(rows) - 0.45, -0.8)
+        )
+        axes.margins(x=0.16)
+    who = "Grey: the start model; blue: with what was added." if grown else "Bars: the start model."
+    shares = ", what a pose's rows share included" if words.shares(finding) else ""
+    return Picture(out[0], f"{who} Dashed: the noise{shares}.")
 
 
 def draw_histograms(finding: Finding) -> Picture:
@@ -117,6 +130,7 @@ def draw_histograms(finding: Finding) -> Picture:
             change = f" → {milli(1e-3 * rms[1])}" if grown else ""
             axes.set(xlabel=f"{COMPONENTS[k]} [{unit}]", title=f"RMS {milli(1e-3 * rms[0])}{change} {unit}")
             axes.locator_params(axis="x", nbins=5)
+            axes.yaxis.get_major_locator().set_params(integer=True)
         for axes in grid[len(shown) :]:
             axes.set_visible(False)
         if grown:
@@ -138,10 +152,10 @@ def draw_map(finding: Finding) -> Picture:
     if len(finding.steps) == 1:
         views = views[:1]
     top = float(np.clip(np.nanmax(views[0]), 3.0, 12.0))
-    with drawing("map", min(9.0, 2.2 + 0.45 * len(poses)), 0.75 + len(views) * (0.45 + 0.2 * len(shown))) as (
-        figure,
-        out,
-    ):
+    stride = max(1, -(-len(poses) // 30))
+    labels = [_short(table.labels[p]) for p in poses[::stride]]
+    height = 0.75 + len(views) * (0.45 + 0.2 * len(shown)) + _LETTER * max(_letters(labels) - _USUAL, 0)
+    with drawing("map", min(9.0, 2.2 + 0.45 * len(poses)), height) as (figure, out):
         grid = figure.subplots(len(views), 1, squeeze=False, sharex=True).ravel()
         for axes, view, title in zip(grid, views, ("before", "after"), strict=False):
             image = axes.imshow(view, aspect="auto", cmap="YlOrRd", vmin=0, vmax=top, interpolation="nearest")
@@ -149,9 +163,8 @@ def draw_map(finding: Finding) -> Picture:
             if len(views) > 1:
                 axes.set_title(title, loc="left")
         axes = grid[len(views) - 1]
-        stride = max(1, -(-len(poses) // 30))
-        labels = [table.labels[p] for p in poses]
-        axes.set_xticks(range(0, len(poses), stride), labels[::stride], rotation=90, fontsize=7)
+        # a pose may be called $5 or x_1$: no formula
+        axes.set_xticks(range(0, len(poses), stride), labels, rotation=90, fontsize=7, parse_math=False)
         axes.set_xlabel("pose")
         figure.colorbar(image, ax=list(grid), label="residual / noise", shrink=0.9)
     return Picture(
@@ -164,3 +177,14 @@ def draw_map(finding: Finding) -> Picture:
 def _root_mean(z: Array) -> float:
     known = z[np.isfinite(z)]
     return float(np.sqrt(known.mean())) if len(known) else float("nan")
+
+
+def _short(label: str) -> str:
+    """A long label by its begin and its end, where numbers stand."""
+    half = _LABEL // 2
+    return label if len(label) <= _LABEL else f"{label[: half - 1]}…{label[-half:]}"
+
+
+def _letters(labels: Sequence[str]) -> int:
+    """Letters of the longest label; those of wide scripts count twice."""
+    return max(sum(1 + (unicodedata.east_asian_width(c) in "WF") for c in label) for label in labels)

@@ -63,11 +63,20 @@ def _nothing_missing(finding: Finding) -> str:
 
 def size(value: float | None, finding: Finding, decimals: int | None = None) -> str:
     """A residual as millimetres, with so many decimals; as milliradians where rotations alone were measured."""
-    unit = "mm" if finding.table.measured[:, :3].any() else "mrad"
     if value is None:
         return "–"
     rough = decimals is None or 1e3 * value * 10**decimals < _TWO_DIGITS
-    return f"{milli(value) if rough else f'{1e3 * value:.{decimals}f}'} {unit}"
+    return f"{milli(value) if rough else f'{1e3 * value:.{decimals}f}'} {unit(finding)}"
+
+
+def unit(finding: Finding) -> str:
+    """The unit of residuals that count together."""
+    return "mm" if finding.table.measured[:, :3].any() else "mrad"
+
+
+def shares(finding: Finding) -> bool:
+    """Whether a pose's rows are said to share an error."""
+    return finding.last.noise.mostly_shared or finding.last.noise.approach_p < _SEEN
 
 
 def headline(finding: Finding) -> str:
@@ -166,12 +175,16 @@ def _goes(before: float, after: float, finding: Finding) -> str:
 
 
 def _noise(finding: Finding, decimals: int | None = None) -> str:
+    return f"noise {noise(finding, decimals)}"
+
+
+def noise(finding: Finding, decimals: int | None = None) -> str:
     """The noise of a coordinate; where a pose's rows share more than that, which may be something missing, both."""
     report = finding.last.noise
     if not report.mostly_shared:
-        return f"noise {size(finding.rms.noise, finding, decimals)}"
+        return size(finding.rms.noise, finding, decimals)
     own, shared = size(report.sigma, finding, decimals), size(report.approach, finding, decimals)
-    return f"noise {own}, and {shared} that a pose's rows share"
+    return f"{own}, and {shared} that a pose's rows share"
 
 
 def _named(finding: Finding) -> str:
@@ -372,7 +385,8 @@ def _to_do(accused: str) -> str:
 def noise_lines(finding: Finding) -> list[str]:
     """What was found out about the noise, a line each."""
     n = finding.last.noise
-    left = "what is left after everything found" if finding.testable else "what the model leaves"
+    found = finding.testable and finding.named
+    left = "what is left after everything found" if found else "what the model leaves"
     source = {"repeats": "repeated readings", "residual": left}
     lines = [
         f"standard deviation {size(n.sigma, finding)} from {source.get(n.source, n.source)} "
@@ -397,5 +411,5 @@ def noise_lines(finding: Finding) -> list[str]:
         lines.append(f"the noise differs between axes: {by}")
     for what, power in n.growth.items():
         if abs(power) > _GROWS:
-            lines.append(f"the noise changes with the {what} (power {power:+.2f})")
+            lines.append(f"the noise changes with the {what} (power {power:+.2f})".replace("-", "−"))
     return lines
