@@ -127,8 +127,8 @@ def untestable(problem: Problem) -> Reason | None:
         few = f"{freedom} degrees of freedom are left outside the model: measure more poses"
         return Reason(Why.UNTESTABLE, (few,))
     if problem.poses < 2:
-        blind = ", no sigma and no repeats" if problem.sigma is None and repeats < LEAST_FREEDOM else ""
-        one = f"one pose{blind}: no place on the robot can be told from another: measure more poses"
+        blind = ", no sigma and no repeats" if problem.sigma is None and repeats < LEAST_FREEDOM else " alone"
+        one = f"with one pose{blind} no place on the robot can be told from another; measure more poses"
         return Reason(Why.UNTESTABLE, (one,))
     return None
 

@@ -55,7 +55,11 @@ def places(wheres: Sequence[Mapping[str, Any]]) -> str:
         (place({key: n[0]}) if len(set(n)) == 1 else f"at {key}s {_ranges(sorted(set(n)))}") + rest
         for (key, rest), n in numbers.items()
     ]
-    return ", ".join([*text, *dict.fromkeys(other)])
+    whole = list(dict.fromkeys(other))
+    things = [f"of the {x[1:-1]}" if x.startswith("(") and x.endswith(")") else x for x in whole]
+    return (
+        " and ".join([", ".join(text), *things]) if text and things != whole else ", ".join([*text, *whole])
+    )
 
 
 def _details(wheres: Sequence[Mapping[str, Any]]) -> dict[str, str]:

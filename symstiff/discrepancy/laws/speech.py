@@ -26,6 +26,9 @@ _JOINT = {
 def law_place(accused: str) -> str:
     """The place of a law without a name, with the article of things that have no number."""
     things = ("reading", "force", "load of", "measuring", "order", "foot", "flange", "robot")
+    sensor, axis, number = accused.partition(" axis ")
+    if accused.startswith("force sensor") and axis:
+        return f"axis {number} of the {sensor}"
     return f"the {accused}" if accused.startswith(things) else accused
 
 
