@@ -70,12 +70,12 @@ class Outline(HTMLParser):
         if tag == "section":
             self.sections.append(found.get("id") or "")
         self.resources += [v or "" for k, v in attrs if k in ("src", "href", "xlink:href", "srcset", "data")]
-        if tag not in ("meta", "link", "br", "img"):
+        if tag not in ("meta", "link", "br", "img", "wbr"):
             self.open.append(tag)
 
     def handle_startendtag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
         self.handle_starttag(tag, attrs)
-        if tag not in ("meta", "link", "br", "img"):
+        if tag not in ("meta", "link", "br", "img", "wbr"):
             self.open.pop()
 
     def handle_endtag(self, tag: str) -> None:

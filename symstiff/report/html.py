@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import math
+import re
 from collections.abc import Iterable, Sequence
 from typing import Any
 
-from markupsafe import Markup
+from markupsafe import Markup, escape
 
 from symstiff import __version__
 from symstiff.codegen.emit import environment
@@ -16,27 +17,50 @@ from symstiff.discrepancy.findings.result import CandidateResult, Found, Name, Q
 from symstiff.discrepancy.laws.speech import law_place
 from symstiff.discrepancy.reasons import Why
 from symstiff.discrepancy.search.verdict import AMBIGUOUS, INSUFFICIENT, NOTHING, UNEXPLAINED, UNTESTABLE
-from symstiff.display import few
+from symstiff.display import few, sentence_case
 from symstiff.effects.places import named, spoken
 from symstiff.effects.registry import catalogue
 from symstiff.report import law_plots, naming, plots, unnamed, words
 from symstiff.report.code import Line, formulas
 from symstiff.report.deciding import NOWHERE, OTHERWISE, decides, load_axes, reached, separation_text
-from symstiff.report.tables import moved, rotates, shift, step_rows
+from symstiff.report.tables import StepRow, moved, rotates, shift, step_rows
 
 _MOST_CANDIDATES, _MOST_LAWS = 20, 5
 _MOST_PLACES, _SEEN_AT = 8, 6
 """Places of an effect from which on their number, or the best of them, stands for all, and those shown else."""
+_LONG = 16
+"""Letters of a name from which it may break."""
+_ROOM = 6
+"""Decimals of a column at most."""
 _CHANGED = 2.0
 """Standard deviations by which a parameter that moved is marked."""
 _UNITS = {"positional": "mm", "rotational": "mrad", "x": "mm", "y": "mm", "z": "mm"}
+_STARTS = {
+    "complete": "the complete model",
+    "joints": "the model of compliant joints alone",
+    "a model": "a model made before",
+}
 _SHORT = {"positional": "position", "rotational": "rotation"}
+_BOUND = re.compile(r" (?=±)|(?<=±) |(?<=\d) (?=(?:%|mm|mrad|µm|m|rad|kg|N|s|h|K)(?!\w))")
+"""Spaces at which a quantity must not break: around its ±, and before its unit."""
+_AXES = (
+    "Axes of a link are those of its elastic frame: 1 to 3 shift along them, 4 to 6 turn about them, 1 and 4 along the "
+    "beam; link 0 is the pedestal, and link i the one behind joint i."
+)
+_NAMES = {
+    r"k\d": "k, the link, _ and two axes: how far the link gives way along or about the first by a load on the second "
+    "(axes 1 to 3 are forces and shifts, 4 to 6 moments and turns, 1 and 4 along the beam, link 0 the pedestal).",
+    r"c\d": "c and a number: the joint's compliance.",
+    r"[kc]\d": "After the reduction one may be a sum, which symstiff inspect prints; a sum may be below zero.",
+}
+"""What the names of compliances mean, by how they begin."""
 
 
 def render(finding: Finding, files: dict[str, Any], changes: list[Line]) -> str:
     """The page. ``files`` says what else is in the folder; ``changes`` what the growth changed in the C code."""
     jinja = environment()
     jinja.autoescape = True
+    jinja.filters.update(bound=_bound, breakable=_breakable, remark=_remark)
     return str(jinja.get_template("report/report.html.j2").render(_context(finding, files, changes)))
 
 
@@ -45,7 +69,7 @@ def _context(finding: Finding, files: dict[str, Any], changes: list[Line]) -> di
     return {
         "version": __version__,
         "robot": robot.title or robot.name,
-        "start": finding.task.origin,
+        "start": _STARTS.get(finding.task.origin, f"the model {finding.task.origin}"),
         "headline": words.headline(finding),
         "sentence": words.sentence(finding, files.get("decide")),
         "verdict": finding.verdict if finding.testable else UNTESTABLE,
@@ -69,8 +93,26 @@ def _context(finding: Finding, files: dict[str, Any], changes: list[Line]) -> di
         "files": files,
         "decide": _decide(files.get("decide")),
         "grown": len(finding.steps) > 1,
+        "axes": _AXES,
+        "names": [t for start, t in _NAMES.items() if any(re.match(start, m.name) for m in moved(finding))],
+        "changed": f"{_CHANGED:g}",
         "noise": words.noise_lines(finding),
     }
+
+
+def _bound(text: str) -> str:
+    """Text that does not break within a quantity."""
+    return _BOUND.sub("\N{NO-BREAK SPACE}", text)
+
+
+def _breakable(name: str) -> Markup:
+    """A name, which may break behind each underscore where it is long."""
+    return Markup(str(escape(name)).replace("_", "_<wbr>" if len(name) > _LONG else "_"))
+
+
+def _remark(text: str) -> str:
+    """A remark as a sentence; one that begins with a parameter's name keeps it."""
+    return sentence_case(text) if re.match(r"[a-z]+[ :,']", text) else text
 
 
 def _facts(finding: Finding) -> list[tuple[str, str]]:
@@ -84,7 +126,7 @@ def _facts(finding: Finding) -> list[tuple[str, str]]:
         ),
         ("start model", f"{len(finding.start.model.parameters)} parameters"),
         ("residual, rms per coordinate", _fall(finding, r.before, r.after)),
-        ("noise", words.size(r.noise, finding, numbers.decimals_between(r.before, r.after))),
+        ("noise", words.noise(finding, numbers.decimals_between(r.before, r.after))),
     ]
     held = finding.last.held_out
     if held is not None:
@@ -158,7 +200,7 @@ def _decide(record: dict[str, Any] | None) -> dict[str, Any] | None:
         "poses": [
             {
                 "name": p["pose"],
-                "q": [f"{x:.1f}" if "[deg]" in n else f"{x:.4f}" for n, x in p["q"].items()],
+                "q": [_minus(f"{x:.1f}" if "[deg]" in n else f"{x:.4f}") for n, x in p["q"].items()],
                 "separation": separation_text(p["separation"]),
             }
             for p in poses
@@ -168,10 +210,14 @@ def _decide(record: dict[str, Any] | None) -> dict[str, Any] | None:
         "decides": decides(record),
         "otherwise": OTHERWISE,
         "nowhere": NOWHERE,
-        "loads": [[f"{w[a]:.4g}" for a in loaded] for w in record["loads"]],
+        "loads": [[_minus(f"{w[a]:.4g}") for a in loaded] for w in record["loads"]],
         "branches": record["branches"],
         "points": ", ".join(record["points"]) if record["points"] != ["tcp"] else "",
     }
+
+
+def _minus(number: str) -> str:
+    return number.replace("-", "−")
 
 
 def _header(column: str) -> str:
@@ -182,19 +228,31 @@ def _header(column: str) -> str:
 def _steps(finding: Finding) -> dict[str, Any]:
     rows = step_rows(finding)
     axes = list(rows[0].sizes)
+    columns = zip(*(_cells(r, axes) for r in rows), strict=True)
+    decimals = [max(_decimals(numbers.milli(x / 1e3)) for x in column) for column in columns]
     return {
         "axes": [(_SHORT.get(a, a), _UNITS.get(a, "mrad")) for a in axes],
         "rows": [
             {
                 "title": r.title,
                 "parameters": r.parameters,
-                "cells": [numbers.milli(x / 1e3) for a in axes for x in r.sizes.get(a, (math.nan, math.nan))],
+                "cells": [f"{x:.{d}f}" for x, d in zip(_cells(r, axes), decimals, strict=True)],
                 "share": "" if r.share is None else f"{100 * r.share:.1f} %",
                 "p": "" if r.p_left is None else numbers.p_text(r.p_left),
             }
             for r in rows
         ],
     }
+
+
+def _cells(row: StepRow, axes: Sequence[str]) -> list[float]:
+    """A line's sizes in the order of the columns."""
+    return [x for a in axes for x in row.sizes.get(a, (math.nan, math.nan))]
+
+
+def _decimals(text: str) -> int:
+    """Decimals of a number, the same for a column; of tiny ones those of the least that a column has room for."""
+    return min(len(text.partition(".")[2]), _ROOM) if "e" not in text else _ROOM
 
 
 def _strata(finding: Finding) -> list[tuple[str, str, str, str]]:
@@ -218,7 +276,11 @@ def _pictures(finding: Finding) -> dict[str, Any]:
 
 
 def _marked(picture: plots.Picture | None) -> dict[str, Any] | None:
-    return None if picture is None else {"svg": Markup(picture.svg), "caption": picture.caption}
+    """A picture for the page; its caption stands for it where nobody sees it."""
+    if picture is None:
+        return None
+    svg = picture.svg.replace("<svg", Markup('<svg role="img" aria-label="{}"').format(picture.caption), 1)
+    return {"svg": Markup(svg), "caption": picture.caption}
 
 
 def _laws(finding: Finding) -> list[dict[str, Any]]:
@@ -268,21 +330,22 @@ def _unnamed(finding: Finding) -> dict[str, Any] | None:
     }
 
 
-def _best(c: CandidateResult) -> str:
+def _best(c: CandidateResult) -> tuple[str, str]:
+    """The parameter that is known best, where there are several, and its size."""
     known = {n: e for n, e in c.parameters.items() if math.isfinite(e.std) and e.std > 0}
     if not known:
-        return "not determined one by one" if c.parameters else "–"
+        return "", "not determined one by one" if c.parameters else "–"
     name = max(known, key=lambda n: abs(known[n].value) / known[n].std)
-    short = name if len(c.parameters) > 1 else ""
-    return f"{short} {numbers.quantity(known[name])}".strip()
+    return name if len(c.parameters) > 1 else "", numbers.quantity(known[name])
 
 
-def _smallest(c: CandidateResult) -> str:
+def _smallest(c: CandidateResult) -> tuple[str, str]:
+    """The smallest size that would be seen, and of which parameter where there are several."""
     finite = {n: e for n, e in c.smallest_detectable.items() if math.isfinite(e.value)}
     if not finite:
-        return "–"
+        return "–", ""
     name = next(iter(finite))
-    return numbers.size_text(finite[name]) + (f" ({name})" if len(c.smallest_detectable) > 1 else "")
+    return numbers.size_text(finite[name]), name if len(c.smallest_detectable) > 1 else ""
 
 
 def _candidates(finding: Finding) -> list[dict[str, str]]:
@@ -290,7 +353,8 @@ def _candidates(finding: Finding) -> list[dict[str, str]]:
     return [
         {
             "name": named(c.effect, c.where),
-            "size": _best(c),
+            "parameter": _best(c)[0],
+            "size": _best(c)[1],
             "p": numbers.p_text(c.p_value),
             "sufficient": answer[c.sufficient],
             "plausible": answer[c.plausible],
@@ -322,7 +386,7 @@ def _names(found: Iterable[Name]) -> list[str]:
     return list(dict.fromkeys(naming.name_text(n) for n in found))
 
 
-def _sensitivity(finding: Finding) -> list[tuple[str, str, str]]:
+def _sensitivity(finding: Finding) -> list[tuple[str, str, str, str]]:
     """Per effect the place where it would have been seen best, and how large it had to be there."""
     source = finding.last.candidates if finding.verdict == NOTHING else finding.candidates
     best: dict[str, list[CandidateResult]] = {}
@@ -333,7 +397,7 @@ def _sensitivity(finding: Finding) -> list[tuple[str, str, str]]:
     for group in best.values():
         rows = sorted(group, key=_smallest_value)
         for c in rows[:1] if len(rows) > _MOST_PLACES else rows[:_SEEN_AT]:
-            out.append((named(c.effect, c.where), _smallest(c), "yes" if c.testable else "no"))
+            out.append((named(c.effect, c.where), *_smallest(c), "yes" if c.testable else "no"))
     return out
 
 
