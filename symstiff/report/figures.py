@@ -14,7 +14,8 @@ from symstiff.files import write_file
 if TYPE_CHECKING:
     from symstiff.calibration.planning import Geometry, Plan, WorkspaceMap
 
-_SHOWN = 60  # stick figures drawn; further poses are points only
+_SHOWN, _NUMBERED = 60, 30
+"""Stick figures drawn, further poses are points only; poses up to which each has its number."""
 
 
 def save_figure(figure: Any, path: str | Path) -> None:
@@ -46,6 +47,8 @@ def draw_plan(plan: Plan, robot: Geometry) -> Any:
         axes.plot(*foot.T, "-o", color="0.6", linewidth=1.2, markersize=2.5)
     tips = points[:, -1]
     axes.scatter(*tips.T, color="C0", s=28, depthshade=False, label="tool centre point")
+    for k, tip in enumerate(tips if len(tips) <= _NUMBERED else (), start=1):
+        axes.text(*tip, f"  {k}", fontsize=7, color="0.15")
     force = plan.w[:, :3]
     longest = np.linalg.norm(force, axis=1).max()
     if longest > 0:
@@ -53,6 +56,7 @@ def draw_plan(plan: Plan, robot: Geometry) -> Any:
         axes.quiver(*tips.T, *arrows.T, color="C3", linewidth=1.0, label="force")
     axes.set(xlabel="x [m]", ylabel="y [m]", zlabel="z [m]", title=f"{plan.robot}: {len(plan)} poses")
     axes.set_aspect("equal")
+    axes.xaxis.labelpad = axes.yaxis.labelpad = 9  # clear of the numbers
     axes.legend(loc="upper right", fontsize="small")
     return figure
 

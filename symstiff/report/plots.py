@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy as np
 
-from symstiff.arrays import Array
+from symstiff.arrays import Array, Index
 from symstiff.calibration.tables.measurements import COMPONENTS
 from symstiff.discrepancy.findings.finding import Finding
 from symstiff.discrepancy.findings.numbers import decimals_between, milli
@@ -34,6 +34,8 @@ _STYLE = {
     "legend.frameon": False,
     "axes.titlesize": 9,
 }
+_LABELS = 30
+"""Poses up to which each has its label."""
 _LABEL, _LETTER, _USUAL = 14, 0.06, 3
 """Letters of a pose's label under a map, the height [in] of each, which stands upright, and those that any map has."""
 
@@ -152,9 +154,8 @@ def draw_map(finding: Finding) -> Picture:
     if len(finding.steps) == 1:
         views = views[:1]
     top = float(np.clip(np.nanmax(views[0]), 3.0, 12.0))
-    stride = max(1, -(-len(poses) // 30))
-    labels = [_short(table.labels[p]) for p in poses[::stride]]
-    height = 0.75 + len(views) * (0.45 + 0.2 * len(shown)) + _LETTER * max(_letters(labels) - _USUAL, 0)
+    longest = _letters([_short(table.labels[p]) for p in poses])
+    height = 0.75 + len(views) * (0.45 + 0.2 * len(shown)) + _LETTER * max(longest - _USUAL, 0)
     with drawing("map", min(9.0, 2.2 + 0.45 * len(poses)), height) as (figure, out):
         grid = figure.subplots(len(views), 1, squeeze=False, sharex=True).ravel()
         for axes, view, title in zip(grid, views, ("before", "after"), strict=False):
@@ -163,8 +164,7 @@ def draw_map(finding: Finding) -> Picture:
             if len(views) > 1:
                 axes.set_title(title, loc="left")
         axes = grid[len(views) - 1]
-        # a pose may be called $5 or x_1$: no formula
-        axes.set_xticks(range(0, len(poses), stride), labels, rotation=90, fontsize=7, parse_math=False)
+        name_poses(axes, [table.labels[p] for p in poses], np.arange(len(poses)))
         axes.set_xlabel("pose")
         figure.colorbar(image, ax=list(grid), label="residual / noise", shrink=0.9)
     return Picture(
@@ -177,6 +177,13 @@ def draw_map(finding: Finding) -> Picture:
 def _root_mean(z: Array) -> float:
     known = z[np.isfinite(z)]
     return float(np.sqrt(known.mean())) if len(known) else float("nan")
+
+
+def name_poses(axes: Any, labels: Sequence[str], places: Index) -> None:
+    """The labels of poses below an axis, at their places on it; of many some."""
+    some = places[:: max(1, -(-len(places) // _LABELS))]
+    # a pose may be called $5 or x_1$: no formula
+    axes.set_xticks(some, [_short(labels[p]) for p in some], rotation=90, fontsize=7, parse_math=False)
 
 
 def _short(label: str) -> str:

@@ -10,6 +10,7 @@ import numpy as np
 from symstiff.calibration.rows import predict
 from symstiff.calibration.tables.measurements import COMPONENTS
 from symstiff.discrepancy.findings.numbers import milli
+from symstiff.report.plots import name_poses
 
 if TYPE_CHECKING:
     from symstiff.calibration.identify import Identification
@@ -31,12 +32,15 @@ def draw_residuals(result: Identification) -> Any:
             axes[k].hist(known, bins=21, color="C0")
             axes[k].set_title(f"{name}: RMS {milli(1e-3 * float(np.sqrt((known**2).mean())))} mm", fontsize=9)
         axes[k].set_xlabel("residual [mm]")
+        axes[k].yaxis.get_major_locator().set_params(integer=True)
+    axes[0].set_ylabel("rows")
     for values, colour, label in ((before, "0.7", first), (residuals, "C0", last)):
         axes[3].semilogy(
             table.pose, np.linalg.norm(np.nan_to_num(values), axis=1), "o", color=colour, label=label
         )
-    axes[3].set(xlabel="pose", ylabel="positional [mm]")
-    axes[3].legend(fontsize=8)
+    axes[3].set(xlabel="pose", ylabel="size of the translation [mm]")
+    name_poses(axes[3], table.labels, np.unique(table.pose))
+    figure.legend(*axes[3].get_legend_handles_labels(), fontsize=8, loc="outside upper right", ncols=2)
     return figure
 
 
