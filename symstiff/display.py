@@ -13,6 +13,16 @@ def finite(value: float | None) -> float | None:
     return None if value is None or not math.isfinite(value) else float(value)
 
 
+_WRITTEN = {"*": "·", "^2": "²", "^3": "³"}
+
+
+def unit_text(unit: str) -> str:
+    """A unit as one writes it: ``rad/(N·m)``."""
+    for plain, written in _WRITTEN.items():
+        unit = unit.replace(plain, written)
+    return unit
+
+
 def html_table(
     columns: Sequence[str], rows: Iterable[Sequence[Any]], caption: str = "", note: str = ""
 ) -> str:

@@ -15,7 +15,7 @@ import numpy as np
 import numpy.typing as npt
 
 from symstiff.arguments import A_ROBOT, reals, require, several
-from symstiff.display import html_table
+from symstiff.display import html_table, unit_text
 from symstiff.effects.base import EffectParameter, Realisation
 from symstiff.effects.instance import EffectInstance, realise_all
 from symstiff.errors import UserError, printable
@@ -349,7 +349,7 @@ class StiffnessModel:
                 n,
                 f"{self.values.get(n, 0.0):.4g}",
                 self._deviation(n),
-                self.units[n],
+                unit_text(self.units[n]),
                 meanings.get(n, "effect"),
             )
             for n in self.parameters
@@ -359,7 +359,7 @@ class StiffnessModel:
         return html_table(("parameter", "value", "±", "unit", "meaning"), rows, caption)
 
     def _deviation(self, name: str) -> str:
-        return f"{self.deviations[name]:.1g}" if name in self.deviations else "–"
+        return f"{self.deviations[name]:.2g}" if name in self.deviations else "–"
 
 
 def bilinear(term: Term) -> bool:

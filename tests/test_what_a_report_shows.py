@@ -7,17 +7,26 @@ import warnings
 from collections.abc import Iterator
 from dataclasses import replace
 from html import unescape
+from unittest.mock import patch
 
 import pytest
 
+from symstiff.calibration.identify import identify
+from symstiff.calibration.plan import Goal, plan
+from symstiff.calibration.planning.frames import geometry
 from symstiff.discrepancy.findings.finding import Finding, Task
 from symstiff.discrepancy.laws.speech import law_place
 from symstiff.discrepancy.workflow import diagnose
 from symstiff.effects import EffectInstance
+from symstiff.model import StiffnessModel
+from symstiff.reduction import reduce
 from symstiff.report.code import formulas
+from symstiff.report.figures import draw_plan
 from symstiff.report.html import _bound, _breakable, _remark, render
 from symstiff.report.naming import places
 from symstiff.report.plots import _short, draw_gap, draw_map
+from symstiff.report.residuals import draw_residuals
+from symstiff.report.words import what
 from symstiff.robot import load
 from tests.diagnosis_data import HARDENING, ROBOT, measured
 
@@ -129,3 +138,42 @@ def test_an_axis_of_a_sensor_is_told_as_one_says_it() -> None:
     assert law_place("force sensor axis 1") == "axis 1 of the force sensor"
     assert law_place("force sensor") == "the force sensor"
     assert law_place("link 2 axis 6") == "link 2 axis 6"
+
+
+def test_pairs_of_joints_are_told_apart() -> None:
+    pairs = [{"joints": [4, 5]}, {"joints": [4, 6]}]
+    assert places(pairs) == "between joints 4 and 5, 4 and 6"
+    assert places([{"joint": 2}, *pairs]) == "at joint 2, between joints 4 and 5, 4 and 6"
+
+
+def test_a_heading_tells_what_is_missing_from_what_has_another_shape(found: Finding) -> None:
+    assert what(found) == "What is missing"
+    (gear,) = found.named
+    known = EffectInstance(gear.effect, gear.where, {"load": 5.0, "saturation": 1.0})
+    with patch.object(Finding, "reshaped", (known,)):
+        assert what(found) == "What has another shape"
+        assert "<h2>What has another shape</h2>" in page_of(found)
+    assert what(replace(found, verdict="ambiguous")) == "What could be missing"
+
+
+def test_what_holds_for_several_laws_is_said_once(found: Finding) -> None:
+    drift = EffectInstance("thermal_drift", {"link": 2}, {"time": 400.0, "T": 60.0})
+    assert len({law.letters for law in formulas(load(ROBOT), drift)}) == 1
+    page = page_of(found)
+    assert page.count("written out below") <= 1
+
+
+def test_residuals_of_an_identification_are_told_by_the_names_of_their_poses() -> None:
+    table = measured()
+    figure = draw_residuals(identify(load(ROBOT), replace(table, labels=tuple("abcdefghij"))))
+    last = figure.axes[3]
+    assert [t.get_text() for t in last.get_xticklabels()] == list("abcdefghij")
+    assert list(last.get_xticks()) == list(range(10))
+    assert not last.get_legend()
+    assert figure.legends
+
+
+def test_poses_of_a_plan_have_numbers() -> None:
+    robot = load(ROBOT)
+    made = plan(StiffnessModel.of(reduce(robot, loads="force", measure="position")), Goal(7))
+    assert [t.get_text().strip() for t in draw_plan(made, geometry(robot)).axes[0].texts] == list("1234567")

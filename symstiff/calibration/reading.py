@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from symstiff.display import html_table
+from symstiff.display import html_table, unit_text
 
 if TYPE_CHECKING:
     from symstiff.calibration.identify import Identification
@@ -22,7 +22,7 @@ def identification_html(result: Identification) -> str:
     """The fitted parameters, what is left, and the remarks."""
     fit = result.fit
     rows = [
-        (n, f"{v:.4g}", f"{s:.1g}", u)
+        (n, f"{v:.4g}", f"{s:.2g}", unit_text(u))
         for n, v, s, u in zip(fit.names, fit.values, fit.std, fit.units, strict=True)
     ]
     held_out = _left(result.validation) if result.validation is not None else ""

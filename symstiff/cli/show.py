@@ -226,7 +226,7 @@ def _print_effects(out: Console, title: str, found: dict[str, list[tuple[Where, 
         for first, (told, wheres) in enumerate((alike or {nowhere: []}).items()):
             head = ("", "") if first else (effect.identifier, needs)
             table.add_row(head[0], places(wheres) or ("everywhere" if wheres else ""), told, head[1])
-    print_table(out, table, columns)
+    print_table(out, table, columns[1:])
 
 
 def _told(distinction: Distinction) -> str:

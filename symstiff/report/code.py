@@ -23,7 +23,7 @@ _LONG = 20
 _READ, _WRITTEN = 4, 6
 """Significant digits of long fractions in a formula, and in the text of it that one copies."""
 _TEMPORARY = re.compile(r"\bt(\d+)\b")
-_PLAIN, _LARGE, _ENDS, _WHOLE = 4, 10**5, 6, 1e-9
+_PLAIN, _LARGE, _ENDS, _WHOLE = 4, 10**5, 5, 1e-9
 """Denominators up to which a fraction stands as one in a formula, and those of one over a whole number; digits of a
 decimal that has an end; what a whole number may be off."""
 _MEANT = {

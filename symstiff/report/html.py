@@ -17,7 +17,7 @@ from symstiff.discrepancy.findings.result import CandidateResult, Found, Name, Q
 from symstiff.discrepancy.laws.speech import law_place
 from symstiff.discrepancy.reasons import Why
 from symstiff.discrepancy.search.verdict import AMBIGUOUS, INSUFFICIENT, NOTHING, UNEXPLAINED, UNTESTABLE
-from symstiff.display import few, sentence_case
+from symstiff.display import few, sentence_case, unit_text
 from symstiff.effects.places import named, spoken
 from symstiff.effects.registry import catalogue
 from symstiff.report import law_plots, naming, plots, unnamed, words
@@ -75,6 +75,7 @@ def _context(finding: Finding, files: dict[str, Any], changes: list[Line]) -> di
         "verdict": finding.verdict if finding.testable else UNTESTABLE,
         "remarks": finding.remarks,
         "facts": _facts(finding),
+        "effects": words.what(finding),
         "explanations": _explanations(finding),
         "alternatives": _effects(finding, finding.alternatives),
         "steps": _steps(finding),
@@ -222,7 +223,7 @@ def _minus(number: str) -> str:
 
 def _header(column: str) -> str:
     """A column of a table with its unit as one writes it: ``q2 [°]``."""
-    return numbers.unit_text(column.replace("[deg]", "[°]").replace("[", " ["))
+    return unit_text(column.replace("[deg]", "[°]").replace("[", " ["))
 
 
 def _steps(finding: Finding) -> dict[str, Any]:
@@ -412,7 +413,7 @@ def _moved(finding: Finding) -> list[dict[str, str]]:
         out.append(
             {
                 "name": m.name,
-                "unit": numbers.unit_text(m.unit),
+                "unit": unit_text(m.unit),
                 "before": _value(m.before, m.before_std),
                 "after": _value(m.after, m.after_std),
                 "sigmas": "" if sigmas is None else f"{sigmas:.1f}",

@@ -42,6 +42,10 @@ def places(wheres: Sequence[Mapping[str, Any]]) -> str:
     """Places as words, equal kinds together: ``at joints 1–4, 6``, ``at joint 2 (1–32 a turn)``."""
     numbers: dict[tuple[str, str], list[int]] = {}
     other: list[str] = []
+    pairs = [where["joints"] for where in wheres if "joints" in where]
+    if len(pairs) > 1:
+        other = ["between joints " + ", ".join(" and ".join(map(str, pair)) for pair in pairs)]
+        wheres = [where for where in wheres if "joints" not in where]
     details = _details(wheres)
     for where in wheres:
         at = site(where)

@@ -122,6 +122,20 @@ def _told_apart(finding: Finding, tell: Callable[[list[Found]], str]) -> str:
     return "; ".join([*missing, *other])
 
 
+def what(finding: Finding) -> str:
+    """What the effects that a diagnosis tells of are: missing, perhaps, or in another shape than they were."""
+    if finding.verdict == AMBIGUOUS:
+        return "What could be missing"
+    if finding.because.why in (Why.AS_WELL, Why.REFUTED):
+        return "What is missing, perhaps"
+    there = {named(e.effect, e.where) for e in finding.reshaped}
+    other = {named(e.effect, e.where) in there for e in finding.named}
+    return {
+        frozenset({True}): "What has another shape",
+        frozenset({True, False}): "What is missing, and what has another shape",
+    }.get(frozenset(other), "What is missing")
+
+
 def sentence(finding: Finding, decide: Mapping[str, Any] | None = None) -> str:
     """The verdict in a sentence, with units and confidence; ``decide`` is the record of the poses that decide."""
     if not finding.testable:

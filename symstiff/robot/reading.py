@@ -22,7 +22,7 @@ def robot_html(robot: Robot) -> str:
         d, theta = _sum(joint.d, variable, joint.prismatic), _sum(joint.theta, variable, not joint.prismatic)
         unit = "m/N" if joint.prismatic else "rad/(N·m)"
         compliance = f"{joint.compliance:.4g} {unit}" if joint.compliance else "–"
-        span = f"{low:.4g} … {high:.4g}"
+        span = f"{low:.4g} … {high:.4g} {'m' if joint.prismatic else 'rad'}"
         numbers = (_exact(joint.a), _exact(joint.alpha), d, theta, span, compliance)
         rows.append((i, joint.type, *numbers, _link(joint.link)))
     caption = f"{robot.title or robot.name}: {robot.convention} DH convention"

@@ -5,19 +5,12 @@ from __future__ import annotations
 import math
 
 from symstiff.discrepancy.findings.result import Quantity
+from symstiff.display import unit_text
 
 _SHOWN = {"m": ("mm", 1e3), "rad": ("mrad", 1e3), "1": ("", 1.0)}
 _ALIKE, _APART = 10.0, 3.0
 """Ratio up to which two sizes are alike, and units of the last digit by which they have to differ as they are shown."""
 _SUPER = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
-_GREEK_UNITS = {"*": "·", "^2": "²", "^3": "³"}
-
-
-def unit_text(unit: str) -> str:
-    """A unit as one writes it: ``rad/(N·m)``."""
-    for plain, written in _GREEK_UNITS.items():
-        unit = unit.replace(plain, written)
-    return unit
 
 
 def number(value: float, digits: int = 3) -> str:
