@@ -20,7 +20,7 @@ from symstiff.discrepancy.findings.numbers import decimals_between, milli
 from symstiff.report import words
 from symstiff.report.tables import by_state, standardised
 
-BEFORE, AFTER, NOISE, LAW = "#9aa7b4", "#1f6f8b", "#b8860b", "#c0392b"
+BEFORE, AFTER, NOISE, LAW = "#9aa7b4", "#1f6f8b", "#8f6a09", "#c0392b"
 _STYLE = {
     "svg.fonttype": "none",
     "font.family": "sans-serif",
