@@ -115,9 +115,9 @@ def test_a_formula_has_numbers_that_one_reads_and_signs_between_its_factors(
 def test_quantities_do_not_break_and_long_names_do() -> None:
     assert _bound("within ± 3.88 N·m, 7.9 % left") == "within\u00a0±\u00a03.88\u00a0N·m, 7.9\u00a0% left"
     assert _bound("joint 2 moves 3 mm more") == "joint 2 moves 3\u00a0mm more"
-    assert _breakable("force_sensor_bias") == "force_<wbr>sensor_<wbr>bias"
-    assert _breakable("k0_35") == "k0_35"
-    assert _breakable("<b>_0123456789_0123456789").startswith("&lt;b&gt;_<wbr>")
+    assert _breakable("force_sensor_bias_force_sensor_fx").startswith("force_<wbr>sensor_<wbr>bias_<wbr>")
+    assert _breakable("nonlinear_stiffness_3_c") == "nonlinear_stiffness_3_c"
+    assert _breakable(f"<b>_{'0' * 30}").startswith("&lt;b&gt;_<wbr>")
 
 
 def test_a_remark_begins_as_a_sentence_unless_a_name_begins_it() -> None:

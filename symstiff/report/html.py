@@ -28,7 +28,7 @@ from symstiff.report.tables import StepRow, moved, rotates, shift, step_rows
 _MOST_CANDIDATES, _MOST_LAWS = 20, 5
 _MOST_PLACES, _SEEN_AT = 8, 6
 """Places of an effect from which on their number, or the best of them, stands for all, and those shown else."""
-_LONG = 16
+_LONG = 26
 """Letters of a name from which it may break."""
 _ROOM = 6
 """Decimals of a column at most."""
