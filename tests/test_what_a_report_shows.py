@@ -100,6 +100,7 @@ def test_where_nothing_was_added_parameters_have_one_value() -> None:
         ("hysteresis", {"width": 3.69}, "<mi>branch</mi><mo>&#xB7;</mo>"),
         ("nonlinear_stiffness", {"load": 1220.0, "saturation": 1.0}, "<mn>1220</mn></mfrac>"),
         ("nonlinear_stiffness", {"load": 19.6, "knee": 1.0}, "<mn>19.6</mn></mfrac>"),
+        ("nonlinear_stiffness", {"load": 19.5, "saturation": 1.0}, "<mn>19.5</mn><mo>&#xB7;</mo>"),
     ],
 )
 def test_a_formula_has_numbers_that_one_reads_and_signs_between_its_factors(

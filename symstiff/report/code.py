@@ -23,9 +23,9 @@ _LONG = 20
 _READ, _WRITTEN = 4, 6
 """Significant digits of long fractions in a formula, and in the text of it that one copies."""
 _TEMPORARY = re.compile(r"\bt(\d+)\b")
-_PLAIN, _LARGE, _ENDS, _WHOLE = 4, 10**5, 5, 1e-9
-"""Denominators up to which a fraction stands as one in a formula, and those of one over a whole number; digits of a
-decimal that has an end; what a whole number may be off."""
+_PLAIN, _DIGIT, _LARGE, _ENDS, _WHOLE = 4, 9, 10**5, 5, 1e-9
+"""Denominators and numerators up to which a fraction stands as one in a formula, and denominators of one over a whole
+number; digits of a decimal that has an end; what a whole number may be off."""
 _MEANT = {
     "branch": "branch: 1 where the load rises and −1 where it falls",
     "turn": "turn: the joint's load where it last turned over its present one, 1 while it grows",
@@ -146,7 +146,9 @@ def _readable(law: sp.Expr, names: list[str]) -> sp.Expr:
             renamed[s] = sp.Symbol(
                 "tau_" + s.name[4:].replace("_", ",").replace("joint", "").replace("link", "")
             )
-    legible = {r: _legible(r) for r in law.atoms(sp.Rational) if r.q > _PLAIN}
+    legible = {
+        r: _legible(r) for r in law.atoms(sp.Rational) if r.q > _PLAIN or (r.q > 1 and abs(r.p) > _DIGIT)
+    }
     with sp.evaluate(False):
         return _flat(_rounded(law.xreplace(legible), _READ)).xreplace(renamed)
 
