@@ -362,6 +362,15 @@ def test_what_is_sure_is_told_apart_from_what_may_have_no_name(named: Finding) -
     assert "an even bet" not in text + render(partly, {"code": CODE, "decide": None}, [])
 
 
+def test_what_a_law_without_a_name_outdoes_is_told_to_come_nearest(named: Finding) -> None:
+    """The table of candidates tells of it that it accounts for the data."""
+    last = replace(named.last, rival=RivalLaw("force sensor axis 3", "gain*load", 7.1))
+    outdone = replace(named, verdict="unexplained", because=Reason(Why.NO_SET), effects=(), last=last)
+    nearest = "as well as a law without a name does, and nonlinear stiffness at joint 2 comes nearest"
+    assert nearest in sentence(outdone)
+    assert "nearest" not in sentence(replace(outdone, last=replace(last, rival=None)))
+
+
 def test_an_ambiguous_verdict_leaves_poses_that_decide(named: Finding, tmp_path: Path) -> None:
     gap = {"backlash_2_gap": Quantity(1e-3, 1e-5, "rad")}
     rival = Found("backlash", {"joint": 2}, {}, gap, 0.01, 0.4, (), 1)

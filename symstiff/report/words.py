@@ -363,6 +363,10 @@ def _unexplained(finding: Finding) -> str:
         return _nothing_but_poses(finding)
     accused = finding.accused
     text = "No effect of the catalogue accounts for the data"
+    if finding.last.rival is not None and finding.last.leading:
+        nearest = _leading(finding)
+        come = "come" if len(nearest) > 1 else "comes"
+        text += f" as well as a law without a name does, and {' and '.join(nearest)} {come} nearest"
     if finding.because.why is Why.NOT_ALONE:
         text = sentence_case(_not_alone(_leading(finding))) + _told(finding.last.rival)
     text += f"; the evidence is strongest at {law_place(accused)}" if accused else ""
