@@ -11,17 +11,20 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
 from symstiff.codegen.compiler import find_compiler
 from symstiff.codegen.emit import emit_c
 from symstiff.codegen.functions import Functions
 from symstiff.codegen.options import Options
-from symstiff.codegen.reference import cases, plausible_values
+from symstiff.codegen.reference import cases, plausible_values, unit_length
 from symstiff.codegen.verify import build_library, c_errors, verify
+from symstiff.compensation import compensate_online
 from symstiff.effects.instance import EffectInstance
 from symstiff.files import write_tree
 from symstiff.model import StiffnessModel
-from tests.generated_c import compiler, model, shared_library, written
+from symstiff.symbolic.numeric import forward, joint_jacobian
+from tests.generated_c import compiler, model, poses, shared_library, written
 
 ROBOT = "scara"
 
@@ -108,6 +111,40 @@ def test_every_function_that_casadi_loads_is_verified(tmp_path, spoilt):
     ca.Function(function.name(), inputs, [1.001 * function(*inputs)]).save(path)
     with pytest.raises(RuntimeError, match="CasADi's functions are wrong by"):
         verify(tmp_path, functions, None, options)
+
+
+def off(m: StiffnessModel, target: np.ndarray, q: np.ndarray, w: np.ndarray) -> np.ndarray:
+    """How far the loaded tool (N,) is from target poses, rotations as lengths."""
+    T, dt = forward(m.robot, q), m.deflection(q, w)
+    turned = Rotation.from_rotvec(dt[:, 3:]) * Rotation.from_matrix(T[:, :3, :3] @ target[:, :3, :3].mT)
+    moved = T[:, :3, 3] + dt[:, :3] - target[:, :3, 3]
+    return np.linalg.norm(np.hstack([moved, unit_length(m) * turned.as_rotvec()]), axis=1)
+
+
+@pytest.mark.parametrize("robot", ["ur10", "scara"])
+def test_beside_a_singular_pose_no_command_is_worse_than_none(tmp_path: Path, robot: str) -> None:
+    """Steps within the bound of a correction made an error up to a hundred times as large."""
+    m = model(robot)
+    library = shared_library(written(tmp_path, robot, "double"), [f"{robot}.c"])
+    q, w = poses(robot, 400, seed=5)
+    joint, q_cmd = {"ur10": 2, "scara": 1}[robot], np.empty_like(q)
+    q[:, joint] = 10.0 ** np.linspace(-4, -1, len(q))  # almost stretched
+    calls = [
+        [ctypes.c_void_p(x.ctypes.data) for x in (m.vector(), *row)] for row in zip(q, w, q_cmd, strict=True)
+    ]
+    status = np.array([getattr(library, f"{robot}_compensate")(*call) for call in calls])
+    assert set(status) == {0, -5, -6}
+    np.testing.assert_array_equal(q_cmd[status < 0], q[status < 0])
+    np.testing.assert_allclose(q_cmd, compensate_online(m, q, w), rtol=0, atol=1e-9)
+    before, after = (off(m, forward(m.robot, q), x, w) for x in (q, q_cmd))
+    assert (after <= 1.1 * before).all()
+    refused = np.flatnonzero(status == -6)
+    weights = np.array([1.0, 1.0, 1.0, *[unit_length(m)] * 3])
+    J, dt = joint_jacobian(m.robot, q), m.deflection(q, w)
+    steps = [np.linalg.lstsq(weights[:, None] * J[k], weights * dt[k], rcond=None)[0] for k in refused]
+    assert (
+        off(m, forward(m.robot, q[refused]), q[refused] - steps, w[refused]) > 0.9 * before[refused]
+    ).all()
 
 
 LAWS = (

@@ -16,6 +16,7 @@ from symstiff.codegen.functions import Functions
 from symstiff.codegen.options import Options
 from symstiff.codegen.reference import unit_length
 from symstiff.codegen.structured_text import emit_st
+from symstiff.compensation import compensate_online
 from symstiff.effects.base import Scales
 from symstiff.effects.instance import EffectInstance
 from symstiff.effects.registry import find
@@ -92,6 +93,18 @@ def test_both_precisions_agree_with_the_c_functions(precision, tmp_path):
         eps = float(np.finfo(real).eps)
         np.testing.assert_allclose(outputs["dt"], dt, rtol=0, atol=100 * eps * np.abs(dt).max())
         np.testing.assert_allclose(outputs["q_cmd"], command, rtol=0, atol=20 * eps)
+
+
+def test_a_command_that_would_be_worse_than_none_is_refused():
+    block, m = Block(source("scara")), model("scara")
+    q, w = poses("scara", 12, seed=5)
+    q[:, 1] = 10.0 ** np.linspace(-5, -1, len(q))  # almost stretched
+    wanted, seen = compensate_online(m, q, w), set()
+    for k in range(len(q)):
+        outputs = block(q=q[k], w=w[k])
+        np.testing.assert_allclose(outputs["q_cmd"], wanted[k], rtol=0, atol=1e-9)
+        seen.add(int(outputs["status"]))
+    assert seen == {0, -5, -6}
 
 
 def test_other_parameters_may_be_given_and_the_defaults_are_the_models():

@@ -122,7 +122,7 @@ static void check_compensation(const kuka_kr270_params_t *p, const double *q, co
         check_outputs(status, q_cmd, N_JOINTS);
         check_correction(status, q, q_cmd);
     } else {
-        check((status < 0) && (status >= KUKA_KR270_E_RANGE) && (status != KUKA_KR270_E_SELFTEST), "the error has a name");
+        check((status < 0) && (status >= KUKA_KR270_E_NO_GAIN) && (status != KUKA_KR270_E_SELFTEST), "the error has a name");
         check(all_same(q_cmd, q, N_JOINTS), "the command stays as it was on error");
     }
 }

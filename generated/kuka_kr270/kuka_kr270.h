@@ -76,6 +76,7 @@ extern "C" {
 #define KUKA_KR270_E_SINGULAR (-3)  /* the pose is singular, or the compliance has no inverse */
 #define KUKA_KR270_E_SELFTEST (-4)  /* a stored value was not reproduced */
 #define KUKA_KR270_E_RANGE (-5)     /* compensate: a joint would move by more than KUKA_KR270_MAX_CORRECTION */
+#define KUKA_KR270_E_NO_GAIN (-6)   /* compensate: the tool would be farther off than without the step */
 
 #ifndef KUKA_KR270_MAX_CORRECTION /* a smaller one may be defined; the self-test is made for this one */
 #define KUKA_KR270_MAX_CORRECTION 0.25 /* rad, m: beyond it a correction to first order is none */
@@ -104,7 +105,9 @@ int kuka_kr270_deflection(const kuka_kr270_params_t *p, const double q[6], const
 /* One step without iteration: the joint command q_cmd = q - J(q)^+ * dt(q, w) that puts the loaded tool where the
  * unloaded one would be at q (to first order in the deflection).
  * No joint moves by more than KUKA_KR270_MAX_CORRECTION: more, as near a singular pose, is
- * KUKA_KR270_E_RANGE. On error q_cmd is q where that is finite, else zeros. */
+ * KUKA_KR270_E_RANGE. A smaller step may still be too long for a straight one there: where the Jacobian half way says
+ * that it would leave a greater error than dt is (rotations times 0.8263 m), this is KUKA_KR270_E_NO_GAIN.
+ * On error q_cmd is q where that is finite, else zeros. */
 int kuka_kr270_compensate(const kuka_kr270_params_t *p, const double q[6], const double w[6], double q_cmd[6]);
 
 /* Observation matrix A (6 x 26): dt = A * k for the compliances k. */

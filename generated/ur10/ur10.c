@@ -20,6 +20,7 @@
 #define SOLVE_ROWS 6
 #define SOLVE_COLUMNS 6
 #define SINGULAR 1.0e-10
+#define ROUNDED 1.001 /* of two squares, up to which rounding alone may be the difference */
 
 
 const char ur10_model_hash[65] = UR10_MODEL_HASH;
@@ -1314,11 +1315,12 @@ static int triangular(double m[SOLVE_ROWS * SOLVE_COLUMNS], double diagonal[SOLV
     return status;
 }
 
+/* Metres per radian: rotations become lengths before a matrix is tested for singularity, and errors are compared. */
+static const double unit[6] = { 1.0, 1.0, 1.0, 0.389, 0.389, 0.389 };
+
 /* Joint motions x (the first N_JOINTS numbers) with J * x = dt, to first order in the deflection. */
 static int solved(const double J[6 * N_JOINTS], double x[SOLVE_ROWS], const double dt[6])
 {
-    /* metres per radian: rotations become lengths before a matrix is tested for singularity */
-    static const double unit[6] = { 1.0, 1.0, 1.0, 0.389, 0.389, 0.389 };
     double m[SOLVE_ROWS * SOLVE_COLUMNS];
     double diagonal[SOLVE_COLUMNS];
     int status;
@@ -1346,7 +1348,42 @@ static int solved(const double J[6 * N_JOINTS], double x[SOLVE_ROWS], const doub
     return status;
 }
 
-/* q_cmd = q - x where that can be had and x is small, else q. */
+/* The Jacobian half way to q - x: times x it tells this motion to third order, which beside a singular pose that of q
+ * does not. */
+static int jacobian_half_way(const double q[N_JOINTS], double J[6 * N_JOINTS], const double x[SOLVE_ROWS])
+{
+    double half_way[N_JOINTS];
+    int k;
+    for (k = 0; k < N_JOINTS; ++k) {
+        half_way[k] = q[k] - (0.5 * x[k]);
+    }
+    return ur10_jacobian(half_way, J);
+}
+
+/* dt becomes what is left of it after the joint motions x, dt - J * x. */
+static void lessen(const double J[6 * N_JOINTS], double dt[6], const double x[SOLVE_ROWS])
+{
+    int i;
+    int k;
+    for (i = 0; i < 6; ++i) {
+        for (k = 0; k < N_JOINTS; ++k) {
+            dt[i] -= J[(N_JOINTS * i) + k] * x[k];
+        }
+    }
+}
+
+/* The square of the length of dt, rotations as lengths. */
+static double squared(const double dt[6])
+{
+    double sum = 0.0;
+    int i;
+    for (i = 0; i < 6; ++i) {
+        sum += (dt[i] * unit[i]) * (dt[i] * unit[i]);
+    }
+    return sum;
+}
+
+/* q_cmd = q - x where that can be had, x is small and brings the tool nearer, else q. */
 static int compensated(const ur10_params_t *p, const double q[N_JOINTS], const double w[6], double q_cmd[N_JOINTS])
 {
     double J[6 * N_JOINTS];
@@ -1359,6 +1396,13 @@ static int compensated(const ur10_params_t *p, const double q[N_JOINTS], const d
     status = (status == UR10_OK) ? status_of(x, N_JOINTS) : status;
     if ((status == UR10_OK) && (bounded_all((double)UR10_MAX_CORRECTION, x, N_JOINTS) == 0)) {
         status = UR10_E_RANGE;
+    }
+    status = (status == UR10_OK) ? jacobian_half_way(q, J, x) : status;
+    if (status == UR10_OK) {
+        const double before = squared(dt);
+        lessen(J, dt, x);
+        /* what is no number is no gain */
+        status = (squared(dt) <= (ROUNDED * before)) ? UR10_OK : UR10_E_NO_GAIN;
     }
     if (status == UR10_OK) {
         for (i = 0; i < N_JOINTS; ++i) {

@@ -27,6 +27,7 @@ from symstiff.codegen.quoting import FILTERS
 from symstiff.codegen.reference import (
     DIGITS,
     LARGEST_CORRECTION,
+    ROUNDED,
     Case,
     cases,
     configurations,
@@ -171,6 +172,7 @@ def _numbers(functions: Functions, options: Options) -> dict[str, Any]:
         "turning_length": literal(turning_length(model)),
         "singular": literal(1e-5 if single else 1e-10),
         "largest_correction": literal(LARGEST_CORRECTION),
+        "rounded": literal(ROUNDED),
         "largest_input": "1.0e9f" if single else "1.0e75",
         "compliances_propagate": _compliances_propagate(functions),
         "reciprocal": functions.reciprocal,

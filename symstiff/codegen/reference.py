@@ -27,7 +27,8 @@ from symstiff.symbolic.program import Constant, Program, evaluate
 
 DIGITS = 50
 LARGEST_CORRECTION = 0.25  # rad, m: a compensation that moves a joint further is no small correction
-OK, SINGULAR, RANGE = 0, -3, -5  # what the generated functions return
+ROUNDED = 1.001  # of two squares of errors, up to which rounding may be the difference
+OK, SINGULAR, RANGE, NO_GAIN = 0, -3, -5, -6  # what the generated functions return
 _SIZES = {"m/N": 5e-8, "rad/N": 5e-8, "rad/(N*m)": 5e-7}
 _DEFICIENT = 1e-8
 _OVERFLOW = 1e30  # m, rad: defaults that give more are in no self-test
@@ -149,7 +150,7 @@ def cases(
         default = _deflections(model, A, inputs | {"p": [mpmath.mpf(x) for x in known.values()]})
         sizes = np.stack([_sizes(model, v, found) for v in (values, known)], axis=1)
         return [
-            _case(model, found[i], [list(x[i]) for x in (dt, A, J, T, C, default)], sizes[i], single)
+            _case(functions, found[i], [list(x[i]) for x in (dt, A, J, T, C, default)], sizes[i], single)
             for i in range(len(found))
         ]
 
@@ -168,11 +169,12 @@ def _check_finite(model: StiffnessModel, values: Mapping[str, float], found: Seq
 
 
 def _case(
-    model: StiffnessModel, given: Input, evaluated: Sequence[list[Any]], sizes: np.ndarray, single: bool
+    functions: Functions, given: Input, evaluated: Sequence[list[Any]], sizes: np.ndarray, single: bool
 ) -> Case:
+    model = functions.model
     (q, w), (dt, A, J, T, C, default) = given, evaluated
     K, condition = _inverse(C, turning_length(model), 1e-4 if single else 1e-8)
-    q_cmd, compensation = _compensated(q, J, dt, unit_length(model))
+    q_cmd, compensation = _compensated(q, J, dt, unit_length(model), functions.jacobian)
     own, by_default = ((float(f"{t:.3g}"), float(f"{r:.3g}")) for t, r in sizes)  # the same on every machine
     return Case(q, w, dt, A, J, T, C, K, condition, q_cmd, compensation, own, default, by_default)
 
@@ -203,7 +205,7 @@ def _sizes(model: StiffnessModel, values: Mapping[str, float], found: Sequence[I
 
 
 def _compensated(
-    q: Sequence[float], J: Sequence[Any], dt: Sequence[Any], unit: float
+    q: Sequence[float], J: Sequence[Any], dt: Sequence[Any], unit: float, jacobian: Program
 ) -> tuple[list[Any], int | None]:
     """The joint command, q itself where there is none, and what ``compensate`` returns."""
     status = _singularity(np.array(J, dtype=float).reshape(6, -1) * np.array([[1.0]] * 3 + [[unit]] * 3))
@@ -214,7 +216,20 @@ def _compensated(
     furthest = float(max(map(abs, step))) / LARGEST_CORRECTION
     if furthest > 0.99:
         return stay, RANGE if furthest > 1.01 else None
-    return [x - s for x, s in zip(stay, step, strict=True)], OK
+    status = _gain(
+        np.array(q, dtype=float), np.array(step, dtype=float), np.array(dt, dtype=float), unit, jacobian
+    )
+    return [x - s for x, s in zip(stay, step, strict=True)] if status != NO_GAIN else stay, status
+
+
+def _gain(q: np.ndarray, step: np.ndarray, dt: np.ndarray, unit: float, jacobian: Program) -> int | None:
+    """NO_GAIN where a step leaves a greater error than dt by the Jacobian half way, None where rounding decides."""
+    J = evaluate_numpy(jacobian, q=q[None] - step / 2)["J"][0]
+    scale = np.array([1.0, 1.0, 1.0, unit, unit, unit])
+    after, before = (float(np.sum((scale * x) ** 2)) for x in (dt - J @ step, dt))
+    if after <= (0.5 + ROUNDED / 2) * before:
+        return OK
+    return NO_GAIN if after > (2 * ROUNDED - 1) * before else None
 
 
 def _singularity(J: np.ndarray) -> int | None:

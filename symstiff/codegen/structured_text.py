@@ -10,7 +10,7 @@ import numpy as np
 import sympy as sp
 
 from symstiff.codegen.emit import base_context, environment
-from symstiff.codegen.reference import LARGEST_CORRECTION, unit_length
+from symstiff.codegen.reference import LARGEST_CORRECTION, ROUNDED, unit_length
 from symstiff.codegen.text import CAlgebra, Text, context_names
 from symstiff.errors import UserError
 from symstiff.symbolic.program import Constant, Let, Program, Statement, evaluate
@@ -120,6 +120,8 @@ def st_context(functions: Functions, options: Options) -> dict[str, Any]:
     body = Body(algebra, {}, [])
     deflection = body.statements(functions.deflection, inputs, "dt", "d_")
     jacobian = body.statements(functions.jacobian, inputs, "jac", "j_")
+    between = {"q": lambda i: f"half_way[{i + 1}]"}
+    half_way = body.statements(functions.jacobian, between, "jac", "h_")
     most = float(np.finfo(np.float32).max) if options.single else float(np.finfo(np.float64).max)
     return {
         "type": "REAL" if options.single else "LREAL",
@@ -127,6 +129,7 @@ def st_context(functions: Functions, options: Options) -> dict[str, Any]:
         "moment": moment,
         "deflection": deflection,
         "jacobian": jacobian,
+        "jacobian_half_way": half_way,
         "temporaries": body.temporaries,
         "rows": max(model.robot.dof, 6),
         "columns": min(model.robot.dof, 6),
@@ -134,6 +137,8 @@ def st_context(functions: Functions, options: Options) -> dict[str, Any]:
         "unit": literal(unit_length(model)),
         "smallest": literal(1e-5 if options.single else 1e-10),
         "furthest": literal(LARGEST_CORRECTION),
+        "half": literal(0.5),
+        "rounded_st": literal(ROUNDED),
         "zero": literal(0.0),
         "most": literal(most),
     }

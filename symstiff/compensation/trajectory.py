@@ -9,7 +9,7 @@ import numpy as np
 
 from symstiff.arguments import A_MODEL, require
 from symstiff.calibration.doubts.soundness import check_bends, outside_class, outside_fixed
-from symstiff.codegen.reference import LARGEST_CORRECTION, unit_length
+from symstiff.codegen.reference import LARGEST_CORRECTION, ROUNDED, unit_length
 from symstiff.codegen.runtime import Evaluator, for_poses
 from symstiff.errors import UserError
 from symstiff.model import StiffnessModel
@@ -54,7 +54,8 @@ def compensate_online(
     """q_cmd = q − J(q)⁺·Δt(q, W): one step, as the generated C function ``compensate`` (N, n).
 
     q (N, n) [rad, m], w (N, 6) [N, N·m] in base axes; context: columns (N,) that a law needs, as ``deflection`` takes.
-    Rows in a singular pose, or that would move a joint by more than 0.25 rad or m, keep their q. The generated code has
+    Rows in a singular pose, that would move a joint by more than 0.25 rad or m, or whose tool would be farther off
+    after the step (by the Jacobian half way, as beside a singular pose), keep their q. The generated code has
     no rank but the number of joints or 6: an arm that nowhere has it is singular everywhere. The model holds for the
     loads and fixed joints that it was reduced for (``outside_class`` and ``outside_fixed`` of
     ``symstiff.calibration.doubts.soundness`` tell others). Raises UserError for what is no number, and for a model
@@ -66,7 +67,9 @@ def compensate_online(
     q, w = model.poses(q, w)
     dt = for_poses(model, len(q)).deflection(q, w, context=context)
     step, regular = _step(model, q, dt, min(model.robot.dof, 6))
-    return np.where((regular & _small(step))[:, None], q - step, q)
+    usable = regular & _small(step)
+    usable[usable] = _gains(model, q[usable], step[usable], dt[usable])
+    return np.where(usable[:, None], q - step, q)
 
 
 def compensate(
@@ -126,6 +129,12 @@ def compensate(
 def _small(motion: np.ndarray) -> np.ndarray:
     """Which rows of joint motions (N, n) [rad, m] are corrections; one that is not finite is none."""
     return np.asarray(np.all(np.abs(motion) <= LARGEST_CORRECTION, axis=1))
+
+
+def _gains(model: StiffnessModel, q: np.ndarray, step: np.ndarray, dt: np.ndarray) -> np.ndarray:
+    """Which rows' deflections (N, 6) steps of joints (N, n) lessen, by the Jacobian half way, or leave as they are."""
+    moved = np.einsum("nij,nj->ni", joint_jacobian(model.robot, q - step / 2), step)
+    return np.asarray(_weight(model, dt - moved) ** 2 <= ROUNDED * _weight(model, dt) ** 2)
 
 
 def _swings(step: np.ndarray, last: np.ndarray) -> np.ndarray:
