@@ -50,6 +50,53 @@ def test_an_effect_of_the_moment_reads_it_beside_the_parameters(functions, tmp_p
     assert seen[0] != seen[1]
 
 
+LOOPS = {"branch": {"width": 20.0}, "turn": {"knee": 100.0}}
+
+
+def looped(functions: Functions, name: str) -> StiffnessModel:
+    """A model with a loop that asks for the branch, or for the turn."""
+    model = functions.model.with_effect(EffectInstance("hysteresis", {"joint": 2}, LOOPS[name]))
+    return model.with_values(dict.fromkeys(model.parameters, 1e-7))
+
+
+@pytest.mark.parametrize(
+    ("name", "known", "unknown"),
+    [
+        ("branch", (1.0, -1.0, 0.3, 0.0), (7.0, -1.001, 1e300)),
+        ("turn", (1.0, 2.0, -1.5, 1e6), (0.3, 0.0, -0.999)),
+    ],
+)
+def test_what_no_law_knows_of_the_moment_is_refused(functions, tmp_path, name, known, unknown):
+    need("gcc")
+    model = looped(functions, name)
+    write_tree(tmp_path, emit_c(Functions(model), Options(targets=("c",))))
+    sources = [f"{NAME}.c", f"{NAME}_batch.c"]
+    done("gcc", "-O1", *STRICT, "-fPIC", "-shared", *sources, "-o", "lib.so", "-lm", cwd=tmp_path)
+    library = ctypes.CDLL(str(tmp_path / "lib.so"))
+    q, w = _numbers("double", [0.1, -1.0, 1.2, 0.3, 0.5, -0.2]), _numbers("double", [0, 0, -2000.0, 0, 0, 0])
+    for value in (*known, *unknown, math.nan):
+        p = _numbers("double", [*model.vector(), value])
+        status = 0 if value in known else -7 if value in unknown else -2
+        dt, K, q_cmd = (_numbers("double", [9.0] * n) for n in (6, 36, 6))
+        assert getattr(library, f"{NAME}_deflection")(p, q, w, dt) == status
+        assert getattr(library, f"{NAME}_stiffness")(p, q, K) in ({0, -3} if status == 0 else {status})
+        assert getattr(library, f"{NAME}_compensate")(p, q, w, q_cmd) == status
+        assert any(dt) == (status == 0)
+        assert status == 0 or (list(q_cmd) == list(q) and not any(K))
+        assert getattr(library, f"{NAME}_deflection_batch")(p, ctypes.c_size_t(1), q, w, dt) == status
+        assert any(dt) == (status == 0)
+
+
+@pytest.mark.parametrize("name", LOOPS)
+def test_fuzzing_draws_moments_that_laws_know(functions, tmp_path, name):
+    need("gcc")
+    write_tree(tmp_path, emit_c(Functions(looped(functions, name)), Options(targets=("c",))))
+    sources = [f"fuzz_{NAME}.c", f"{NAME}.c", f"{NAME}_batch.c"]
+    flags = ["-O1", f"-D{NAME.upper()}_FUZZ_MAIN", "-fsanitize=undefined", "-fno-sanitize-recover=all"]
+    done("gcc", *flags, *STRICT, *sources, "-o", "fuzz", "-lm", cwd=tmp_path)
+    assert "4000 runs" in done("./fuzz", "4000", cwd=tmp_path)
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize("constant", [{}, {"T": 100.0}])
 @pytest.mark.parametrize("start", [0.0, 80_000.0, 1.7e9])

@@ -203,3 +203,7 @@ def test_laws_of_the_moment_read_it_from_inputs(effect, shape, precision):
     bad = block(q=q[0], w=w[0], **{names[sorted(needs(m))[0]]: np.nan})
     assert bad["status"] == -2
     assert not np.any(bad["dt"])
+    if "branch" in needs(m):
+        beyond = block(q=q[0], w=w[0], branch=7.0)
+        assert beyond["status"] == -7
+        assert not np.any(beyond["dt"])

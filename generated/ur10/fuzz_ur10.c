@@ -97,7 +97,7 @@ static int all_finite(const double *x, int n)
 static void check_outputs(int status, const double *x, int n)
 {
     int i;
-    check((status <= 0) && (status >= UR10_E_SINGULAR), "the error has a name");
+    check(((status <= 0) && (status >= UR10_E_SINGULAR)) || (status == UR10_E_CONTEXT), "the error has a name");
     check(all_finite(x, n), "outputs are finite");
     for (i = 0; (i < n) && (status != UR10_OK); ++i) {
         check((x[i] >= 0.0) && (x[i] <= 0.0), "outputs are zeros on error");
@@ -122,7 +122,7 @@ static void check_compensation(const ur10_params_t *p, const double *q, const do
         check_outputs(status, q_cmd, N_JOINTS);
         check_correction(status, q, q_cmd);
     } else {
-        check((status < 0) && (status >= UR10_E_NO_GAIN) && (status != UR10_E_SELFTEST), "the error has a name");
+        check((status < 0) && (status >= UR10_E_CONTEXT) && (status != UR10_E_SELFTEST), "the error has a name");
         check(all_same(q_cmd, q, N_JOINTS), "the command stays as it was on error");
     }
 }

@@ -82,6 +82,7 @@ extern "C" {
 #define UR10_E_SELFTEST (-4)  /* a stored value was not reproduced */
 #define UR10_E_RANGE (-5)     /* compensate: a joint would move by more than UR10_MAX_CORRECTION */
 #define UR10_E_NO_GAIN (-6)   /* compensate: the tool would be farther off than without the step */
+#define UR10_E_CONTEXT (-7)   /* branch is beyond -1 or 1, or turn between them: no law knows that */
 
 #ifndef UR10_MAX_CORRECTION /* a smaller one may be defined; the self-test is made for this one */
 #define UR10_MAX_CORRECTION 0.25 /* rad, m: beyond it a correction to first order is none */

@@ -20,13 +20,15 @@ LOADS_MEANING = {
 _CONTEXT = {
     "time": ("s, since the start of the measurements", 0.0),
     "temperature": ("degC, as in the measurements' column of that name", 20.0),
-    "branch": ("+1 while the load grows, -1 while it falls", 1.0),
+    "branch": ("+1 while the load grows, -1 while it falls, between them inside the loop", 1.0),
     "turn": (
-        "a joint's load where it last turned over its present one, 1 while it grows; one number, for loads of all "
-        "joints that go up and down together",
+        "a joint's load where it last turned over its present one, 1 while it grows and never less in size; one "
+        "number, for loads of all joints that go up and down together",
         1.0,
     ),
 }
+_SIZES = {"branch": ("<=", 1.0), "turn": (">=", 1.0)}
+"""What the size of a context's number is where laws know it: beyond, a loop would be wider than it was measured."""
 _COARSE = 2.0**22
 """Time [s] from which single precision resolves no half second."""
 SUMMARIES = {
@@ -49,6 +51,8 @@ class Moment:
     tested: float
     held: tuple[float, float] | None = None
     """Between what its effects were measured; None where they do not tell."""
+    size: tuple[str, float] | None = None
+    """A comparison with a bound that its size must pass; None where any number will do."""
 
 
 def moments(model: StiffnessModel, program: Program) -> list[Moment]:
@@ -60,7 +64,7 @@ def moments(model: StiffnessModel, program: Program) -> list[Moment]:
         if name == "time" and default:
             told = f"s, by the clock of the measurements, which began at {default:.15g}"
         tested = default if name == "branch" else default + 1.0
-        found.append(Moment(name, told, default, tested, held.get(name)))
+        found.append(Moment(name, told, default, tested, held.get(name), _SIZES.get(name)))
     return found
 
 
