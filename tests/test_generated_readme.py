@@ -120,6 +120,27 @@ def test_the_range_to_be_held_is_that_in_which_all_effects_were_measured() -> No
     }
 
 
+@pytest.mark.parametrize(
+    ("shapes", "told"),
+    [
+        (({},), ("SCARA_TIME_MIN 0.0\n", "SCARA_TIME_MAX 3600.0\n", "measured from SCARA_TIME_MIN to _MAX")),
+        (({"start": 50.0, "T": 100.0},), ("SCARA_TIME_MIN 50.0\n", "SCARA_TIME_MAX 3650.0\n")),
+        (({"temperature": 8.0},), ("SCARA_TEMPERATURE_MIN 20.0\n", "SCARA_TEMPERATURE_MAX 28.0\n")),
+        (({}, {"time": 60.0, "start": 9000.0}), ("Of time the effects tell none, or none that is the same",)),
+        ((), ()),
+    ],
+)
+def test_every_law_that_follows_a_clock_tells_its_range_or_that_it_has_none(
+    shapes: tuple, told: tuple
+) -> None:
+    drifts = [EffectInstance("thermal_drift", {"link": k}, shape) for k, shape in enumerate(shapes, 1)]
+    header = emit_c(Functions(model("scara").with_effects(drifts)), Options(targets=("c",)))[
+        "scara.h"
+    ].decode()
+    assert all(text in header for text in told)
+    assert ("Their laws go on beyond" in header) == bool(shapes)
+
+
 @pytest.mark.parametrize("precision", ["double", "float"])
 def test_a_smaller_correction_may_be_asked_for(tmp_path: Path, precision: str) -> None:
     write_tree(tmp_path, emit_c(Functions(model("scara")), Options(targets=("c",), precision=precision)))

@@ -224,6 +224,7 @@ def _parameters(functions: Functions, options: Options) -> dict[str, Any]:
                 "meaning": m.meaning,
                 "default": literal(m.default),
                 "held": [literal(x) for x in m.held or ()],
+                "clock": m.name in ("time", "temperature"),
                 "size": m.size and (m.size[0], literal(m.size[1])),
             }
             for m in moments(model, functions.deflection)

@@ -72,7 +72,7 @@ def measured_between(model: StiffnessModel) -> dict[str, tuple[float, float]]:
     """Times [s] and temperatures [°C] between which all of a model's effects were measured, of those that tell."""
     found: dict[str, tuple[float, float]] = {}
     for effect, realised in zip(model.effects, model.realisations, strict=True):
-        for name, span in effect.spans.items():
+        for name, span in {**effect.spans, **realised.over}.items():
             begin = realised.rest.get(name, 0.0)
             low, high = found.get(name, (begin, begin + span))
             found[name] = max(low, begin), min(high, begin + span)

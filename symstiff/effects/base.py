@@ -68,7 +68,8 @@ class Realisation:
 
     ``replaces`` names parameters that the effect's own stand for (a joint compliance that became several).
     ``nominal`` is the known value of parameters that are not free (a second-order term has coefficient 1). ``rest``
-    are the time [s] and temperature [°C] at which the law does nothing, where it is not zero there.
+    are the time [s] and temperature [°C] at which the law does nothing, where it is not zero there. ``over`` are the
+    time [s] and temperature [K] from there on over which it was measured, where the shape's ``spans`` leave them out.
     """
 
     parameters: tuple[EffectParameter, ...]
@@ -76,6 +77,7 @@ class Realisation:
     replaces: tuple[str, ...] = ()
     nominal: Mapping[str, float] = field(default_factory=dict)
     rest: Mapping[str, float] = field(default_factory=dict)
+    over: Mapping[str, float] = field(default_factory=dict)
 
 
 @dataclass(frozen=True)

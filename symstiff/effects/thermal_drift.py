@@ -22,6 +22,8 @@ CONSTANTS = (0.07, 0.15, 0.3, 0.6)
 """Time constants as shares of a session; a warm-up of minutes in one of hours is the smallest."""
 BENDING = 1 / 3
 """Odds that a link that warms bends as well: it does so where one side is warmer than the other."""
+_SESSION = 3600.0
+"""Length of a session where none is told [s]."""
 _ROOM = 20.0
 """Temperature that a drift is counted from where none is told [°C]."""
 
@@ -42,14 +44,15 @@ def _realise(robot: Robot, where: Where, shape: Shape) -> Realisation:
     clock, warm = _clock(shape), "temperature" in shape
     rest = {"temperature": shape.get("reference", _ROOM)} if warm else {"time": shape.get("start", 0.0)}
     terms = tuple(Term(p.name, at, clock) for p, at in zip(size, places, strict=True))
-    return Realisation(tuple(size), terms, rest=rest)
+    over = {"temperature": shape["temperature"]} if warm else {"time": shape.get("time", _SESSION)}
+    return Realisation(tuple(size), terms, rest=rest, over=over)
 
 
 def _clock(shape: Shape) -> sp.Expr:
     """What has grown; the difference of two times is left as it stands, as a late clock would drown it in rounding."""
     if "temperature" in shape:
         return (TEMPERATURE - exact(shape.get("reference", _ROOM))) / above_zero(shape, "temperature")
-    span, start = above_zero(shape, "time", 3600.0), exact(shape.get("start", 0.0))
+    span, start = above_zero(shape, "time", _SESSION), exact(shape.get("start", 0.0))
     with sp.evaluate(False):
         if "T" not in shape:
             return (TIME - start if start else TIME) / span
