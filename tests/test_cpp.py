@@ -35,6 +35,8 @@ static_assert(std::is_same_v<m::real, {real}>);
 static_assert(m::parameter_names.size() == m::n_parameters);
 static_assert(m::message(m::status::singular).size() > 0);
 static_assert(m::model_hash.size() == 64);
+static_assert(m::q_min[0] < m::q_max[0]);
+static_assert(m::w_known[2] == 1);
 
 int main()
 {{

@@ -141,6 +141,48 @@ def test_every_law_that_follows_a_clock_tells_its_range_or_that_it_has_none(
     assert ("Their laws go on beyond" in header) == bool(shapes)
 
 
+LIMITS = """
+#include "{robot}.h"
+#include <stdio.h>
+
+int main(void)
+{{
+    static const {real} low[{n}] = {upper}_Q_MIN;
+    static const {real} high[{n}] = {upper}_Q_MAX;
+    static const int known[6] = {upper}_W_KNOWN;
+    int i;
+    for (i = 0; i < {n}; ++i) {{
+        printf("%.9g %.9g ", (double)low[i], (double)high[i]);
+    }}
+    for (i = 0; i < 6; ++i) {{
+        printf("%d ", known[i]);
+    }}
+    return 0;
+}}
+"""
+
+
+@pytest.mark.parametrize(
+    ("robot", "precision", "loads", "known"),
+    [
+        ("scara", "double", "gravity", [0, 0, 1, 0, 0, 0]),
+        ("planar2r", "float", "force", [1, 1, 1, 0, 0, 0]),
+        ("planar2r", "double", "wrench", [1, 1, 1, 1, 1, 1]),
+    ],
+)
+def test_a_controller_finds_joint_limits_and_what_loads_the_model_knows(
+    tmp_path: Path, robot: str, precision: str, loads: str, known: list[int]
+) -> None:
+    m = model(robot, loads)
+    write_tree(tmp_path, emit_c(Functions(m), Options(targets=("c",), precision=precision)))
+    names = {"robot": robot, "upper": robot.upper(), "real": precision, "n": m.robot.dof}
+    (tmp_path / "limits.c").write_text(LIMITS.format(**names))
+    run(compiler(), *STRICT, "-I.", "limits.c", "-o", "limits", cwd=tmp_path)
+    shown = [float(x) for x in run("./limits", cwd=tmp_path).split()]
+    limits = [x for j in m.robot.joint for x in j.range]
+    np.testing.assert_allclose(shown, [*limits, *known], rtol=1e-6)
+
+
 @pytest.mark.parametrize("precision", ["double", "float"])
 def test_a_smaller_correction_may_be_asked_for(tmp_path: Path, precision: str) -> None:
     write_tree(tmp_path, emit_c(Functions(model("scara")), Options(targets=("c",), precision=precision)))

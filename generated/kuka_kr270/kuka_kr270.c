@@ -1384,8 +1384,9 @@ static int compensated(const kuka_kr270_params_t *p, const double q[N_JOINTS], c
     if (status == KUKA_KR270_OK) {
         const double before = squared(dt);
         lessen(J, dt, x);
-        /* what is no number is no gain */
-        status = (squared(dt) <= (ROUNDED * before)) ? KUKA_KR270_OK : KUKA_KR270_E_NO_GAIN;
+        if (!(squared(dt) <= (ROUNDED * before))) { /* nor is it where that is no number */
+            status = KUKA_KR270_E_NO_GAIN;
+        }
     }
     if (status == KUKA_KR270_OK) {
         for (i = 0; i < N_JOINTS; ++i) {

@@ -13,7 +13,7 @@
  * axes (100 kg hung there, with z up: fz = -981 N; a sensor may tell the reaction, of the other sign); deflection
  * dt = (dx, dy, dz, drx, dry, drz) of the tool centre point in base axes (rotation vector). Matrices are row-major.
  * It is what w adds: how the arm bends under its own weight is no part of it.
- * Joint variables q in rad; joint limits are not looked at.
+ * Joint variables q in rad; joint limits (KUKA_KR270_Q_MIN, _Q_MAX) are not looked at.
  * Base axes are those of the world. The robot file places
  *   frame 0 in the world:              xyz (0, 0, 0.75) m, rpy (0, 0, 0) rad,
  *   the tool centre point in frame 6:  xyz (0.05, 0.1, 0.3) m, rpy (0, 0, 0) rad,
@@ -69,6 +69,12 @@ extern "C" {
 #define KUKA_KR270_N_PARAMETERS 26
 #define KUKA_KR270_MODEL_HASH "cfb66bcba57950630c1c6d5724279216d814104ce3a749348d6558269bd56eb3"
 #define KUKA_KR270_PARAMETER_HASH "5659ea5fa31ee7c929c907ff7213a7d9f7d24ee037b38fcde23f8003814f5b20"
+
+/* To be checked by the caller where that matters: no function looks at them. The initialisers are for arrays, as in
+ * static const double q_min[6] = KUKA_KR270_Q_MIN. */
+#define KUKA_KR270_Q_MIN {-3.23, -2.44, -1.74, -6.11, -2.18, -6.11} /* joint limits: rad */
+#define KUKA_KR270_Q_MAX {3.23, 0.0, 2.71, 6.11, 2.18, 6.11}
+#define KUKA_KR270_W_KNOWN {0, 0, 1, 0, 0, 0} /* 1 where a model for "gravity" loads knows what a component of w does */
 
 #define KUKA_KR270_OK 0
 #define KUKA_KR270_E_NULL (-1)      /* a pointer is NULL */

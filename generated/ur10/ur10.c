@@ -1401,8 +1401,9 @@ static int compensated(const ur10_params_t *p, const double q[N_JOINTS], const d
     if (status == UR10_OK) {
         const double before = squared(dt);
         lessen(J, dt, x);
-        /* what is no number is no gain */
-        status = (squared(dt) <= (ROUNDED * before)) ? UR10_OK : UR10_E_NO_GAIN;
+        if (!(squared(dt) <= (ROUNDED * before))) { /* nor is it where that is no number */
+            status = UR10_E_NO_GAIN;
+        }
     }
     if (status == UR10_OK) {
         for (i = 0; i < N_JOINTS; ++i) {

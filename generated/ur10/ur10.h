@@ -13,7 +13,7 @@
  * axes (100 kg hung there, with z up: fz = -981 N; a sensor may tell the reaction, of the other sign); deflection
  * dt = (dx, dy, dz, drx, dry, drz) of the tool centre point in base axes (rotation vector). Matrices are row-major.
  * It is what w adds: how the arm bends under its own weight is no part of it.
- * Joint variables q in rad; joint limits are not looked at.
+ * Joint variables q in rad; joint limits (UR10_Q_MIN, _Q_MAX) are not looked at.
  * Base axes are those of the world. The robot file places
  *   frame 0 in the world:              xyz (0, 0, 0) m, rpy (0, 0, 0) rad,
  *   the tool centre point in frame 6:  xyz (0, 0, 0) m, rpy (0, 0, 0) rad,
@@ -74,6 +74,12 @@ extern "C" {
 #define UR10_N_PARAMETERS 31
 #define UR10_MODEL_HASH "d632c83fc0e7e95102b1a39fbd539e34e139ea3cb83f88217642a46bdc4ad190"
 #define UR10_PARAMETER_HASH "8b9e9dbb9a61ef344d441753ba0032f6e4f1fb543abb58d7385abee9b99515ee"
+
+/* To be checked by the caller where that matters: no function looks at them. The initialisers are for arrays, as in
+ * static const double q_min[6] = UR10_Q_MIN. */
+#define UR10_Q_MIN {-6.283185307179586, -6.283185307179586, -6.283185307179586, -6.283185307179586, -6.283185307179586, -6.283185307179586} /* joint limits: rad */
+#define UR10_Q_MAX {6.283185307179586, 6.283185307179586, 6.283185307179586, 6.283185307179586, 6.283185307179586, 6.283185307179586}
+#define UR10_W_KNOWN {1, 1, 1, 1, 1, 1} /* 1 where a model for "wrench" loads knows what a component of w does */
 
 #define UR10_OK 0
 #define UR10_E_NULL (-1)      /* a pointer is NULL */

@@ -14,6 +14,7 @@ from symstiff.codegen.batch import batch_context, block_size
 from symstiff.codegen.compact import Compact, compact
 from symstiff.codegen.functions import Functions
 from symstiff.codegen.names import (
+    LOADS_KNOWN,
     LOADS_MEANING,
     SUMMARIES,
     check_single,
@@ -163,6 +164,10 @@ def _numbers(functions: Functions, options: Options) -> dict[str, Any]:
         "sqrt": f"sqrt{suffix}",
         "digits": DIGITS,
         "n": robot.dof,
+        "q_min": ", ".join(literal(float(j.range[0])) for j in robot.joint),
+        "q_max": ", ".join(literal(float(j.range[1])) for j in robot.joint),
+        "w_known": ", ".join(map(str, LOADS_KNOWN[model.loads])),
+        "limits_told": all(j.limits is not None for j in robot.joint),
         "prismatic": ", ".join(f"q{i}" for i, j in enumerate(robot.joint, 1) if j.prismatic),
         "redundant": robot.dof > 6,
         "tile": block_size(functions.observation.size("A"), single),

@@ -17,6 +17,8 @@ LOADS_MEANING = {
     "force": "any force at the tool centre point, no moment",
     "gravity": "a vertical force at the tool centre point (world z)",
 }
+LOADS_KNOWN = {"wrench": (1, 1, 1, 1, 1, 1), "force": (1, 1, 1, 0, 0, 0), "gravity": (0, 0, 1, 0, 0, 0)}
+"""Which of fx, fy, fz, mx, my, mz a class of loads has."""
 _CONTEXT = {
     "time": ("s, since the start of the measurements", 0.0),
     "temperature": ("degC, as in the measurements' column of that name", 20.0),
