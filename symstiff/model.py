@@ -41,6 +41,8 @@ if TYPE_CHECKING:
 
 Context = Mapping[str, npt.ArrayLike]
 _AN_EFFECT = "[EffectInstance('backlash', {'joint': 2})]"
+WRENCH = ("fx", "fy", "fz", "mx", "my", "mz")
+_NO_STRUCTURE = ("values", "deviations", "file_tool", "seen")
 _WITHOUT_VALUES = {
     "realisations", "units", "terms", "linear_parameters", "steps", "deflection_program", "observation_program",
     "linear_program", "compliance_program", "structure_hash",
@@ -53,7 +55,9 @@ class StiffnessModel:
 
     compliances: the identifiable parameters π″; effects: what was added to them; values, deviations: by parameter name,
     SI units, read-only (a missing value is zero); fixed: joints (from 1) that stood still when the compliances were
-    reduced, with values [rad, m]; file_tool: the file's [tool] xyz [m], where ``robot`` has a measured point instead.
+    reduced, with values [rad, m]; file_tool: the file's [tool] xyz [m], where ``robot`` has a measured point instead;
+    seen: least and greatest ``q1`` …, ``fx`` … ``mz`` [SI], ``time`` [s] and ``temperature`` [°C] of the rows that the
+    values were fitted to, as far as known.
     """
 
     robot: Robot
@@ -65,6 +69,7 @@ class StiffnessModel:
     deviations: Mapping[str, float] = field(default_factory=dict)
     fixed: Mapping[int, float] = field(default_factory=dict)
     file_tool: tuple[float, float, float] | None = None
+    seen: Mapping[str, tuple[float, float]] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         require(self.robot, Robot, *A_ROBOT)
@@ -72,6 +77,7 @@ class StiffnessModel:
         object.__setattr__(self, "effects", several(self.effects, EffectInstance, "effects", _AN_EFFECT))
         for name, least in (("values", -np.inf), ("deviations", 0.0), ("fixed", -np.inf)):
             object.__setattr__(self, name, frozen_numbers(getattr(self, name), name, least))
+        object.__setattr__(self, "seen", _ranges(self.seen, self.robot))
 
     @classmethod
     def of(cls, reduction: Reduction, values: Mapping[str, float] | None = None) -> StiffnessModel:
@@ -286,7 +292,14 @@ class StiffnessModel:
     ) -> StiffnessModel:
         """The same model with other values. Raises UserError for a name that the model does not have."""
         known, spread = dict(self._known(values)), dict(self._known(deviations or {}, "deviations"))
-        other = replace(self, values=known, deviations=spread)  # nothing is derived twice
+        return self._alike(values=known, deviations=spread)
+
+    def with_seen(self, seen: Mapping[str, tuple[float, float]]) -> StiffnessModel:
+        """The same model with other ranges of what its values were fitted to. Raises UserError for what is none."""
+        return self._alike(seen=seen)
+
+    def _alike(self, **numbers: Any) -> StiffnessModel:
+        other = replace(self, **numbers)  # nothing is derived twice
         other.__dict__.update({n: x for n, x in self.__dict__.items() if n in _WITHOUT_VALUES})
         return other
 
@@ -303,7 +316,7 @@ class StiffnessModel:
     def structure_hash(self) -> str:
         """SHA-256 of everything but values, known ones included: a parameter file fits a model with the same hash."""
         whole = self._table() | {"robot": structure_table(self.robot)}
-        table = {k: v for k, v in whole.items() if k not in ("values", "deviations", "file_tool")}
+        table = {k: v for k, v in whole.items() if k not in _NO_STRUCTURE}
         return hashlib.sha256(json.dumps(table, sort_keys=True).encode()).hexdigest()
 
     def _table(self) -> dict[str, Any]:
@@ -319,7 +332,8 @@ class StiffnessModel:
             ],
             "robot": to_table(self.robot),
         }
-        more = (("fixed", self.fixed_by_name), ("file_tool", self.file_tool))
+        seen = {name: list(between) for name, between in self.seen.items()}
+        more = (("fixed", self.fixed_by_name), ("file_tool", self.file_tool), ("seen", seen))
         return table | {key: value for key, value in more if value}
 
     @property
@@ -360,6 +374,22 @@ class StiffnessModel:
 
     def _deviation(self, name: str) -> str:
         return f"{self.deviations[name]:.2g}" if name in self.deviations else "–"
+
+
+def _ranges(seen: Mapping[str, tuple[float, float]], robot: Robot) -> FrozenDict[str, tuple[float, float]]:
+    """Ranges by the names that a table has, read-only. Raises UserError."""
+    require(seen, Mapping, "seen by name", "give a dictionary")
+    names = (*(f"q{j}" for j in range(1, robot.dof + 1)), *WRENCH, "time", "temperature")
+    found = {}
+    for name, between in seen.items():
+        if name not in names:
+            known = f"{names[0]} to {names[robot.dof - 1]}, {', '.join(names[robot.dof :])}"
+            raise UserError(f"seen: {printable(str(name), 40)}: no such name: there are {known}")
+        low, high = reals(between, f"seen: {name}", "(2,)").tolist() if len(between) == 2 else (1.0, 0.0)
+        if not -np.inf < low <= high < np.inf:
+            raise UserError(f"seen: {name}: expected the least and the greatest value, found {list(between)}")
+        found[name] = (low, high)
+    return FrozenDict(found)
 
 
 def bilinear(term: Term) -> bool:

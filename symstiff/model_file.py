@@ -59,6 +59,7 @@ class ModelFile(_Strict):
     effect: tuple[EffectEntry, ...] = ()
     fixed: dict[str, Number] = {}
     file_tool: tuple[Number, Number, Number] | None = None
+    seen: dict[str, tuple[Number, Number]] = {}
     robot: dict[str, Any]
 
 
@@ -105,7 +106,8 @@ def from_model_table(table: dict[str, Any], origin: str) -> StiffnessModel:
             f"{origin}: fixed: {robot.name} has no joint {printable(strange[0], 40)!r}: remove it"
         )
     fixed = {joints[name]: float(value) for name, value in file.fixed.items()}
-    model = StiffnessModel(
+    model = _modelled(
+        origin,
         robot,
         compliances,
         file.loads,
@@ -115,9 +117,17 @@ def from_model_table(table: dict[str, Any], origin: str) -> StiffnessModel:
         file.deviations,
         fixed,
         file.file_tool,
+        file.seen,
     )
     _complete(model, origin)
     return model
+
+
+def _modelled(origin: str, *parts: Any) -> StiffnessModel:
+    try:
+        return StiffnessModel(*parts)
+    except UserError as error:
+        raise UserError(f"{origin}: {error}") from error
 
 
 def _complete(model: StiffnessModel, origin: str) -> None:

@@ -96,6 +96,7 @@ def test_the_grown_model_predicts_the_data_to_the_noise(named: Path, verdict: di
 
     model = load_model(named / "model.toml")
     table = read_table(named.parent / "data.csv")
+    assert model.seen["q2"] == (table.q[:, 1].min(), table.q[:, 1].max())
     left = (table.values - predict(model, table))[:, :3]
     assert 1e3 * math.sqrt(float(np.mean(left**2))) == pytest.approx(verdict["rms_mm"]["after"], rel=0.05)
     assert [e.effect for e in model.effects] == ["nonlinear_stiffness"]

@@ -183,6 +183,20 @@ def test_a_controller_finds_joint_limits_and_what_loads_the_model_knows(
     np.testing.assert_allclose(shown, [*limits, *known], rtol=1e-6)
 
 
+def test_a_controller_finds_what_the_values_were_identified_from() -> None:
+    m, between = model("planar2r", "force"), (-0.25, 0.5)
+    names = ("q1", "q2", "fx", "fy", "fz", "mx", "my", "mz")
+    seen = m.with_seen(dict.fromkeys(names, between) | {"time": (3.0, 9.0)})
+    header, plain, half = (
+        emit_c(Functions(x), Options(targets=("c",)))["planar2r.h"].decode()
+        for x in (seen, m, m.with_seen({"q1": between}))
+    )
+    assert "#define PLANAR2R_Q_SEEN_MIN {-0.25, -0.25}\n#define PLANAR2R_Q_SEEN_MAX {0.5, 0.5}\n" in header
+    assert "PLANAR2R_W_SEEN_MAX {0.5, 0.5, 0.5, 0.5, 0.5, 0.5}" in header
+    assert "_SEEN_" not in plain + half
+    assert measured_between(seen) == {"time": (3.0, 9.0)}
+
+
 @pytest.mark.parametrize("precision", ["double", "float"])
 def test_a_smaller_correction_may_be_asked_for(tmp_path: Path, precision: str) -> None:
     write_tree(tmp_path, emit_c(Functions(model("scara")), Options(targets=("c",), precision=precision)))

@@ -95,6 +95,13 @@ def test_a_saved_model_predicts_the_same(result, tmp_path: Path) -> None:
     assert again.deviations == result.model.deviations
 
 
+def test_a_model_knows_what_joints_and_loads_it_was_fitted_to(result) -> None:
+    train, seen = result.train, result.model.seen
+    assert list(seen) == [*(f"q{j}" for j in range(1, 7)), "fx", "fy", "fz", "mx", "my", "mz"]
+    np.testing.assert_array_equal([seen[f"q{j}"][0] for j in range(1, 7)], train.q.min(axis=0))
+    np.testing.assert_array_equal(seen["fz"], (train.w[:, 2].min(), train.w[:, 2].max()))
+
+
 def test_a_start_is_a_path_too_and_nothing_else(result, tmp_path: Path) -> None:
     result.model.save(tmp_path / "model.toml")
     again = identify(load("kuka_kr270"), virtual(), tmp_path / "model.toml")

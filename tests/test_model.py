@@ -5,6 +5,7 @@ from __future__ import annotations
 import copy
 import errno
 import os
+import re
 import tomllib
 from contextlib import suppress
 from dataclasses import replace
@@ -52,6 +53,38 @@ def test_a_saved_model_reads_back_the_same_and_saves_the_same_bytes(name: str, t
     assert again.structure_hash == model.structure_hash
     again.save(tmp_path / "again.toml")
     assert (tmp_path / "again.toml").read_bytes() == (tmp_path / "model.toml").read_bytes()
+
+
+def test_what_the_values_were_fitted_to_is_kept_and_changes_no_hash(tmp_path: Path) -> None:
+    plain = small()
+    seen = {"q1": (-0.5, 0.5), "fz": (-100.0, 0.0), "time": (0.0, 60.0)}
+    model = plain.with_seen(seen)
+    assert model.structure_hash == plain.structure_hash
+    assert model.with_values(dict(plain.values)).seen == seen
+    model.save(tmp_path / "model.toml")
+    assert "fz = [" in (tmp_path / "model.toml").read_text()
+    assert load_model(tmp_path / "model.toml") == model != plain
+    plain.save(tmp_path / "old.toml")
+    assert "seen" not in (tmp_path / "old.toml").read_text()
+    assert load_model(tmp_path / "old.toml").seen == {}
+
+
+@pytest.mark.parametrize(
+    ("line", "told"),
+    [
+        ("q9 = [0.0, 1.0]", "seen: q9: no such name"),
+        ("fz = [1.0, 0.0]", "seen: fz: expected the least and the greatest value"),
+        ("fz = [0.0]", "seen.fz"),
+        ("fz = [0.0, nan]", "seen.fz"),
+    ],
+)
+def test_a_range_that_is_none_is_a_mistake_of_the_file(tmp_path: Path, line: str, told: str) -> None:
+    path = tmp_path / "model.toml"
+    small().save(path)
+    path.write_text(path.read_text() + f"\n[seen]\n{line}\n")
+    with pytest.raises(UserError, match=re.escape(told)) as raised:
+        load_model(path)
+    assert str(path) in str(raised.value)
 
 
 def test_a_model_with_effects_survives_the_file_and_predicts_the_same(tmp_path: Path) -> None:

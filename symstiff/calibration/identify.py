@@ -29,7 +29,7 @@ from symstiff.calibration.fits.constrained import ConstrainedEstimate, constrain
 from symstiff.calibration.fits.estimate import Estimate
 from symstiff.calibration.fits.robust import RobustEstimate
 from symstiff.calibration.fitting import Fitted, fit_model
-from symstiff.calibration.kept import completed, on_the_clock, seen_in
+from symstiff.calibration.kept import completed, of_table, on_the_clock, seen_in
 from symstiff.calibration.levels import by_level
 from symstiff.calibration.redundant import redundant
 from symstiff.calibration.remarks import (
@@ -253,8 +253,8 @@ def _from_deflections(
     remarks += [] if physical or reduction is None or hints else below_zero(values, reduction)
     fresh = residual_table(validation.values, predict(model, validation)) if validation is not None else None
     return Identification(
-        completed(model, begin.told, train.kind), reduction, fitted, e, training, fresh, found.robust, constrained,
-        tuple(remarks), train, validation,
+        of_table(completed(model, begin.told, train.kind), train), reduction, fitted, e, training, fresh,
+        found.robust, constrained, tuple(remarks), train, validation,
     )  # fmt: skip
 
 
@@ -288,8 +288,8 @@ def _from_absolute(begin: _Begin, table: Measurements, remarks: list[str]) -> Id
         *of_sag(model.robot),
     ]
     return Identification(
-        completed(model, begin.told, table.kind), begin.reduction, found.fit, found.equations, found.residuals, None,
-        None, None, tuple(remarks), table, None,
+        of_table(completed(model, begin.told, table.kind), table), begin.reduction, found.fit, found.equations,
+        found.residuals, None, None, None, tuple(remarks), table, None,
     )  # fmt: skip
 
 

@@ -15,7 +15,7 @@ from symstiff.effects.arm import ASSUMED
 from symstiff.effects.instance import EffectInstance
 from symstiff.effects.places import named, place_name
 from symstiff.effects.registry import find
-from symstiff.model import StiffnessModel
+from symstiff.model import WRENCH, StiffnessModel
 from symstiff.symbolic.terms import Term, tau
 
 _EARLY = 0.1
@@ -87,6 +87,16 @@ def _counting(effect: EffectInstance, weights: float) -> EffectInstance:
         return effect
     shape = {key: value for key, value in effect.shape.items() if key != "weights"}
     return replace(effect, shape=shape if weights == default else {**shape, "weights": weights})
+
+
+def of_table(model: StiffnessModel, table: Measurements) -> StiffnessModel:
+    """The model with the ranges of joints, loads and moments that a table has."""
+    columns = {f"q{j}": x for j, x in enumerate(table.q.T, start=1)} | dict(
+        zip(WRENCH, table.w.T, strict=True)
+    )
+    columns |= {"time": table.time, "temperature": table.temperature}
+    told = {name: x[np.isfinite(x)] for name, x in columns.items()}
+    return model.with_seen({name: (float(x.min()), float(x.max())) for name, x in told.items() if len(x)})
 
 
 def completed(model: StiffnessModel, told: StiffnessModel, kind: str) -> StiffnessModel:

@@ -22,6 +22,7 @@ from symstiff.codegen.names import (
     limits,
     meaning,
     moments,
+    seen_between,
 )
 from symstiff.codegen.options import Options
 from symstiff.codegen.quoting import FILTERS
@@ -167,6 +168,7 @@ def _numbers(functions: Functions, options: Options) -> dict[str, Any]:
         "q_min": ", ".join(literal(float(j.range[0])) for j in robot.joint),
         "q_max": ", ".join(literal(float(j.range[1])) for j in robot.joint),
         "w_known": ", ".join(map(str, LOADS_KNOWN[model.loads])),
+        "seen": [(name, ", ".join(map(literal, bounds))) for name, bounds in seen_between(model)],
         "limits_told": all(j.limits is not None for j in robot.joint),
         "prismatic": ", ".join(f"q{i}" for i, j in enumerate(robot.joint, 1) if j.prismatic),
         "redundant": robot.dof > 6,

@@ -8,7 +8,7 @@ import numpy as np
 
 from symstiff.codegen.text import context_names
 from symstiff.errors import UserError
-from symstiff.model import StiffnessModel
+from symstiff.model import WRENCH, StiffnessModel
 from symstiff.reduction.physical import Parameter
 from symstiff.symbolic.program import Program
 
@@ -71,14 +71,30 @@ def moments(model: StiffnessModel, program: Program) -> list[Moment]:
 
 
 def measured_between(model: StiffnessModel) -> dict[str, tuple[float, float]]:
-    """Times [s] and temperatures [°C] between which all of a model's effects were measured, of those that tell."""
+    """Times [s] and temperatures [°C] between which all of a model's effects were measured, of those that tell.
+
+    Where none tells, those of the rows that the model was fitted to.
+    """
     found: dict[str, tuple[float, float]] = {}
     for effect, realised in zip(model.effects, model.realisations, strict=True):
         for name, span in {**effect.spans, **realised.over}.items():
             begin = realised.rest.get(name, 0.0)
             low, high = found.get(name, (begin, begin + span))
             found[name] = max(low, begin), min(high, begin + span)
-    return {name: between for name, between in found.items() if between[0] < between[1]}
+    told = {n: model.seen[n] for n in ("time", "temperature") if n in model.seen} | found
+    return {name: between for name, between in told.items() if between[0] < between[1]}
+
+
+def seen_between(model: StiffnessModel) -> list[tuple[str, list[float]]]:
+    """Bounds of joints and loads that a model's values were fitted to, by names in C; none where one is not told."""
+    found = []
+    for kind, names in (("Q", [f"q{j}" for j in range(1, model.robot.dof + 1)]), ("W", WRENCH)):
+        if all(n in model.seen for n in names):
+            found += [
+                (f"{kind}_SEEN_{end}", [model.seen[n][k] for n in names])
+                for k, end in enumerate(("MIN", "MAX"))
+            ]
+    return found
 
 
 def fixed_joints(model: StiffnessModel) -> str:

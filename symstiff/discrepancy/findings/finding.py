@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from symstiff.arrays import Array
-from symstiff.calibration.kept import completed
+from symstiff.calibration.kept import completed, of_table
 from symstiff.calibration.tables.measurements import Measurements
 from symstiff.discrepancy.bridge.assemble import Assembly
 from symstiff.discrepancy.bridge.growth import JointFit, contribution
@@ -93,7 +93,7 @@ class Finding:
     @property
     def model(self) -> StiffnessModel:
         """The grown model, with what the data cannot show as it was told."""
-        return completed(self.grown.model, self.told, self.task.table.kind)
+        return of_table(completed(self.grown.model, self.told, self.task.table.kind), self.table)
 
     @property
     def accused(self) -> str:
