@@ -17,6 +17,7 @@ from symstiff.calibration.kept import on_the_clock
 from symstiff.calibration.rows import predict
 from symstiff.calibration.simulation import Effect, Environment, Noise, Truth, nominal_truth, simulate
 from symstiff.calibration.tables.measurements import Measurements, measurements
+from symstiff.discrepancy import workflow
 from symstiff.discrepancy.apart.deciding import _at_the_end
 from symstiff.discrepancy.bridge.growth import fit
 from symstiff.discrepancy.findings.finding import Finding, Task
@@ -230,6 +231,38 @@ def test_several_effects_in_other_shapes_are_found_at_once() -> None:
     assert {e.effect for e in found.reshaped} == {e.effect for e in found.named} == {LASH.effect, old.effect}
     assert [step.parameters for step in found.steps] == [8, 6, 7, 8]
     assert sum("ask for other shapes" in r and "takes them out" in r for r in found.remarks) == 1
+
+
+def test_where_not_all_of_them_have_another_shape_one_may(monkeypatch: pytest.MonkeyPatch) -> None:
+    """What looks like another shape of one may be that of the effect beside it."""
+    tried: list[tuple[EffectInstance, ...]] = []
+
+    def reshaped(course: Any, old: Any, tell: Any) -> Any:
+        tried.append(tuple(old))
+        return "anew" if tuple(old) == (GROWN,) else None
+
+    monkeypatch.setattr(workflow, "outgrown", lambda *_: (LASH, GROWN))
+    monkeypatch.setattr(workflow, "_reshaped", reshaped)
+    found = diagnosis("unexplained", 1.0)
+    course: Any = SimpleNamespace(ladder=SimpleNamespace(base=start(LASH)), last=found, table=None)
+    assert workflow._shaped_anew(course, lambda stage: None) == "anew"
+    assert tried == [(LASH, GROWN), (LASH,), (GROWN,)]
+    monkeypatch.setattr(workflow, "outgrown", lambda *_: ())
+    assert workflow._shaped_anew(course, lambda stage: None) is course
+
+
+@pytest.mark.slow
+def test_of_two_old_effects_one_has_another_shape_and_beside_the_other_a_gear_saturates() -> None:
+    soon = replace(GROWN, shape={"time": SPAN, "T": 600.0})
+    late = warm("link_exponential", rate=[4e-4, 1e-4, -2e-4], T=4000.0)
+    model = joints_only(ROBOT).with_effects([LASH, soon])
+    found = of_campaign(model, late, lash(gap=9e-4, knee=900.0), kind="absolute")
+    assert [e.effect for e in found.reshaped] == ["thermal_drift"]
+    assert {(e.effect, *e.where.values()) for e in found.named} == {
+        ("thermal_drift", 2),
+        ("nonlinear_stiffness", 3),
+    }
+    assert found.rms.after < 0.034e-3
 
 
 @pytest.mark.slow

@@ -177,19 +177,27 @@ def _without(
 
 
 def _shaped_anew(course: Course, tell: Tell) -> Course:
-    """The diagnosis with effects of the start model in other shapes, where these account better for the data."""
+    """The diagnosis with effects of the start model in other shapes, where these account better for the data.
+
+    All of them at once, or else one: what looks like another shape of one may be that of the effect beside it.
+    """
     model, found = course.ladder.base, course.last
     if found.verdict in (NOTHING, UNTESTABLE) or not model.effects:
         return course
     tell("shapes of the start model's effects")
     old = outgrown(model, course.table, _leading(found))
-    if not old:
-        return course
+    tries = [old] if len(old) < 2 else [old, *((e,) for e in old)]
+    return next(filter(None, (_reshaped(course, some, tell) for some in tries if some)), course)
+
+
+def _reshaped(course: Course, old: Sequence[EffectInstance], tell: Tell) -> Course | None:
+    """The diagnosis with some effects of the start model in other shapes; None where these do not account better."""
+    model, found = course.ladder.base, course.last
     bare, given = bare_of(model, old), (*course.given, *(Name(e.effect, e.where) for e in old))
     assembly, anew = _diagnosed(bare, course.table, _options(course.task, given), tell, given=given)
     readings = len(np.unique(6 * assembly.problem.pose + assembly.problem.axis))
     if not accounts_better(anew, found, old, assembly.problem.axis, readings):
-        return course
+        return None
     first = replace(course.first, candidates=anew.candidates)
     ladder = course.ladder.without(old, bare, found)
     return replace(
