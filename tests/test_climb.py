@@ -8,7 +8,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from symstiff.calibration.simulation.truth import Effect
+from symstiff.calibration.simulation import Effect, Noise, Truth, nominal_truth, simulate
+from symstiff.calibration.tables.measurements import measurements
 from symstiff.discrepancy.climb import Wider, frames_of, links_leave_less
 from symstiff.discrepancy.findings.finding import Task
 from symstiff.discrepancy.findings.result import Diagnosis, Name, Quantity, Rms
@@ -218,3 +219,19 @@ def test_links_that_give_way_are_found_from_the_joints_in_loaded_positions() -> 
     assert found.verdict == "named"
     assert {e.effect for e in found.effects} == {"link_compliance"}
     assert len(found.effects) > 4
+
+
+@pytest.mark.slow
+def test_elastic_links_are_found_beside_what_else_is_missing() -> None:
+    """Beside rigid links nothing accounts for the data; a joint's offset leads, and no link."""
+    robot, rng = load("ur10"), np.random.default_rng(4)
+    limits = np.array([j.range for j in robot.joint]) / 2
+    bare = measurements(rng.uniform(*limits.T, (40, robot.dof)), kind="absolute")
+    softer = Effect("nonlinear_stiffness", {"joint": 2}, "tanh", {"a": 1.5e-3, "tau0": 100.0})
+    offset = Effect("joint_offset", {"joint": 3}, "constant", {"offset": 1e-3})
+    truth = Truth(robot, nominal_truth(robot), (softer, offset), Noise((0.02,) * 3))
+    found = diagnose(Task(robot, simulate(truth, bare, 4), "joints"))
+    assert found.verdict == "named"
+    others = {(e.effect, *e.where.values()) for e in found.named if e.effect != "link_compliance"}
+    assert others == {("nonlinear_stiffness", 2), ("joint_offset", 3)}
+    assert [s.title for s in found.steps][:2] == ["start model", "complete model (all links elastic)"]

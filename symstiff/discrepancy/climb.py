@@ -36,7 +36,8 @@ _SIGNIFICANT = 1e-4
 _SUREST = 0.99
 """Confidence, at most, in a test of nested models: what neither holds is not asked."""
 _DEAR, _LINKS = 2.0, 1.0
-"""What all frames have to be worth, and in absolute positions all links, in Schwarz' prices of their parameters."""
+"""What all frames have to be worth, and all links in absolute positions or where something else leads, in Schwarz'
+prices of their parameters."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -52,7 +53,8 @@ class Wider:
     parts: tuple[EffectInstance, ...] = ()
     """The effects that joined it; none where elastic links did."""
     prices: float = 0.0
-    """What it has to be worth where the narrower one does not account for the data, in Schwarz' prices."""
+    """What it has to be worth where the narrower one does not account for the data, in Schwarz' prices; or it does
+    itself, with what is missing besides."""
 
     def of_verdict(self, found: Diagnosis, fitted: StiffnessModel) -> tuple[Found, ...]:
         """What the narrower model lacked, as effects of the verdict."""
@@ -71,7 +73,11 @@ class Wider:
         readings = len(np.unique(6 * pose + component))
         open_end = narrow.verdict in (INSUFFICIENT, UNEXPLAINED)
         if not self.parts:
-            dear = not (open_end and self.prices) or _worth(wide, narrow, component, readings) > self.prices
+            dear = (
+                not (open_end and self.prices)
+                or _worth(wide, narrow, component, readings) > self.prices
+                or _ends_well(wide, narrow, component, readings)
+            )
             return dear and links_leave_less(wide, narrow, component, readings)
         if open_end and _dearly(wide, narrow, component, readings, self.prices):
             return True
@@ -156,14 +162,15 @@ class Ladder:
         return replace(self, models=(*self.models, model), rungs=(*self.rungs, rung))
 
 
-def wider_model(
+def wider_models(
     model: StiffnessModel, found: Diagnosis, task: Task, experiment: ExperimentClass
-) -> Wider | None:
-    """The model that may take a model's place by what its diagnosis found missing; None where there is none."""
+) -> Iterator[Wider]:
+    """The models that may take a model's place by what its diagnosis found missing."""
     if task.max_effects < 2:
-        return None
+        return
     frames = frames_of(task.robot) if task.table.kind == "absolute" else ()
-    return _of_all_frames(model, found, frames) or _of_all_links(model, found, task, experiment, frames)
+    ways = _of_all_frames(model, found, frames), _of_all_links(model, found, task, experiment)
+    yield from (wider for wider in ways if wider is not None)
 
 
 def _of_all_frames(
@@ -191,16 +198,17 @@ def _of_all_frames(
 
 
 def _of_all_links(
-    model: StiffnessModel, found: Diagnosis, task: Task, experiment: ExperimentClass,
-    frames: tuple[EffectInstance, ...],
-) -> Wider | None:  # fmt: skip
+    model: StiffnessModel, found: Diagnosis, task: Task, experiment: ExperimentClass
+) -> Wider | None:
     """The complete model, where links are rigid in this one and elastic links are what is missing, few or not."""
-    rigid = all(p.is_joint for p in model.compliances)
-    tested = [c.parameters for c in found.candidates if c.testable][:1]
-    parts = {NAMED: [sizes for *_, sizes in found.leading], UNEXPLAINED: tested, INSUFFICIENT: tested}
-    parts[AMBIGUOUS] = parts[NAMED]
-    missing = parts.get(found.verdict, [])
-    if not rigid or not missing or not all(_is_compliance(task.robot, sizes) for sizes in missing):
+    leading = [sizes for *_, sizes in found.leading]
+    first = [c.parameters for c in found.candidates if c.testable][:1]
+    open_end = found.verdict in (UNEXPLAINED, INSUFFICIENT)
+    missing = first if open_end else leading if found.verdict in (NAMED, AMBIGUOUS) else []
+    elastic = bool(missing) and all(_is_compliance(task.robot, sizes) for sizes in missing)
+    # beside something else that is missing elastic links may not lead
+    beside = open_end and any(_is_compliance(task.robot, sizes) for sizes in leading)
+    if any(not p.is_joint for p in model.compliances) or not (elastic or beside):
         return None
     complete = start_model(model.robot, "complete", experiment)[0]  # the tool is where the point was found
     return Wider(
@@ -209,7 +217,7 @@ def _of_all_links(
         Why.LINKS,
         "a few elastic links do not account for what the joints leave as well as all of them do: the complete model "
         "takes the place of the one with rigid links, and the diagnosis goes on from there",
-        prices=_LINKS if task.table.kind == "absolute" else 0.0,
+        prices=_LINKS if task.table.kind == "absolute" or not elastic else 0.0,
     )
 
 
@@ -258,11 +266,15 @@ def _worth(wide: Diagnosis, narrow: Diagnosis, component: Index, readings: int, 
 
     A law without a name that was found there takes its share of what the narrow model itself leaves.
     """
-    law = max((f.explained for f in (narrow.device_law, narrow.law) if f is not None), default=0.0)
     less, left = squares_left(wide, component, wide.growth[0], narrow.growth[step])
-    gain = readings * np.log((left if step else (1.0 - law) * left) / less)
+    gain = readings * np.log((left if step else _beside_a_law(narrow) * left) / less)
     price = (wide.growth[0].known - narrow.growth[0].known) * np.log(readings)
     return float(gain / price) if price > 0 else -np.inf
+
+
+def _beside_a_law(narrow: Diagnosis) -> float:
+    """Share of what a model leaves that a law without a name, where one was found there, does not explain."""
+    return 1.0 - max((f.explained for f in (narrow.device_law, narrow.law) if f is not None), default=0.0)
 
 
 def _ends_well(wide: Diagnosis, narrow: Diagnosis, component: Index, readings: int) -> bool:
@@ -275,6 +287,7 @@ def _ends_well(wide: Diagnosis, narrow: Diagnosis, component: Index, readings: i
         return False
     last, end = narrow.growth[-1], wide.growth[-1]
     left, less = squares_left(wide, component, last, end)
+    left *= _beside_a_law(narrow) if len(narrow.growth) == 1 else 1.0
     gains = readings * np.log(left / less) > (end.known - last.known) * np.log(readings)
     return bool(gains) and _predicts(wide.rms.held_out_after, narrow.rms.held_out_after)
 

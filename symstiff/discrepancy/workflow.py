@@ -28,7 +28,7 @@ from symstiff.calibration.tables.loading import as_loading
 from symstiff.calibration.tables.measurements import Measurements
 from symstiff.discrepancy.bridge.assemble import Assembly, added_loads, assemble
 from symstiff.discrepancy.bridge.growth import fit, grow
-from symstiff.discrepancy.climb import Ladder, Wider, wider_model
+from symstiff.discrepancy.climb import Ladder, Wider, wider_models
 from symstiff.discrepancy.conclusion import Course, finding_of
 from symstiff.discrepancy.examine import examine
 from symstiff.discrepancy.findings.doubts import doubted
@@ -150,12 +150,12 @@ def _with_links(
 
 def _at_the_top(course: Course, experiment: ExperimentClass, tell: Tell) -> Course:
     """The diagnosis from the widest model on that takes the place of a narrower one."""
-    while (wider := wider_model(course.ladder.base, course.last, course.task, experiment)) is not None:
-        climbed = _climbed(course, wider, tell)
-        if climbed is None:
-            break
-        course = _shaped_anew(climbed, tell)  # beside narrower links an old shape may pass for theirs
-    return course
+    wider = wider_models(course.ladder.base, course.last, course.task, experiment)
+    climbed = next(filter(None, (_climbed(course, one, tell) for one in wider)), None)
+    if climbed is None:
+        return course
+    # beside narrower links an old shape may pass for theirs
+    return _at_the_top(_shaped_anew(climbed, tell), experiment, tell)
 
 
 def _without(
