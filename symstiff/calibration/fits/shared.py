@@ -24,6 +24,8 @@ _RANGE = (-7.0, 10.0)
 _NONE = _RANGE[0] + 0.5
 _STARTS = (-2.0, 1.0, 4.0)
 """Where the search for them begins: of several errors the largest may hide the others from one start."""
+_FINE = {"eps": 1e-5, "ftol": 1e-12, "gtol": 1e-6}
+"""Step of a slope and ends of the search: with a smaller step the slope is rounding, and the search stops anywhere."""
 _NEAR = 200
 """Wide blocks among which the search begins where there are many more."""
 _LEAST = 10
@@ -253,8 +255,9 @@ def _some(wide: Index) -> Mask:
 def _searched(problem: _Components, start: Array) -> Array:
     """Logarithms of ratios (K,) at a least deviance, from a start."""
     found = scipy.optimize.minimize(
-        lambda x: problem.fitted(np.exp(x))[0], start, method="L-BFGS-B", bounds=[_RANGE] * len(start)
-    )
+        lambda x: problem.fitted(np.exp(x))[0], start, method="L-BFGS-B", bounds=[_RANGE] * len(start),
+        options=_FINE,
+    )  # fmt: skip
     return np.asarray(found.x)
 
 
