@@ -5,21 +5,26 @@ from __future__ import annotations
 from dataclasses import replace
 from functools import cache
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 
 from symstiff.calibration.doubts.point import find_point
+from symstiff.calibration.doubts.stations import check_stations
 from symstiff.calibration.experiment.arm import drawn
 from symstiff.calibration.experiment.placement import placed, placement_columns
 from symstiff.calibration.experiment.situation import Laws, look
 from symstiff.calibration.identify import identify
 from symstiff.calibration.simulation import Effect, Noise, Truth, nominal_truth, simulate
 from symstiff.calibration.simulation.truth import Device
+from symstiff.calibration.tables.checks import without_copies
 from symstiff.calibration.tables.measurements import Measurements, concatenate, measurements
+from symstiff.calibration.tables.sessions import by_session
 from symstiff.calibration.tables.table import read_table, write_table
 from symstiff.discrepancy.findings.finding import Task
 from symstiff.discrepancy.workflow import diagnose
+from symstiff.errors import UserError
 from symstiff.model import joints_only
 from symstiff.robot import load
 from symstiff.robot.tool import tool_of, with_tool
@@ -152,3 +157,64 @@ def test_a_probe_that_nobody_told_of_is_found_from_two_places_of_the_device(tmp_
     model, told = find_point(joints_only(ROBOT), saved(tmp_path, *tables), ROBOT)
     assert "from the tool centre point of the robot file" in told
     assert tool_of(model.robot) == pytest.approx(tool_of(away), abs=1e-4)
+
+
+@pytest.mark.parametrize(
+    "command", [lambda t: identify(ROBOT, t, "joints"), lambda t: diagnose(Task(ROBOT, t))]
+)
+def test_a_file_that_tells_no_place_of_its_own_and_was_measured_from_another_is_refused(
+    tmp_path: Path, command: Any
+) -> None:
+    """It would be placed with the first file, meters off."""
+    one, other = sessions()
+    with pytest.raises(UserError, match=r"june\.csv: its points are on a line .* m from where they would be"):
+        command(saved(tmp_path, one, other.select(np.flatnonzero(other.pose == 0))))
+
+
+def test_a_small_file_from_the_same_place_belongs_to_the_first(tmp_path: Path) -> None:
+    one, _ = sessions()
+    rest, few = (np.flatnonzero((one.pose == 0) == own) for own in (False, True))
+    table = saved(tmp_path, one.select(rest), one.select(few))
+    check_stations(ROBOT, table)
+    assert not table.station.any()
+
+
+def test_a_pose_that_was_measured_from_two_places_needs_no_number_of_its_repeat(tmp_path: Path) -> None:
+    again = session(1, PLACES[1], LASH)
+    table = saved(tmp_path, sessions()[0], again)
+    assert len(np.unique(table.approach)) == 2 * POSES
+    kept, (told,) = without_copies(saved(tmp_path, sessions()[0], sessions()[0]))
+    assert len(kept) == len(sessions()[0])
+    assert "copies" in told
+
+
+def timed(*begins: float, every: float = 60.0) -> Measurements:
+    """Files that begin at some moments, of ten rows each."""
+    time = np.concatenate([begin + every * np.arange(10) for begin in begins])
+    table = measurements(np.zeros((len(time), 2)), kind="none", time=time)
+    files = tuple(f"{k}.csv" for k in range(len(begins)))
+    return replace(table, file=np.repeat(np.arange(len(begins)), 10), files=files)
+
+
+@pytest.mark.parametrize(
+    ("begins", "expected"),
+    [
+        ((0.0, 0.0), (0.0, 0.0)),  # clocks of their own
+        ((0.0, 700.0), (0.0, 700.0)),  # the same session goes on
+        ((5.0, 86400.0), (5.0, 5.0)),
+        ((86400.0, 0.0), (0.0, 0.0)),  # the later file is named first
+        ((0.0, 86400.0, 87100.0), (0.0, 0.0, 700.0)),  # the second session has two files
+    ],
+)
+def test_the_time_of_another_session_begins_anew(
+    begins: tuple[float, ...], expected: tuple[float, ...]
+) -> None:
+    table, remarks = by_session(timed(*begins))
+    assert [float(table.time[table.file == k].min()) for k in range(len(begins))] == list(expected)
+    assert len(remarks) == (begins != expected)
+
+
+def test_files_without_a_time_stay_as_they_are() -> None:
+    table = replace(timed(0.0, 86400.0), time=np.full(20, np.nan))
+    assert by_session(table) == (table, [])
+    assert by_session(timed(3.0))[1] == []

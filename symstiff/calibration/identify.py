@@ -24,6 +24,7 @@ from symstiff.calibration.doubts.soundness import (
     unlike_file,
     usable_model,
 )
+from symstiff.calibration.doubts.stations import check_stations
 from symstiff.calibration.experiment.readings import ExperimentClass, experiment_of
 from symstiff.calibration.fits.constrained import ConstrainedEstimate, constrain
 from symstiff.calibration.fits.estimate import Estimate
@@ -50,6 +51,7 @@ from symstiff.calibration.rows import Equations, context_of, equations, predict
 from symstiff.calibration.tables.checks import check_measured, check_robot, without_copies, without_zeros
 from symstiff.calibration.tables.loading import as_loading
 from symstiff.calibration.tables.measurements import Measurements
+from symstiff.calibration.tables.sessions import by_session
 from symstiff.display import counted, few
 from symstiff.effects.registry import find
 from symstiff.errors import UserError, printable
@@ -167,8 +169,10 @@ def identify(
         _refuse_for_absolute({"--robust": robust, "--physical": physical, "--held-out": held_out > 0})
     table, zeros = without_zeros(as_loading(table))
     table, copies = without_copies(table)
+    table, sessions = by_session(table)
+    check_stations(robot, table)
     seen = experiment_of(table, robot)
-    remarks += [*zeros, *copies, *of_loads(table, seen.loads), *repeated(table)]
+    remarks += [*zeros, *copies, *sessions, *of_loads(table, seen.loads), *repeated(table)]
     begin = _begin(robot, table, start, seen.wished(loads, measure), per_level)
     remarks += begin.remarks
     if table.kind == "absolute":

@@ -17,6 +17,7 @@ import numpy as np
 from symstiff.arguments import listener, require, whole
 from symstiff.calibration.doubts.point import find_point
 from symstiff.calibration.doubts.soundness import other_weights, outside_class, outside_fixed
+from symstiff.calibration.doubts.stations import check_stations
 from symstiff.calibration.experiment.readings import ExperimentClass, experiment_of
 from symstiff.calibration.experiment.situation import Laws
 from symstiff.calibration.identify import start_model
@@ -26,6 +27,7 @@ from symstiff.calibration.rows import context_of
 from symstiff.calibration.tables.checks import check_measured, check_robot, of_units
 from symstiff.calibration.tables.loading import as_loading
 from symstiff.calibration.tables.measurements import Measurements
+from symstiff.calibration.tables.sessions import by_session
 from symstiff.discrepancy.bridge.assemble import Assembly, added_loads, assemble
 from symstiff.discrepancy.bridge.growth import fit, grow
 from symstiff.discrepancy.climb import Ladder, Wider, wider_models
@@ -78,7 +80,9 @@ def diagnose(task: Task, tell: Tell | None = None) -> Finding:
     check_measured(task.table)
     task = replace(task, table=as_loading(task.table))
     table, unused = used(task.table, task.max_poses)
-    remarks = [*warnings, *unused, *of_stations(table)]
+    table, sessions = by_session(table)
+    check_stations(task.robot, table)
+    remarks = [*warnings, *unused, *sessions, *of_stations(table)]
     finding = _of_table(task, table, remarks, tell)
     for _ in range(_AGAIN):
         rows = gross(finding)

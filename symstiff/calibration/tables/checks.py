@@ -101,7 +101,7 @@ def _first_rows(index: np.ndarray, count: int) -> np.ndarray:
 
 def _no_duplicates(table: Measurements) -> None:
     """Refuse a component that was measured twice; tables may hold one each of a row's components."""
-    context = np.column_stack([table.repeat, table.branch, table.load_step])
+    context = np.column_stack([table.repeat, table.branch, table.load_step, table.station])
     keys = np.column_stack([table.pose, table.point, table.w, context])
     measured = table.measured if table.kind != "none" else np.ones((len(keys), 1), dtype=bool)
     for own in measured.T:

@@ -117,12 +117,16 @@ class Measurements:
         A file that does not tell it, of points on a line or without all three coordinates, has the first one.
         """
         station = np.zeros(len(self), dtype=np.intp)
-        if self.kind != "absolute" or len(self.files) < 2:
-            return station
-        own = [k for k in np.unique(self.file) if _spread_out(self.values[self.file == k, :3])]
-        for number, k in enumerate(own):
+        for number, k in enumerate(self.telling):
             station[self.file == k] = number
         return station
+
+    @property
+    def telling(self) -> list[int]:
+        """Numbers of files of absolute positions that tell where the device stood, where there are several files."""
+        if self.kind != "absolute" or len(self.files) < 2:
+            return []
+        return [int(k) for k in np.unique(self.file) if _spread_out(self.values[self.file == k, :3])]
 
     @property
     def dof(self) -> int:
