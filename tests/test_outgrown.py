@@ -364,6 +364,9 @@ def test_what_moved_is_told_from_what_the_start_model_says() -> None:
     assert gap.after == pytest.approx(9e-4, rel=0.1)
     assert verdict_table(found)["as_told_mm"] > 1.5 * verdict_table(found)["rms_mm"]["before"]
     assert sum("with its own values" in r or "its size has changed" in r for r in found.remarks) == 2
+    assert headline(found) == "Nothing is missing, but values of the start model do not hold any more"
+    assert "once its values are fitted anew" in sentence(found)
+    assert "With the values that it was told it leaves" in sentence(found)
     assert verdict_table(longer_session())["as_told_mm"] is not None
 
 

@@ -12,6 +12,7 @@ from symstiff.discrepancy.findings.finding import Finding
 from symstiff.discrepancy.findings.numbers import decimals_between, milli, p_equals
 from symstiff.discrepancy.findings.remarks import FEW, hiding
 from symstiff.discrepancy.findings.result import Found, RivalLaw
+from symstiff.discrepancy.findings.since import worse
 from symstiff.discrepancy.laws.speech import law_at, law_place
 from symstiff.discrepancy.noise.scales import NoiseReport, off
 from symstiff.discrepancy.noise.sharing import JOINTS
@@ -58,6 +59,8 @@ def _nothing_missing(finding: Finding) -> str:
         return "Nothing found missing; something may hide in an error that a pose's rows share"
     if noise.degrees_of_freedom < FEW:
         return "Nothing found missing, in few data"
+    if worse(finding.as_told, finding.rms.after):
+        return "Nothing is missing, but values of the start model do not hold any more"
     return "Nothing is missing"
 
 
@@ -246,11 +249,16 @@ def _nothing(finding: Finding) -> str:
         c for c in finding.candidates if kind in find(c.effect).seen_in and find(c.effect).places_in is None
     ]
     louder = _louder(finding.last.noise)
+    fitted, own = "", ""
+    if worse(finding.as_told, r.after):
+        fitted = " once its values are fitted anew to them"
+        told = size(finding.as_told, finding)
+        own = f" With the values that it was told it leaves {told}: they do not hold any more."
     return (
-        f"The model accounts for the data: {size(r.after, finding)} rms per coordinate is left, the noise is "
+        f"The model accounts for the data{fitted}: {size(r.after, finding)} rms per coordinate is left, the noise is "
         f"{size(r.noise, finding)}{f', {louder}' if louder else ''} (no effect of the catalogue stands out from it: "
         f"{p_equals(finding.first.p_missing)}, where {Options.alpha:g} would; {sum(c.testable for c in shown)} of "
-        f"{len(shown)} effects at their places that {data} can show could be tested)."
+        f"{len(shown)} effects at their places that {data} can show could be tested).{own}"
     )
 
 

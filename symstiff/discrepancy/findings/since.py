@@ -36,11 +36,16 @@ def as_told(start: StiffnessModel, fitted: JointFit) -> float:
     return float(np.sqrt(np.mean(left[_rows(problem.axis)] ** 2)))
 
 
+def worse(left: float | None, anew: float) -> bool:
+    """Whether a start model's own values leave clearly more than it does fitted anew; None: it was told none."""
+    return left is not None and left > _WORSE * anew
+
+
 def of_values(left: float, fitted: JointFit) -> list[str]:
     """A remark on what a start model's own values leave, where that is clearly more than it does fitted anew."""
     axis = fitted.assembly.problem.axis
     anew = float(np.sqrt(np.mean(fitted.residual[_rows(axis)] ** 2)))
-    if left < _WORSE * anew:
+    if not worse(left, anew):
         return []
     unit = "mm" if (axis < 3).any() else "mrad"
     return [
