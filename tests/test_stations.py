@@ -147,16 +147,28 @@ def test_compliances_are_identified_from_two_places_of_the_device(tmp_path: Path
                for r in fitted.remarks)  # fmt: skip
 
 
+PROBE = with_tool(ROBOT, tuple(a + b for a, b in zip(tool_of(ROBOT), (0.05, -0.02, 0.1), strict=True)))
+
+
+def with_a_probe(*effects: Effect) -> list[Measurements]:
+    """Unloaded sessions of a probe that the robot file does not tell of."""
+    truths = (Truth(PROBE, JOINTS, effects, Noise((SIGMA,) * 3), device=device) for device in PLACES)
+    return [simulate(truth, design(seed, (0.0,)), seed) for seed, truth in enumerate(truths, start=1)]
+
+
 def test_a_probe_that_nobody_told_of_is_found_from_two_places_of_the_device(tmp_path: Path) -> None:
-    probe = (0.05, -0.02, 0.1)
-    away = with_tool(ROBOT, tuple(a + b for a, b in zip(tool_of(ROBOT), probe, strict=True)))
-    tables = []
-    for seed, device in enumerate(PLACES, start=1):
-        truth = Truth(away, dict.fromkeys(JOINTS, 0.0) | JOINTS, (), Noise((SIGMA,) * 3), device=device)
-        tables.append(simulate(truth, design(seed, (0.0,)), seed))
-    model, told = find_point(joints_only(ROBOT), saved(tmp_path, *tables), ROBOT)
+    model, told = find_point(joints_only(ROBOT), saved(tmp_path, *with_a_probe()), ROBOT)
     assert "from the tool centre point of the robot file" in told
-    assert tool_of(model.robot) == pytest.approx(tool_of(away), abs=1e-4)
+    assert tool_of(model.robot) == pytest.approx(tool_of(PROBE), abs=1e-4)
+
+
+def test_the_probes_place_is_no_error_of_the_last_link(tmp_path: Path) -> None:
+    """It was found while a joint's offset was not known, and holds a part of that."""
+    offset = Effect("joint_offset", {"joint": 3}, "constant", {"offset": 1.2e-3})
+    found = diagnose(Task(ROBOT, saved(tmp_path, *with_a_probe(offset)), "joints"))
+    assert found.verdict == "named"
+    assert [(e.effect, e.where) for e in found.named] == [("joint_offset", {"joint": 3})]
+    assert found.named[0].parameters["joint_offset_3_offset"].value == pytest.approx(1.2e-3, rel=0.03)
 
 
 @pytest.mark.parametrize(

@@ -208,7 +208,7 @@ def _current(
                 else:
                     target -= nominal[name] * column
         A = without_rounding(A, _sizes(model, free))
-        extra = placement_columns(view)
+        extra = placement_columns(view, probe=model.file_tool is not None)
         begin = [known.get(n, 0.0) for n in free]
         solution, weighed = _fitted(np.hstack([A, extra]), target, view, begin, weigh)
         fit = dict(zip(free, solution, strict=True))

@@ -80,11 +80,19 @@ def turns_of(vectors: Array) -> Array:
     return np.eye(3) + first[:, None, None] * cross + second[:, None, None] * (cross @ cross)
 
 
-def placement_columns(view: View) -> Array:
-    """(M, 6 a station) small shifts and turns of the device about the arm of the file; none for deflections."""
+def placement_columns(view: View, probe: bool = False) -> Array:
+    """(M, 6 a station) small shifts and turns of the device about the arm of the file; none for deflections.
+
+    Three more of shifts on the last link where the ``probe`` was not told but found, as its place holds a part of every
+    error that was not known then.
+    """
     if view.table.kind != "absolute":
         return np.zeros((len(view.state), 0))
-    return motions(view.points, view.table.station)[view.state, view.component]
+    moved = motions(view.points, view.table.station)
+    if probe:
+        axes = view.turn @ view.found.R[:, -1]
+        moved = np.concatenate([moved, np.concatenate([axes, np.zeros_like(axes)], axis=1)], axis=2)
+    return moved[view.state, view.component]
 
 
 def motions(points: Array, station: Index) -> Array:

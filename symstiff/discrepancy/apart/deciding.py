@@ -206,7 +206,7 @@ def _hypotheses(
         view = under_weights(view)
     situation = Situation(view, Laws(view, model.terms, dict(model.values)))
     A = situation.columns(model.terms, list(model.parameters))
-    A = np.hstack([A, placement_columns(view)])
+    A = np.hstack([A, placement_columns(view, probe=model.file_tool is not None)])
     weight = (1.0 / sigma[view.component])[:, None]
     scales, known = scales_of(view), _Laws(situation, model)
     blocks = tuple(

@@ -57,7 +57,8 @@ def structural(
     moved = [replace(c, columns=replace(c.columns, situation=elsewhere, _seen={})) for c in several]  # type: ignore[type-var]
     compliances = list(dict.fromkeys(t.parameter for t in situation.laws.terms))
     A = np.hstack([
-        linear_columns(elsewhere.view, situation.laws.terms, compliances), placement_columns(elsewhere.view)
+        linear_columns(elsewhere.view, situation.laws.terms, compliances),
+        placement_columns(elsewhere.view, probe=model.file_tool is not None),
     ])  # fmt: skip
     rows = len(A)
     blank = np.zeros(rows, dtype=np.intp)
