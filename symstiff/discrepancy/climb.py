@@ -278,7 +278,7 @@ def _beside_a_law(narrow: Diagnosis) -> float:
 
 
 def _ends_well(wide: Diagnosis, narrow: Diagnosis, component: Index, readings: int) -> bool:
-    """Whether the data are accounted for with all frames, where few left no room for what is missing besides.
+    """Whether the data are accounted for with all parts, where few left no room for what is missing besides.
 
     Or where what they left passed for how the robot misses its poses. Schwarz' criterion of where both diagnoses end,
     and poses left out.
