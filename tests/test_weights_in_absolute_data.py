@@ -285,7 +285,9 @@ def test_a_diagnosis_writes_no_compliances_that_geometry_hides(
     model = load_model(tmp_path / "report" / "model.toml")
     q = np.array([[0.2, -1.0, 1.4, -0.5, 1.2, 0.1]])
     moved = model.of_robot().deflection(q, [[0.0, 0.0, -50.0, 0.0, 0.0, 0.0]])[0, :3]
-    assert np.linalg.norm(moved) < 3e-3  # c2 and c3 are told to a half and to their size, the others not at all
+    assert (
+        np.linalg.norm(moved) < 3e-3
+    )  # c2 and c3 are told to a half and to their size, the others not at all
     told = [r for r in found.remarks if "not determined by these positions" in r]
     assert len(told) == 1
     nothing_left = noise == 5e-3
