@@ -385,10 +385,10 @@ def _ranges(seen: Mapping[str, tuple[float, float]], robot: Robot) -> FrozenDict
         if name not in names:
             known = f"{names[0]} to {names[robot.dof - 1]}, {', '.join(names[robot.dof :])}"
             raise UserError(f"seen: {printable(str(name), 40)}: no such name: there are {known}")
-        low, high = reals(between, f"seen: {name}", "(2,)").tolist() if len(between) == 2 else (1.0, 0.0)
-        if not -np.inf < low <= high < np.inf:
-            raise UserError(f"seen: {name}: expected the least and the greatest value, found {list(between)}")
-        found[name] = (low, high)
+        ends = reals(between, f"seen: {name}", "(2,)").tolist()
+        if np.shape(ends) != (2,) or not -np.inf < ends[0] <= ends[1] < np.inf:
+            raise UserError(f"seen: {name}: expected the least and the greatest value, found {between!r:.40}")
+        found[name] = (ends[0], ends[1])
     return FrozenDict(found)
 
 

@@ -69,6 +69,12 @@ def test_what_the_values_were_fitted_to_is_kept_and_changes_no_hash(tmp_path: Pa
     assert load_model(tmp_path / "old.toml").seen == {}
 
 
+@pytest.mark.parametrize("between", [3.0, [1.0], [2.0, 1.0], [[0.0], [1.0]]])
+def test_a_range_of_what_was_seen_has_two_ends(between: Any) -> None:
+    with pytest.raises(UserError, match="seen: q1: expected the least and the greatest value"):
+        joints_only(load("kuka_kr270")).with_seen({"q1": between})
+
+
 @pytest.mark.parametrize(
     ("line", "told"),
     [
