@@ -9,7 +9,7 @@ import numpy as np
 
 from symstiff.calibration.experiment.current import Current, settled, sigma_of
 from symstiff.calibration.experiment.placement import best_placed, placement_columns
-from symstiff.calibration.fits.decomposition import own_columns
+from symstiff.calibration.fits.decomposition import own_columns, unit_columns
 from symstiff.calibration.fits.estimate import Estimate, estimate
 from symstiff.calibration.plausible import implausible
 from symstiff.calibration.residuals import ResidualTable, residual_table, sizes
@@ -29,16 +29,19 @@ _LEVER = 0.02
 class AbsoluteFit:
     """A fit to absolute data: the model's parameters, then the geometry; residuals beyond the rigid robot.
 
-    ``constants`` are those of geometry and placement. ``silent`` are parameters that move no row; ``untold`` (value and
-    deviation that they would have) are compliances that the geometry hides: any size that an arm may have fits, or one
-    that no arm has. Neither is part of the fit.
+    ``constants`` are those of geometry and placement that were fitted along, ``told`` those that the model names.
+    ``silent`` are parameters that move no row; ``held`` those without a value in the start model that the rows do not
+    tell from others; ``untold`` (value and deviation that they would have) are compliances that the geometry hides: any
+    size that an arm may have fits, or one that no arm has. None of these three is part of the fit.
     """
 
     fit: Estimate
     equations: Equations
     residuals: ResidualTable
     constants: tuple[str, ...]
+    told: tuple[str, ...] = ()
     silent: tuple[str, ...] = ()
+    held: tuple[str, ...] = ()
     untold: Mapping[str, tuple[float, float]] = field(default_factory=dict)
 
     @property
@@ -48,29 +51,34 @@ class AbsoluteFit:
         return {name: (value, std) for name, value, std in fitted if np.isfinite(std)}
 
 
-def fit_absolute(model: StiffnessModel, table: Measurements) -> AbsoluteFit:
-    """Fit a model to absolute positions, with constant errors of all frames taken along.
+def fit_absolute(model: StiffnessModel, table: Measurements, all_frames: bool = False) -> AbsoluteFit:
+    """Fit a model to absolute positions, with what of the geometry it does not tell taken along.
 
     The excess over the rigid robot at its best placement is explained by deflections under load and weight and by an
     independent set of constants at the links' virtual joints (geometry, tool and placement of the device, called
     ``geometry_<link>_<axis>`` [m, rad]); those that a compliance could mimic are left to the geometry. Where the
-    device stood in further files is ``device_<file>_<axis>``, from its closest placement there.
+    device stood in further files is ``device_<file>_<axis>``, from its closest placement there. A model that names
+    errors of frames itself has the geometry that was found: only the placement is taken along, unless ``all_frames``.
     """
     current = settled(model, table)
     silent = tuple(n for n in model.parameters if n not in current.names)
-    geometry = _geometry(current)
-    columns = [*_elastic(current, model), *_hidden(current, geometry), *geometry]
+    told = () if all_frames else _told(current, model)
+    own = [replace(c, constant=c.name in told) for c in _elastic(current, model)]
+    geometry = _placement(current, model, own) if told else _geometry(current)
+    held = _held(own, model, geometry)
+    columns = [*(c for c in own if c.name not in held), *_hidden(current, geometry), *geometry]
     untold: dict[str, tuple[float, float]] = {}
     found = _fitted(current, table, columns)
     while more := implausible(model, found.known):
         untold |= {name: found.known[name] for name in more}
         found = _fitted(current, table, [c for c in columns if c.name not in untold])
-    return replace(found, silent=silent, untold=untold)
+    along = tuple(n for n in found.constants if n not in told)
+    return replace(found, constants=along, told=told, silent=silent, held=held, untold=untold)
 
 
 def untold(model: StiffnessModel, table: Measurements) -> tuple[str, ...]:
     """Compliances that absolute positions do not tell beside the geometry, and those that they do not show."""
-    found = fit_absolute(model, table)
+    found = fit_absolute(model, table, all_frames=True)
     return tuple(p.name for p in model.compliances if p.name not in found.known)
 
 
@@ -84,28 +92,81 @@ class _Column:
     constant: bool = False
 
 
+def _told(current: Current, model: StiffnessModel) -> tuple[str, ...]:
+    """The model's own parameters that are constants of the geometry: errors of frames and offsets of joints."""
+    view, effects = current.situation.view, {p.name for p in model.effect_parameters}
+    own = [k for k, n in enumerate(current.names) if n in effects]
+    frames = np.hstack([placement_columns(view), view.J[:, [v.kind == "link" for v in view.joints]]])
+    basis = svd(unit_columns(frames)[0])
+    inside = basis[0][:, basis[1] > _INSIDE * basis[1].max(initial=0.0)]
+    A = unit_columns(current.A[:, own])[0]
+    left = np.linalg.norm(A - inside @ (inside.T @ A), axis=0)
+    return tuple(current.names[k] for k, share in zip(own, left, strict=True) if share < _INSIDE)
+
+
+def _placement(current: Current, model: StiffnessModel, own: Sequence[_Column]) -> list[_Column]:
+    """Where the device stood, and the probe where the robot file does not tell it, as far as no value tells it."""
+    joints, known = current.situation.view.joints, [c.values for c in own if model.values.get(c.name)]
+    base = [k for k, v in enumerate(joints) if v.kind == "link" and v.body == 0]
+    probe = [
+        k for k, v in enumerate(joints) if v.kind == "link" and v.body == model.robot.dof and not v.rotational
+    ]
+    stood = _geometry(current, base)
+    if model.file_tool is None:
+        return stood
+    J = current.situation.view.J
+    before = [*(c.values for c in stood), *known]
+    free = own_columns(np.column_stack([*before, J[:, probe]]), _INSIDE)
+    shifts = [probe[k - len(before)] for k in free if k >= len(before)]
+    return [*stood, *(_constant(current, k) for k in shifts)]
+
+
+def _held(own: Sequence[_Column], model: StiffnessModel, geometry: Sequence[_Column]) -> tuple[str, ...]:
+    """Parameters without a value in a start model that has some, which the rows do not tell from the others."""
+    known = [c for c in own if model.values.get(c.name)]
+    if not known:
+        return ()
+    unknown = [c for c in own if c not in known]
+    first = len(geometry) + len(known)
+    told = own_columns(np.column_stack([c.values for c in (*geometry, *known, *unknown)]), _INSIDE)
+    return tuple(c.name for k, c in enumerate(unknown, start=first) if k not in told)
+
+
 def _elastic(current: Current, model: StiffnessModel) -> list[_Column]:
     """The model's own parameters."""
     return [_Column(n, model.units[n], current.A[:, k]) for k, n in enumerate(current.names)]
 
 
-def _geometry(current: Current) -> list[_Column]:
-    """Where the device stood in further files, and constants at the links' virtual joints, as far as independent.
+def _geometry(current: Current, places: Sequence[int] | None = None) -> list[_Column]:
+    """Where the device stood in further files, and constants at virtual joints of links, as far as independent.
 
-    Those that would turn by much to move the point by little come last: the point stands on their axes.
+    At all of the links' where no ``places`` are given. Those that would turn by much to move the point by little come
+    last: the point stands on their axes.
     """
     view = current.situation.view
     lever = np.sqrt(np.mean(view.J**2, axis=0)) / view.robot.reach
-    links = [k for k, v in enumerate(view.joints) if v.kind == "link"]
+    links = [k for k, v in enumerate(view.joints) if v.kind == "link"] if places is None else list(places)
     links.sort(key=lambda k: view.joints[k].rotational and lever[k] < _LEVER)
     further = placement_columns(view)[:, len(AXES) :]  # the base's link is the first station
     count = further.shape[1]
     own = own_columns(np.hstack([further, view.J[:, links]]), _INSIDE)
     chosen = sorted(links[k - count] for k in own if k >= count)
-    stood = [(f"device_{2 + k // 6}_{1 + k % 6}", k % 6 >= 3, further[:, k]) for k in range(count)]
-    frames = [(f"geometry_{v.body}_{v.axis}", v.rotational, view.J[:, k])
-              for k, v in ((k, view.joints[k]) for k in chosen)]  # fmt: skip
-    return [_Column(n, "rad" if turns else "m", values, True) for n, turns, values in (*stood, *frames)]
+    stood = [
+        _Column(f"device_{2 + k // 6}_{1 + k % 6}", _unit(k % 6 >= 3), further[:, k], True)
+        for k in range(count)
+    ]
+    return [*stood, *(_constant(current, k) for k in chosen)]
+
+
+def _constant(current: Current, k: int) -> _Column:
+    """A constant at a virtual joint of a link."""
+    view = current.situation.view
+    v = view.joints[k]
+    return _Column(f"geometry_{v.body}_{v.axis}", _unit(v.rotational), view.J[:, k], True)
+
+
+def _unit(turns: bool) -> str:
+    return "rad" if turns else "m"
 
 
 def _hidden(current: Current, geometry: Sequence[_Column]) -> list[_Column]:

@@ -278,7 +278,7 @@ def _from_absolute(begin: _Begin, table: Measurements, remarks: list[str]) -> Id
     """The fit to absolute positions, with the geometry beside."""
     model = begin.model
     found = fit_absolute(model, table)
-    nothing = (*found.silent, *found.untold)
+    nothing = (*found.silent, *found.held, *found.untold)
     open_ones = [n for n in model.parameters if n not in found.known and n not in nothing]
     check_beside_geometry(open_ones or ([] if any(n in found.known for n in model.parameters) else nothing))
     own = {n: found.known[n] for n in model.parameters if n in found.known}

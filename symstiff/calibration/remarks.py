@@ -117,11 +117,18 @@ def beside_geometry(found: AbsoluteFit, model: StiffnessModel) -> list[str]:
             f"{shown}: cannot be told from geometry in these positions (the fit gives sizes that no arm has): not "
             "determined, and zero"
         )
+    if found.held:
+        remarks.append(
+            f"{few(found.held)}: these positions do not tell {'it' if len(found.held) == 1 else 'them'} from the "
+            "placement and the model's other parameters: zero, as in the start model"
+        )
     known = {*found.constants, *model.parameters}
     beside = [n for n in found.fit.names if n not in known]
     weights = f", and what only the links' weights show: {', '.join(beside)}" if beside else ""
+    named = "; errors of frames are those that the start model names, and no others" if found.told else ""
     remarks.append(
-        f"absolute positions: {len(found.constants)} constants of geometry and placement were fitted along{weights}"
+        f"absolute positions: {len(found.constants)} constants of {'the' if found.told else 'geometry and'} placement "
+        f"were fitted along{weights}{named}"
     )
     return [*remarks, *_of_drawing(found, model.robot), *fits(found.fit, found.equations)]
 

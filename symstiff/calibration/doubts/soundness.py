@@ -290,12 +290,6 @@ def check_beside_geometry(open_ones: Sequence[str]) -> None:
     """Raise UserError for parameters that absolute positions do not determine beside the geometry."""
     if open_ones:
         shown = ", ".join(open_ones[:8]) + (f" and {len(open_ones) - 8} more" * (len(open_ones) > 8))
-        if all(LINK.fullmatch(n) is None and JOINT.fullmatch(n) is None for n in open_ones):
-            raise UserError(
-                f"{shown}: identify fits constant errors of all frames along, from which positions do not tell effects "
-                "of the start model that are such errors: use symstiff diagnose --start with this model, which fits "
-                "the sizes of its effects anew"
-            )
         raise UserError(
             f"the positions do not determine {shown} beside geometry and placement: measure more poses and loads, or "
             "deflections (dx[mm] …, loaded minus unloaded), or use symstiff diagnose, which leaves them at zero"
