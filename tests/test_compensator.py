@@ -8,7 +8,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from symstiff.calibration.simulation import Effect, Truth, nominal_truth
+from symstiff.calibration.kept import seen_in
+from symstiff.calibration.simulation import Effect, Noise, Truth, nominal_truth, simulate
+from symstiff.calibration.simulation.truth import Device
+from symstiff.calibration.tables.measurements import Measurements, measurements
 from symstiff.discrepancy.findings.finding import Finding, Task
 from symstiff.discrepancy.workflow import diagnose
 from symstiff.effects.base import Scales
@@ -116,3 +119,57 @@ def test_a_compensator_is_looked_for_at_the_second_joint_that_turns(
     """An arm on a track has its shoulder at joint 3."""
     robot = parse(f'format = 1\nname = "arm"\n{joints}'.encode())
     assert [dict(place) for place in find("gravity_compensator").places(robot)] == places
+
+
+def test_positions_have_a_form_for_the_springs_moment_where_the_file_tells_of_one() -> None:
+    effect, absolute = find("gravity_compensator"), Scales(kind="absolute")
+    for scales, robot, forms in ((absolute, ROBOT, 18), (Scales(), ROBOT, 0), (absolute, "ur10", 0)):
+        shapes = effect.shapes(load(robot), {"joint": 2}, scales)
+        assert sum("moment" in shape for shape in shapes) == forms
+
+
+def test_the_moment_is_the_slope_of_the_springs_energy() -> None:
+    """By differences of ½·(s − s₀)², s the distance of two points: nothing of the module's formula."""
+    form = EffectInstance("gravity_compensator", {"joint": 2}, {"moment": 1.0})
+    (term,) = form.realise(load(ROBOT)).terms
+    angles = np.linspace(-2.0, 1.0, 7)
+
+    def energy(angle: np.ndarray) -> np.ndarray:
+        arm = 0.18472 * np.exp(1j * angle)
+        return 0.5 * (np.abs(arm + 0.68593 + 0.1233j) - 0.458) ** 2
+
+    h = 1e-5
+    turn = np.linspace(-math.pi, math.pi, 7201)
+    moment, largest = ((energy(x + h) - energy(x - h)) / (2 * h) for x in (angles, turn))
+    law = np.array([float(term.factor.subs(q(2), x)) for x in angles])
+    assert law == pytest.approx(-moment / np.abs(largest).max(), abs=1e-5)
+
+
+def positions(poses: int, rate: float, seed: int) -> Measurements:
+    """Positions of an arm whose zeros were set without its spring."""
+    robot, rng = load(ROBOT), np.random.default_rng(seed)
+    limits = np.array([j.range for j in robot.joint])
+    q = np.repeat(rng.uniform(limits[:, 0], limits[:, 1], (poses, robot.dof)), 2, axis=0)
+    w = np.zeros((2 * poses, 6))
+    w[1::2, :3] = rng.normal(size=(poses, 3)) * 800.0
+    plan = measurements(q, w, pose=np.repeat(np.arange(poses), 2), kind="absolute")
+    spring = Effect("gravity_compensator", {"joint": 2}, "spring", {"rate": rate, "preload": 1.0})
+    joints = {n: v for n, v in nominal_truth(robot).items() if n.startswith("c")}
+    place = Device((3.0, 1.0, 0.5), (0.0, 0.0, 2.0))
+    return simulate(Truth(robot, joints, (spring,), Noise((0.02,) * 3), device=place), plan, seed)
+
+
+def test_a_springs_moment_is_named_in_positions_and_kept_by_deflections() -> None:
+    rate, table = 6e4, positions(24, 6e4, 1)
+    found = diagnose(Task(load(ROBOT), table, "joints"))
+    (only,) = found.effects
+    assert only.instance.shape["moment"] == 1.0
+    assert "turned" not in only.instance.shape
+    turn = np.linspace(-math.pi, math.pi, 7201)
+    arm = 0.18472 * np.exp(1j * turn) + 0.68593 + 0.1233j
+    largest = np.abs(np.gradient(0.5 * (np.abs(arm) - 0.458) ** 2, turn)).max()
+    d = only.parameters["gravity_compensator_2_d"]
+    assert d.value == pytest.approx(nominal_truth(load(ROBOT))["c2"] * rate * largest, abs=4 * d.std)
+    deflections, remarks = seen_in(found.model, "deflection")
+    assert deflections.effects == ()
+    assert "gravity compensator (2): deflections do not show it" in remarks[0]

@@ -350,17 +350,3 @@ def test_the_point_of_a_small_arm_is_found_by_a_share_of_its_reach() -> None:
         model, remark = find_point(StiffnessModel.of(reduce(robot, "gravity", "position")), table, robot)
         assert remark.startswith("the measured point stands 4.0 mm from") == found
         assert (model.robot != robot) == found
-
-
-@pytest.mark.parametrize("effect", ["link_weight", "transmission_error"])
-def test_what_a_compensators_spring_looks_like_in_positions_is_told(effect: str) -> None:
-    """Its moment turns an unloaded joint, which no effect of the catalogue has a name for."""
-    table = to_table(load("kuka_kr270"))
-    table["joint"][1]["link"]["mass"] = 300.0
-    plain = {k: v for k, v in table.items() if k != "gravity_compensator"}
-    where = {"link": 2} if effect == "link_weight" else {"joint": 2, "harmonics": [1]}
-    told = EffectInstance(effect, where).assumptions(
-        from_table(table | {"gravity_compensator": {"joint": 2}})
-    )
-    assert sum("gravity compensator's spring at joint 2" in t for t in told) == 1
-    assert EffectInstance(effect, where).assumptions(from_table(plain)) == ()

@@ -33,7 +33,10 @@ def seen_in(model: StiffnessModel, kind: str) -> tuple[StiffnessModel, list[str]
         return model.with_effects([_counting(e, 0.0) for e in model.effects]), []
     if kind != "deflection":
         return model, []
-    unseen = [e for e in model.effects if kind not in find(e.effect).seen_in]
+    unseen = [
+        e for e, r in zip(model.effects, model.realisations, strict=True)
+        if kind not in find(e.effect).seen_in or (r.terms and all(_stands(t) for t in r.terms))
+    ]  # fmt: skip
     if not unseen:
         return model, []
     names = ", ".join(f"{e.effect.replace('_', ' ')} ({place_name(e.where)})" for e in unseen)
@@ -46,6 +49,12 @@ def seen_in(model: StiffnessModel, kind: str) -> tuple[StiffnessModel, list[str]
             "the start model adds: put it into the robot file's masses and look for the law anew with symstiff diagnose"
         )
     return shown, remarks
+
+
+def _stands(term: Term) -> bool:
+    """Whether a law moves the arm by its angles alone, and so by as much with a load as without."""
+    angles = all(s.name.startswith(("q_", "up_")) for s in term.factor.free_symbols)
+    return angles and term.at.kind in ("joint", "link")
 
 
 def on_the_clock(model: StiffnessModel, table: Measurements) -> tuple[StiffnessModel, list[str]]:

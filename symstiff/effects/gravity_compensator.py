@@ -4,7 +4,8 @@ Spring form: anchors at distances a and L from the axis, angle φ = α − q bet
 2aL·cos φ, M = K_c·(1 − s₀/s)·aL·sin φ, joint stiffness K_j⁰ + ∂M/∂q (derived below, not copied). With k̂ =
 (∂M/∂q)/max|∂M/∂q| and r the spring's largest stiffness over the joint's own, the joint's compliance c₀ becomes
 c₀/(1 + r·k̂): it changes by c·k̂/(1 + r·k̂), where c = −r·c₀ is the slope of that change at k̂ = 0. Angle form (the
-seed's C2 and J2): the joint's compliance is a polygon over the distinct angles of the data set.
+seed's C2 and J2): the joint's compliance is a polygon over the distinct angles of the data set. Moment form, in
+positions of a robot whose file tells of the spring: the joint stands off by −d·M/max|M| whatever the load.
 
 Where the robot file tells the anchors, their lengths are kept, and so is α unless the data speak up against it.
 Lengths are the same in every convention, but α depends on where the file's q is zero and which way it counts, in which
@@ -40,13 +41,22 @@ _SOFTEST = 0.02
 """Least stiffness of the joint over its own."""
 
 
-@lru_cache(maxsize=256)
-def spring_stiffness() -> sp.Expr:
-    """∂M/∂q of the spring for unit rate, in the symbols a, L, s_0, alpha and q."""
-    a, L, s0, alpha, angle = sp.symbols("a L s_0 alpha q", real=True)
+_SPRING = sp.symbols("a L s_0 alpha q", real=True)
+
+
+@lru_cache(maxsize=1)
+def spring_moment() -> sp.Expr:
+    """M of the spring for unit rate, in the symbols a, L, s_0, alpha and q."""
+    a, L, s0, alpha, angle = _SPRING
     phi = alpha - angle
     s = sp.sqrt(a**2 + L**2 + 2 * a * L * sp.cos(phi))
-    return sp.diff((1 - s0 / s) * a * L * sp.sin(phi), angle)
+    return (1 - s0 / s) * a * L * sp.sin(phi)
+
+
+@lru_cache(maxsize=1)
+def spring_stiffness() -> sp.Expr:
+    """∂M/∂q of the spring for unit rate."""
+    return sp.diff(spring_moment(), _SPRING[-1])
 
 
 def _realise(robot: Robot, where: Where, shape: Shape) -> Realisation:
@@ -56,23 +66,40 @@ def _realise(robot: Robot, where: Where, shape: Shape) -> Realisation:
     ]
     if angles:
         return _by_angle(robot, where, j, angles)
+    if shape.get("moment"):
+        meant = "deflection of the joint under the largest moment of the spring"
+        d = parameter(NAME, where, "d", "rad", -2e-2, 2e-2, 1e-3, meant)
+        return Realisation((d,), (Term(d.name, actuated_joint(j), _pull(robot, j, shape)),))
     c = parameter(NAME, where, "c", "rad/(N*m)", -1e-2, 1e-2, 1e-7)
     return Realisation((c,), (Term(c.name, actuated_joint(j), _spring(robot, j, shape)),))
 
 
 def _spring(robot: Robot, j: int, shape: Shape) -> sp.Expr:
     """τ·k̂/(1 + r·k̂), put together without SymPy's simplifications, which take most of a diagnosis's time."""
+    *lengths, alpha = _anchors(robot, shape)
+    _check_spring(*lengths, float(shape.get("ratio", 0.0)))
+    stiffness, ratio = _stiffness(*lengths), exact(shape.get("ratio", 0.0))
+    with sp.evaluate(False):
+        law = stiffness.xreplace({_SPRING[4]: q(j), _SPRING[3]: alpha})
+        return load_of(j) * law / (1 + ratio * law) if ratio else load_of(j) * law
+
+
+def _pull(robot: Robot, j: int, shape: Shape) -> sp.Expr:
+    """−M/max|M|: the spring turns the joint against the rise of its length."""
+    *lengths, alpha = _anchors(robot, shape)
+    _check_spring(*lengths, 0.0)
+    with sp.evaluate(False):
+        return -_moment(*lengths).xreplace({_SPRING[4]: q(j), _SPRING[3]: alpha})
+
+
+def _anchors(robot: Robot, shape: Shape) -> tuple[float, float, float, sp.Rational]:
+    """a, L, s₀ and the anchor's direction: the shape's, or the file's."""
     known = _known(robot)
     a, L, s0, alpha = (
         float(shape.get(k, known.get(k, d)))
         for k, d in (("a", 0.7), ("L", 0.19), ("s0", 0.46), ("alpha", 0.0))
     )
-    _check_spring(a, L, s0, float(shape.get("ratio", 0.0)))
-    stiffness, ratio = _stiffness(a, L, s0), exact(shape.get("ratio", 0.0))
-    values = {_ANGLE: q(j), _ALPHA: exact(f"{alpha + shape.get('turned', 0.0):.9g}")}
-    with sp.evaluate(False):
-        law = stiffness.xreplace(values)
-        return load_of(j) * law / (1 + ratio * law) if ratio else load_of(j) * law
+    return a, L, s0, exact(f"{alpha + shape.get('turned', 0.0):.9g}")
 
 
 @lru_cache(maxsize=256)
@@ -82,36 +109,42 @@ def _check_spring(a: float, L: float, s0: float, ratio: float) -> None:
         raise ValueError(f"a = {a:g}, L = {L:g}, s0 = {s0:g}: give distances above zero, s0 from 0 on")
     if abs(a - L) < ANCHORS_MEET * max(a, L):
         raise ValueError(f"a = {a:g} and L = {L:g}: the spring's anchors meet: give different distances")
-    share = _shape_over_a_turn(a, L, s0) / _largest(a, L, s0)
+    share = _over_a_turn(spring_stiffness(), a, L, s0) / _largest(a, L, s0)
     if np.min(1.0 + ratio * share) < _SOFTEST:
         raise ValueError(f"ratio = {ratio:g}: with such a spring the joint is not stiff at every angle")
-
-
-_ANGLE, _ALPHA = sp.symbols("q alpha", real=True)
 
 
 @lru_cache(maxsize=256)
 def _stiffness(a: float, L: float, s0: float) -> sp.Expr:
     """k̂(q): the spring's stiffness over its largest size."""
-    values = {s: exact(v) for s, v in zip(sp.symbols("a L s_0", real=True), (a, L, s0), strict=True)}
-    return spring_stiffness().xreplace(values) / exact(f"{_largest(a, L, s0):.9g}")
+    return spring_stiffness().xreplace(_lengths(a, L, s0)) / exact(f"{_largest(a, L, s0):.9g}")
+
+
+@lru_cache(maxsize=256)
+def _moment(a: float, L: float, s0: float) -> sp.Expr:
+    """The spring's moment over its largest size."""
+    largest = np.abs(_over_a_turn(spring_moment(), a, L, s0)).max()
+    return spring_moment().xreplace(_lengths(a, L, s0)) / exact(f"{largest:.9g}")
+
+
+def _lengths(a: float, L: float, s0: float) -> dict[sp.Symbol, sp.Rational]:
+    return {symbol: exact(value) for symbol, value in zip(_SPRING[:3], (a, L, s0), strict=True)}
 
 
 @lru_cache(maxsize=256)
 def _largest(a: float, L: float, s0: float) -> float:
     """Largest size of the spring's stiffness over a turn, for unit rate."""
-    return float(np.abs(_shape_over_a_turn(a, L, s0)).max())
+    return float(np.abs(_over_a_turn(spring_stiffness(), a, L, s0)).max())
 
 
-def _shape_over_a_turn(a: float, L: float, s0: float) -> np.ndarray:
-    """The spring's stiffness for unit rate at angles over a turn."""
-    return np.asarray(_numeric_stiffness()(a, L, s0, 0.0, np.linspace(-math.pi, math.pi, 721)))
+def _over_a_turn(law: sp.Expr, a: float, L: float, s0: float) -> np.ndarray:
+    """A law of the spring at angles over a turn."""
+    return np.asarray(_numeric(law)(a, L, s0, 0.0, np.linspace(-math.pi, math.pi, 721)))
 
 
-@lru_cache(maxsize=256)
-def _numeric_stiffness() -> Callable[..., np.ndarray]:
-    symbols = sp.symbols("a L s_0 alpha q", real=True)
-    return sp.lambdify(symbols, spring_stiffness(), "numpy")  # type: ignore[no-any-return]
+@lru_cache(maxsize=2)
+def _numeric(law: sp.Expr) -> Callable[..., np.ndarray]:
+    return sp.lambdify(_SPRING, law, "numpy")  # type: ignore[no-any-return]
 
 
 def _by_angle(robot: Robot, where: Where, j: int, angles: list[float]) -> Realisation:
@@ -154,15 +187,19 @@ def _known(robot: Robot) -> dict[str, float]:
 
 def _shapes(robot: Robot, where: Where, scales: Scales) -> tuple[Shape, ...]:
     known = _known(robot)
-    found: list[Shape]
+    springs: list[Shape]
     if known:
         turns = [{}, *({"turned": float(f"{math.remainder(d, math.tau):.6g}")} for d in DIRECTIONS[1:])]
-        found = [{**known, **turn, "ratio": r} for turn in turns for r in RATIOS]
+        springs = [{**known, **turn} for turn in turns]
     else:
-        found = [
-            {"a": 1.0, "L": L, "s0": s0, "alpha": float(f"{d:.6g}"), "ratio": r}
-            for L, s0 in GEOMETRIES for d in DIRECTIONS for r in RATIOS
-        ]  # fmt: skip
+        springs = [
+            {"a": 1.0, "L": L, "s0": s0, "alpha": float(f"{d:.6g}")}
+            for L, s0 in GEOMETRIES
+            for d in DIRECTIONS
+        ]
+    found: list[Shape] = [{**spring, "ratio": r} for spring in springs for r in RATIOS]
+    if scales.kind == "absolute" and robot.gravity_compensator is not None:
+        found += [{**spring, "moment": 1.0} for spring in springs]
     j = int(where["joint"])
     angles = scales.angles[j - 1] if len(scales.angles) >= j else ()
     if 2 <= len(angles) <= MOST_ANGLES:
@@ -223,7 +260,7 @@ EFFECT = Effect(
     told={
         "a": "anchor {} m from the axis", "L": "lever {} m", "s0": "free length {} m", "alpha": "anchor at {} rad",
         "turned": "turned by {} rad from there",
-        "ratio": "spring's share of the stiffness {}",
+        "ratio": "spring's share of the stiffness {}", "moment": "its moment, whatever the load",
     },
     assumed={
         "turned": "its spring pulls as if the anchor were turned by {} rad from where the robot file has it: the "

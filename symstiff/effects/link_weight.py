@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from symstiff.effects.base import Effect, Realisation, Scales, Shape, Where
 from symstiff.effects.common import ABSOLUTE
-from symstiff.effects.weights import of_spring, weight
+from symstiff.effects.weights import weight
 from symstiff.robot.schema import Robot
 
 NAME = "link_weight"
@@ -29,7 +29,7 @@ def _shapes(robot: Robot, where: Where, scales: Scales) -> tuple[Shape, ...]:
 def _alike(robot: Robot, shape: Shape) -> str:
     """The whole arm weighs, and a file without masses tells nothing of it."""
     if robot.has_weights:
-        return of_spring(robot, shape)
+        return ""
     return (
         "the robot file tells no masses, so that the weight of every link is missing, and neighbours' weights look "
         "alike: enter masses and centres of mass and diagnose again"

@@ -8,7 +8,6 @@ import sympy as sp
 
 from symstiff.effects.base import Effect, Realisation, Shape, Where
 from symstiff.effects.common import ABSOLUTE, exact, parameter
-from symstiff.effects.weights import of_spring
 from symstiff.robot.schema import Robot
 from symstiff.symbolic.terms import Term, actuated_joint, q
 
@@ -53,6 +52,5 @@ EFFECT = Effect(
     places=_places,
     realise=_realise,
     confused_with=("joint_offset", "geometric_error"),
-    alike=of_spring,
     separated_by="a wide range of the joint, sampled finely enough for the harmonic",
 )

@@ -7,22 +7,11 @@ from collections.abc import Sequence
 import sympy as sp
 
 from symstiff.effects.arm import heaviest
-from symstiff.effects.base import Realisation, Shape, Where
+from symstiff.effects.base import Realisation, Where
 from symstiff.effects.common import GRAVITY, XYZ, exact, parameter
 from symstiff.robot.schema import Robot
 from symstiff.symbolic.chain import cross
 from symstiff.symbolic.terms import Term, VirtualJoint, up
-
-
-def of_spring(robot: Robot, shape: Shape) -> str:
-    """What a gravity compensator that the robot file tells of does to an arm that nothing else loads."""
-    if robot.gravity_compensator is None:
-        return ""
-    return (
-        f"the moment of the gravity compensator's spring at joint {robot.gravity_compensator.joint} turns an arm that "
-        "nothing else loads by such a law of its angles, and positions have no other name for it: deflections under "
-        "loads tell of the spring"
-    )
 
 
 def weight(
