@@ -87,7 +87,8 @@ class Scales:
     kind: ``deflection`` or ``absolute``; load: largest \\|τ\\| by virtual joint [N, N·m]; angles: the
     distinct values of every joint variable, ascending [rad, m]; total: as load, with the weight of the links that the
     robot file tells; context: largest span of ``time`` [s] and
-    ``temperature`` [K] where known; lowest: their smallest values.
+    ``temperature`` [K] where known; lowest: their smallest values; unloaded: share of the states without a load at the
+    tool.
     """
 
     kind: str = "deflection"
@@ -96,6 +97,7 @@ class Scales:
     context: Mapping[str, float] = field(default_factory=dict)
     lowest: Mapping[str, float] = field(default_factory=dict)
     total: Mapping[VirtualJoint, float] = field(default_factory=dict)
+    unloaded: float = 0.0
 
     def of(self, joint: VirtualJoint, otherwise: float = 1000.0) -> float:
         """Largest load on a virtual joint, to three digits so that equal data give equal names."""

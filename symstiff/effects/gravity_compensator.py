@@ -199,7 +199,8 @@ def _shapes(robot: Robot, where: Where, scales: Scales) -> tuple[Shape, ...]:
         ]
     found: list[Shape] = [{**spring, "ratio": r} for spring in springs for r in RATIOS]
     if scales.kind == "absolute" and robot.gravity_compensator is not None:
-        found += [{**spring, "moment": 1.0} for spring in springs]
+        # turned elsewhere it would be the weight of the link behind the joint
+        found += [{**spring, "moment": 1.0} for spring in springs if "turned" not in spring]
     j = int(where["joint"])
     angles = scales.angles[j - 1] if len(scales.angles) >= j else ()
     if 2 <= len(angles) <= MOST_ANGLES:

@@ -1,17 +1,38 @@
-"""A tool or payload of another weight than believed: ΔW from Δm and Δ(m·c), behind all springs."""
+"""A tool or payload of another weight than believed: ΔW from Δm and Δ(m·c), behind all springs.
+
+In positions it is a tool, which is always there. With ``hung = 1`` in the shape it is the load: there where a wrench is
+told, and not in the states without one, as deflections have it anyway; with ``at_tcp = 1`` its mass alone is another,
+and its place the tool centre point.
+"""
 
 from __future__ import annotations
 
-from symstiff.effects.base import Effect, Realisation, Shape, Where
+import sympy as sp
+
+from symstiff.effects.base import Effect, Realisation, Scales, Shape, Where
 from symstiff.effects.common import BOTH
 from symstiff.effects.weights import weight
 from symstiff.robot.schema import Robot
+from symstiff.robot.tool import tool_of
+from symstiff.symbolic.terms import AXES, w
 
 NAME = "payload_error"
 
 
 def _realise(robot: Robot, where: Where, shape: Shape) -> Realisation:
-    return weight(NAME, where, robot, robot.dof, -500.0)
+    com = tool_of(robot) if shape.get("at_tcp") else None
+    there = _loaded() if shape.get("hung") else sp.S.One
+    return weight(NAME, where, robot, robot.dof, -500.0, com, there)
+
+
+def _loaded() -> sp.Expr:
+    """1 under any load of some newtons, 0 under none, and level at both, as the law is differentiated there."""
+    return sp.tanh(sp.Add(*[w(k) ** 2 for k in AXES]), evaluate=False)
+
+
+def _shapes(robot: Robot, where: Where, scales: Scales) -> tuple[Shape, ...]:
+    hung = scales.kind == "absolute" and 0.0 < scales.unloaded < 1.0
+    return ({}, {"hung": 1.0}, {"hung": 1.0, "at_tcp": 1.0}) if hung else ({},)
 
 
 EFFECT = Effect(
@@ -21,6 +42,8 @@ EFFECT = Effect(
     seen_in=BOTH,
     places=lambda robot: ({"load": "payload"},),
     realise=_realise,
+    shapes=_shapes,
+    told={"hung": "the load's, where there is one", "at_tcp": "at the tool centre point"},
     confused_with=("force_sensor_bias", "link_weight", "geometric_error"),
     separated_by="several payloads, and poses that turn the last joints",
 )

@@ -15,13 +15,15 @@ from symstiff.symbolic.terms import Term, VirtualJoint, up
 
 
 def weight(
-    effect: str, where: Where, robot: Robot, body: int, lightest: float, com: Sequence[float] | None = None
-) -> Realisation:
+    effect: str, where: Where, robot: Robot, body: int, lightest: float, com: Sequence[float] | None = None,
+    there: sp.Expr = sp.S.One,
+) -> Realisation:  # fmt: skip
     """Mass [kg] and first moment [kg·m] of a body, in the axes of its DH frame; the mass alone at a known ``com`` [m].
 
-    The force is −m·g·up, the moment about the frame's origin is −g·(m·c) × up.
+    The force is −m·g·up, the moment about the frame's origin is −g·(m·c) × up, both times ``there``: 0 where the body
+    is not.
     """
-    upward = [up(body, k) for k in (1, 2, 3)]
+    upward = [up(body, k) * there for k in (1, 2, 3)]
     most = heaviest(robot)
     farthest = most * robot.reach / 4
     mass = parameter(effect, where, "m", "kg", max(lightest, -most), most, 1.0, "mass")

@@ -133,17 +133,20 @@ def rocking(d: Draw) -> Made:
 def compensator(shape: str) -> Maker:
     def make(d: Draw) -> Made:
         c = d.compliance(2)
-        if shape == "spring":
+        if shape in ("spring", "moment"):
             scale = {"kuka_kr270": 1.0, "ur10": 0.4}.get(d.robot.name, 0.3)
             values: dict[str, Any] = {
                 "rate": 3.0 / c * scale**-2, "L": 0.18472 * scale, "ax": 0.68593 * scale, "ay": 0.1233 * scale,
                 "s0": 0.458 * scale, "zero": d.uniform(-3, 3),
             }  # fmt: skip
+            if shape == "moment":  # the file has the anchor's direction right
+                values |= {"zero": 0.0, "preload": 1.0}
         elif shape == "cosine":
             values = {"c": 0.6 * c, "phase": d.uniform(-3, 3)}
         else:
             values = {"c": [0.6 * c * d.uniform(-1, 1) for _ in d.angles], "angles": d.angles.tolist()}
-        return Effect("gravity_compensator", {"joint": 2}, shape, values), {"joint": 2}
+        form = "spring" if shape == "moment" else shape
+        return Effect("gravity_compensator", {"joint": 2}, form, values), {"joint": 2}
 
     return make
 
@@ -320,10 +323,13 @@ ONE: tuple[Story, ...] = (
     Story("payload absolute", "absolute", payload("tool")),
 )  # fmt: skip
 
-RARE = tuple(
-    Story(f"bending {clock} {kind}", kind, drift(f"link_{clock}", bends=True), "clock")
-    for kind in ("deflection", "absolute")
-    for clock in ("time", "temperature", "exponential")
+RARE = (
+    *(
+        Story(f"bending {clock} {kind}", kind, drift(f"link_{clock}", bends=True), "clock")
+        for kind in ("deflection", "absolute")
+        for clock in ("time", "temperature", "exponential")
+    ),
+    Story("compensator moment", "absolute", compensator("moment"), robots=("kuka_kr270",)),
 )
 """Stories that are told when they are asked for, and not drawn."""
 

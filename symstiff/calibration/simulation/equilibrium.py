@@ -108,7 +108,7 @@ def loads(mechanism: Mechanism, states: States, now: Posture) -> Array:
         if not count:
             continue
         rotation, position = now.after if weight.behind else now.before
-        share = states.loaded if weight.only_loaded else np.ones(len(states))
+        share = states.loaded * states.w.any(axis=1) if weight.only_loaded else np.ones(len(states))
         down = -GRAVITY * share[:, None]
         arm = np.einsum("nij,j->ni", rotation[:, weight.link], np.array(weight.moment))
         first_moment = (position[:, weight.link, None] - now.origin[:, :count]) * weight.mass + arm[:, None]

@@ -302,7 +302,8 @@ def scales_of(view: View) -> Scales:
             lowest[name] = 0.0 if name == "time" and 0.0 <= low <= _AT_ONCE * (high - low) else low
             if high > low:
                 context[name] = high - lowest[name]
-    return Scales(table.kind, load, tuple(angles), context, lowest, total)
+    unloaded = float(np.mean(~table.w.any(axis=1)))
+    return Scales(table.kind, load, tuple(angles), context, lowest, total, unloaded)
 
 
 def _largest(view: View, tau: Array) -> dict[VirtualJoint, float]:
