@@ -11,7 +11,7 @@ from symstiff.effects.base import EffectParameter, Shape, Where
 from symstiff.effects.places import place_name
 from symstiff.robot.schema import Robot
 from symstiff.symbolic.chain import ElasticChain, cross
-from symstiff.symbolic.terms import AXES, Term, VirtualJoint, actuated_joint, deflection, link_joint, tau
+from symstiff.symbolic.terms import AXES, Term, VirtualJoint, actuated_joint, deflection, link_joint, tau, w
 
 GRAVITY = sp.Rational(980665, 100000)  # m/s²
 BOTH = frozenset({"deflection", "absolute"})
@@ -101,6 +101,11 @@ def raised(x: sp.Expr, exponent: sp.Expr) -> sp.Expr:
 def size(x: sp.Expr) -> sp.Expr:
     """|x|, left as it stands: SymPy's questions about a weight's sign take seconds."""
     return sp.Abs(x, evaluate=False)
+
+
+def under_load() -> sp.Expr:
+    """1 under any load of some newtons, 0 under none, and level at both, as laws are differentiated there."""
+    return sp.tanh(sp.Add(*[w(k) ** 2 for k in AXES]), evaluate=False)
 
 
 def load_of(joint: int) -> sp.Symbol:

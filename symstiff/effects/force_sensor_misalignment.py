@@ -7,7 +7,7 @@ between flange and tool.
 from __future__ import annotations
 
 from symstiff.effects.base import Effect, Realisation, Scales, Shape, Where
-from symstiff.effects.common import DEFLECTION, XYZ, parameter, wrench_at
+from symstiff.effects.common import BOTH, XYZ, parameter, wrench_at
 from symstiff.robot.schema import Robot
 from symstiff.symbolic.chain import cross
 from symstiff.symbolic.terms import AXES, Term, VirtualJoint, w
@@ -38,7 +38,7 @@ EFFECT = Effect(
     identifier=NAME,
     title="Misalignment of the force sensor",
     description="The sensor's axes are turned against the axes in which the wrench is told.",
-    seen_in=DEFLECTION,
+    seen_in=BOTH,
     places=lambda robot: ({"load": "force_sensor"},),
     realise=_realise,
     shapes=_shapes,

@@ -10,24 +10,18 @@ from __future__ import annotations
 import sympy as sp
 
 from symstiff.effects.base import Effect, Realisation, Scales, Shape, Where
-from symstiff.effects.common import BOTH
+from symstiff.effects.common import BOTH, under_load
 from symstiff.effects.weights import weight
 from symstiff.robot.schema import Robot
 from symstiff.robot.tool import tool_of
-from symstiff.symbolic.terms import AXES, w
 
 NAME = "payload_error"
 
 
 def _realise(robot: Robot, where: Where, shape: Shape) -> Realisation:
     com = tool_of(robot) if shape.get("at_tcp") else None
-    there = _loaded() if shape.get("hung") else sp.S.One
+    there = under_load() if shape.get("hung") else sp.S.One
     return weight(NAME, where, robot, robot.dof, -500.0, com, there)
-
-
-def _loaded() -> sp.Expr:
-    """1 under any load of some newtons, 0 under none, and level at both, as the law is differentiated there."""
-    return sp.tanh(sp.Add(*[w(k) ** 2 for k in AXES]), evaluate=False)
 
 
 def _shapes(robot: Robot, where: Where, scales: Scales) -> tuple[Shape, ...]:

@@ -45,6 +45,11 @@ class States:
     def __len__(self) -> int:
         return len(self.q)
 
+    @property
+    def hung(self) -> Array:
+        """(N,) 1 where a load is told of the measured state, else 0."""
+        return np.asarray(self.loaded * self.w.any(axis=1))
+
     def select(self, rows: Any) -> States:
         """Return some of the rows."""
         return States(*(getattr(self, f.name)[rows] for f in fields(self)))
@@ -108,7 +113,7 @@ def loads(mechanism: Mechanism, states: States, now: Posture) -> Array:
         if not count:
             continue
         rotation, position = now.after if weight.behind else now.before
-        share = states.loaded * states.w.any(axis=1) if weight.only_loaded else np.ones(len(states))
+        share = states.hung if weight.only_loaded else np.ones(len(states))
         down = -GRAVITY * share[:, None]
         arm = np.einsum("nij,j->ni", rotation[:, weight.link], np.array(weight.moment))
         first_moment = (position[:, weight.link, None] - now.origin[:, :count]) * weight.mass + arm[:, None]

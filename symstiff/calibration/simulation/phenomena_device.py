@@ -22,7 +22,7 @@ def _bias(site: Site, p: Values, drifting: bool) -> Additions:
     bias = p["bias"]
 
     def wrench(states: States, w: Array) -> Array:
-        share = states.loaded * (saturation(states.time, p["T"]) if drifting else 1.0)
+        share = states.hung * (saturation(states.time, p["T"]) if drifting else 1.0)
         return np.asarray(w + share[:, None] * bias)
 
     return Additions(wrenches=(wrench,))
@@ -51,7 +51,7 @@ def _bias_at_flange(site: Site, p: Values) -> Additions:
         axes, lever = _flange(site, states.q)
         force, moment = axes @ bias[:3], axes @ bias[3:]
         added = np.hstack([force, moment - np.cross(lever, force)])
-        return np.asarray(w + states.loaded[:, None] * added)
+        return np.asarray(w + states.hung[:, None] * added)
 
     return Additions(wrenches=(wrench,))
 

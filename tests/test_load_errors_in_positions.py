@@ -1,4 +1,4 @@
-"""Positions with and without a load whose weight is not what the table tells: the load errs, and not the arm."""
+"""Positions with and without a load that is not what the table tells: the load errs, and not the arm."""
 
 from __future__ import annotations
 
@@ -21,19 +21,22 @@ ROBOT, POSES, FORCE, HEAVIER = load("kuka_kr270"), 16, 1500.0, 15.0
 AT = {"load": "payload"}
 
 
-def campaign(levels: tuple[float, ...], shape: str, seed: int = 1) -> Measurements:
-    """Random poses, each with these shares of a weight, of an arm whose payload or tool is heavier than told."""
+def campaign(levels: tuple[float, ...], error: Effect, seed: int = 1) -> Measurements:
+    """Random poses, each with these shares of a weight."""
     rng = np.random.default_rng(seed)
     limits = np.array([j.range for j in ROBOT.joint])
     q = np.repeat(rng.uniform(limits[:, 0], limits[:, 1], (POSES, ROBOT.dof)), len(levels), axis=0)
     w = np.zeros((len(q), 6))
     w[:, 2] = -FORCE * np.tile(levels, POSES)
     plan = measurements(q, w, pose=np.repeat(np.arange(POSES), len(levels)), kind="absolute")
-    heavier = Effect("payload_error", None, shape, {"dm": HEAVIER})
     place = Device((3.0, 1.0, 0.5), (0.0, 0.0, 2.0))
     return simulate(
-        Truth(ROBOT, nominal_truth(ROBOT), (heavier,), Noise((0.02,) * 3), device=place), plan, seed
+        Truth(ROBOT, nominal_truth(ROBOT), (error,), Noise((0.02,) * 3), device=place), plan, seed
     )
+
+
+def heavier(shape: str) -> Effect:
+    return Effect("payload_error", None, shape, {"dm": HEAVIER})
 
 
 def first(found: Finding) -> EffectInstance:
@@ -41,7 +44,7 @@ def first(found: Finding) -> EffectInstance:
 
 
 def test_a_load_that_is_heavier_than_told_is_named_and_weighed() -> None:
-    found = diagnose(Task(ROBOT, campaign((0.0, 0.5, 1.0), "load")))
+    found = diagnose(Task(ROBOT, campaign((0.0, 0.5, 1.0), heavier("load"))))
     assert found.verdict == "named"
     assert (first(found).effect, dict(first(found).where)) == ("payload_error", AT)
     assert first(found).shape["hung"] == 1.0
@@ -51,9 +54,41 @@ def test_a_load_that_is_heavier_than_told_is_named_and_weighed() -> None:
 
 
 def test_a_tool_that_is_heavier_than_told_is_there_without_the_load_too() -> None:
-    found = diagnose(Task(ROBOT, campaign((0.0, 1.0), "tool")))
+    found = diagnose(Task(ROBOT, campaign((0.0, 1.0), heavier("tool"))))
     payloads = [e.instance for e in found.effects if e.effect == "payload_error"]
     assert [dict(e.shape) for e in payloads] == [{}]
+
+
+SENSOR = {
+    "force_sensor_bias": ("constant", {"bias": (60.0, 0.0, 0.0, 0.0, 30.0, 0.0)}, ("fx", "my")),
+    "force_sensor_misalignment": ("rotation", {"rotation": (0.03, 0.02, 0.0)}, ("rx", "ry")),
+}
+
+
+@pytest.mark.parametrize("effect", SENSOR)
+def test_a_sensor_that_errs_is_named_and_sized(effect: str) -> None:
+    """A turn about the load's direction moves nothing."""
+    shape, values, seen = SENSOR[effect]
+    found = diagnose(Task(ROBOT, campaign((0.0, 0.5, 1.0), Effect(effect, None, shape, values))))
+    assert (found.verdict, first(found).effect) == ("named", effect)
+    (truth,) = values.values()
+    size = dict(
+        zip(
+            ("fx", "fy", "fz", "mx", "my", "mz") if len(truth) == 6 else ("rx", "ry", "rz"),
+            truth,
+            strict=True,
+        )
+    )
+    for name in seen:
+        p = found.effects[0].parameters[f"{effect}_force_sensor_{name}"]
+        assert p.value == pytest.approx(size[name], abs=4.5 * p.std)
+
+
+def test_a_bias_has_a_place_in_positions_where_some_states_have_no_load() -> None:
+    shapes, at = find("force_sensor_bias").shapes, {"load": "force_sensor"}
+    assert shapes(ROBOT, at, Scales("absolute", unloaded=0.0)) == ()
+    assert all(s["loaded"] == 1.0 for s in shapes(ROBOT, at, Scales("absolute", unloaded=0.3)))
+    assert not any("loaded" in s for s in shapes(ROBOT, at, Scales("deflection")))
 
 
 def test_the_load_has_shapes_of_its_own_where_some_states_have_none() -> None:
