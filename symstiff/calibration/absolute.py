@@ -58,14 +58,15 @@ def fit_absolute(model: StiffnessModel, table: Measurements, all_frames: bool = 
     independent set of constants at the links' virtual joints (geometry, tool and placement of the device, called
     ``geometry_<link>_<axis>`` [m, rad]); those that a compliance could mimic are left to the geometry. Where the
     device stood in further files is ``device_<file>_<axis>``, from its closest placement there. A model that names
-    errors of frames itself has the geometry that was found: only the placement is taken along, unless ``all_frames``.
+    errors of frames itself has the geometry that was found: only the placement is taken along, unless ``all_frames``
+    are, and nothing is held.
     """
     current = settled(model, table)
     silent = tuple(n for n in model.parameters if n not in current.names)
     told = () if all_frames else _told(current, model)
     own = [replace(c, constant=c.name in told) for c in _elastic(current, model)]
     geometry = _placement(current, model, own) if told else _geometry(current)
-    held = _held(own, model, geometry)
+    held = () if all_frames else _held(own, model, geometry)
     columns = [*(c for c in own if c.name not in held), *_hidden(current, geometry), *geometry]
     untold: dict[str, tuple[float, float]] = {}
     found = _fitted(current, table, columns)

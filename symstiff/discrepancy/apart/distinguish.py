@@ -72,7 +72,8 @@ def distinction(model: StiffnessModel, effect: str, where: Where, kind: str = "d
 
 def _distinction(known: _Known, effect: str, where: Where, kind: str) -> Distinction:
     entry, model = find(effect), known.model
-    everything = Scales(kind, context={"time": 3600.0, "temperature": 10.0}, lowest={"temperature": 20.0})
+    context = {"time": 3600.0, "temperature": 10.0}
+    everything = Scales(kind, context=context, lowest={"temperature": 20.0}, unloaded=0.5)
     shape = next(iter(entry.shapes(model.robot, where, everything)), {})
     instance = EffectInstance(effect, where, shape)
     realised = instance.realise(model.robot)
