@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 
 from symstiff.calibration.experiment.situation import Laws, Situation, look
+from symstiff.calibration.fits.decomposition import column_space
 from symstiff.calibration.simulation import (
     Device,
     Effect,
@@ -22,7 +23,6 @@ from symstiff.calibration.simulation import (
 from symstiff.calibration.tables.measurements import Measurements, measurements
 from symstiff.discrepancy.bridge.assemble import Assembly, assemble
 from symstiff.discrepancy.problem import Candidate
-from symstiff.discrepancy.statistics.scan import column_space
 from symstiff.effects import EffectInstance, catalogue
 from symstiff.errors import UserError
 from symstiff.model import StiffnessModel, joints_only

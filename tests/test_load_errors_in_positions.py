@@ -47,7 +47,7 @@ def test_a_load_that_is_heavier_than_told_is_named_and_weighed() -> None:
     found = diagnose(Task(ROBOT, campaign((0.0, 0.5, 1.0), heavier("load"))))
     assert found.verdict == "named"
     assert (first(found).effect, dict(first(found).where)) == ("payload_error", AT)
-    assert first(found).shape["hung"] == 1.0
+    assert first(found).shape["loaded"] == 1.0
     mass = found.effects[0].parameters["payload_error_payload_m"]
     assert mass.value == pytest.approx(HEAVIER, abs=4.0 * mass.std)
     assert mass.std < HEAVIER / 10
@@ -102,10 +102,12 @@ def test_the_load_has_shapes_of_its_own_where_some_states_have_none() -> None:
         assert len(shapes(ROBOT, AT, Scales(kind, unloaded=unloaded))) == count
 
 
-@pytest.mark.parametrize("shape", [{"hung": 1.0}, {"hung": 1.0, "at_tcp": 1.0}])
+@pytest.mark.parametrize("shape", [{"loaded": 1.0}, {"loaded": 1.0, "at_tcp": 1.0}])
 def test_its_law_is_nothing_without_a_load_and_the_tools_with_one(shape: dict[str, float]) -> None:
     hung = EffectInstance("payload_error", AT, shape).realise(ROBOT)
-    tool = EffectInstance("payload_error", AT, {k: v for k, v in shape.items() if k != "hung"}).realise(ROBOT)
+    tool = EffectInstance("payload_error", AT, {k: v for k, v in shape.items() if k != "loaded"}).realise(
+        ROBOT
+    )
     other = {(t.parameter, t.at): t.factor for t in tool.terms}
     assert {(t.parameter, t.at) for t in hung.terms} == set(other)
     for force, share in ((0.0, 0.0), (5.0, 1.0)):

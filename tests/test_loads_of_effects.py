@@ -5,10 +5,10 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from symstiff.calibration.fits.decomposition import column_space
 from symstiff.calibration.simulation import Effect, Noise, Truth, nominal_truth, simulate
 from symstiff.calibration.tables.measurements import Measurements, measurements
 from symstiff.discrepancy.findings.finding import Task
-from symstiff.discrepancy.statistics.scan import column_space
 from symstiff.discrepancy.workflow import diagnose, first_assembly
 from symstiff.model import StiffnessModel
 from symstiff.reduction.reduce import reduce

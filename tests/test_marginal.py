@@ -11,6 +11,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from symstiff.arrays import Array
+from symstiff.calibration.fits.decomposition import column_space
 from symstiff.calibration.simulation import Effect, Truth, clean_response, nominal_truth
 from symstiff.calibration.tables.measurements import measurements
 from symstiff.discrepancy.bridge.assemble import Assembly, assemble
@@ -23,7 +24,7 @@ from symstiff.discrepancy.statistics.design import effective_rank
 from symstiff.discrepancy.statistics.evidence import evidence
 from symstiff.discrepancy.statistics.marginal import EXPECTED, log_bayes, of_ranks, of_sizes
 from symstiff.discrepancy.statistics.null import null, simulated_scores
-from symstiff.discrepancy.statistics.scan import column_space, extend, open_scan
+from symstiff.discrepancy.statistics.scan import extend, open_scan
 from symstiff.effects.registry import find
 from symstiff.model import StiffnessModel
 from symstiff.reduction.reduce import reduce

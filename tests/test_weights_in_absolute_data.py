@@ -13,13 +13,13 @@ from command_line import Run, assert_users_mistake, run_command_line  # noqa: F4
 from symstiff.calibration.absolute import fit_absolute
 from symstiff.calibration.doubts.point import find_point
 from symstiff.calibration.experiment.current import settled
+from symstiff.calibration.fits.decomposition import column_space
 from symstiff.calibration.identify import identify
 from symstiff.calibration.simulation import Truth, clean_response, nominal_truth
 from symstiff.calibration.tables.measurements import Measurements, measurements
 from symstiff.calibration.tables.writing import write_table
 from symstiff.discrepancy.bridge.growth import fit
 from symstiff.discrepancy.findings.finding import Task
-from symstiff.discrepancy.statistics.scan import column_space
 from symstiff.discrepancy.workflow import diagnose
 from symstiff.effects.instance import EffectInstance
 from symstiff.model import StiffnessModel, joints_only, load_model

@@ -9,7 +9,7 @@ import numpy as np
 
 from symstiff.calibration.experiment.current import Current, settled, sigma_of
 from symstiff.calibration.experiment.placement import best_placed, placement_columns
-from symstiff.calibration.fits.decomposition import own_columns, unit_columns
+from symstiff.calibration.fits.decomposition import column_space, own_columns, unit_columns
 from symstiff.calibration.fits.estimate import Estimate, estimate
 from symstiff.calibration.plausible import implausible
 from symstiff.calibration.residuals import ResidualTable, residual_table, sizes
@@ -98,10 +98,8 @@ def _told(current: Current, model: StiffnessModel) -> tuple[str, ...]:
     view, effects = current.situation.view, {p.name for p in model.effect_parameters}
     own = [k for k, n in enumerate(current.names) if n in effects]
     frames = np.hstack([placement_columns(view), view.J[:, [v.kind == "link" for v in view.joints]]])
-    basis = svd(unit_columns(frames)[0])
-    inside = basis[0][:, basis[1] > _INSIDE * basis[1].max(initial=0.0)]
-    A = unit_columns(current.A[:, own])[0]
-    left = np.linalg.norm(A - inside @ (inside.T @ A), axis=0)
+    basis, A = column_space(frames), unit_columns(current.A[:, own])[0]
+    left = np.linalg.norm(A - basis @ (basis.T @ A), axis=0)
     return tuple(current.names[k] for k, share in zip(own, left, strict=True) if share < _INSIDE)
 
 

@@ -12,6 +12,7 @@ import numpy as np
 from scipy.stats import norm
 
 from symstiff.arrays import TINY, Array
+from symstiff.calibration.fits.decomposition import column_space
 from symstiff.discrepancy.findings.constancy import inconstancies
 from symstiff.discrepancy.findings.result import Diagnosis, Name, Rms
 from symstiff.discrepancy.findings.tables import (
@@ -54,7 +55,7 @@ from symstiff.discrepancy.search.workshop import Proposal
 from symstiff.discrepancy.statistics.bank import Bank
 from symstiff.discrepancy.statistics.evidence import Evidence
 from symstiff.discrepancy.statistics.prepare import Prepared, noise_told_anew, prepare
-from symstiff.discrepancy.statistics.scan import Scan, coefficients, column_space
+from symstiff.discrepancy.statistics.scan import Scan, coefficients
 from symstiff.discrepancy.statistics.strata import Stratum, strata
 from symstiff.discrepancy.statistics.testability import testable
 

@@ -99,6 +99,11 @@ class Scales:
     total: Mapping[VirtualJoint, float] = field(default_factory=dict)
     unloaded: float = 0.0
 
+    @property
+    def mixed(self) -> bool:
+        """Whether some states have a load at the tool and others none."""
+        return 0.0 < self.unloaded < 1.0
+
     def of(self, joint: VirtualJoint, otherwise: float = 1000.0) -> float:
         """Largest load on a virtual joint, to three digits so that equal data give equal names."""
         found = self.load.get(joint, 0.0)

@@ -35,7 +35,7 @@ def _shapes(robot: Robot, where: Where, scales: Scales) -> tuple[Shape, ...]:
     if scales.kind == "deflection":
         return axes
     # a wrench that is always there would be a weight, which positions show by itself
-    return tuple({**shape, "loaded": 1.0} for shape in axes) if 0.0 < scales.unloaded < 1.0 else ()
+    return tuple({**shape, "loaded": 1.0} for shape in axes) if scales.mixed else ()
 
 
 EFFECT = Effect(

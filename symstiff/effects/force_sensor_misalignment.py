@@ -31,8 +31,8 @@ def _realise(robot: Robot, where: Where, shape: Shape) -> Realisation:
 
 
 def _shapes(robot: Robot, where: Where, scales: Scales) -> tuple[Shape, ...]:
-    some = scales.kind == "deflection" or 0.0 < scales.unloaded < 1.0
-    return ({}, {"tool": 1.0}) if some else ()  # positions under loads alone hold little of it
+    # positions under loads alone hold little of it, and one candidate more hides what they do hold
+    return ({}, {"tool": 1.0}) if scales.kind == "deflection" or scales.mixed else ()
 
 
 EFFECT = Effect(

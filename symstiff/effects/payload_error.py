@@ -1,8 +1,8 @@
 """A tool or payload of another weight than believed: ΔW from Δm and Δ(m·c), behind all springs.
 
-In positions it is a tool, which is always there. With ``hung = 1`` in the shape it is the load: there where a wrench is
-told, and not in the states without one, as deflections have it anyway; with ``at_tcp = 1`` its mass alone is another,
-and its place the tool centre point.
+In positions it is a tool, which is always there. With ``loaded = 1`` in the shape it is the load: there where a wrench
+is told, and not in the states without one, as deflections have it anyway; with ``at_tcp = 1`` its mass alone is
+another, and its place the tool centre point.
 """
 
 from __future__ import annotations
@@ -20,13 +20,14 @@ NAME = "payload_error"
 
 def _realise(robot: Robot, where: Where, shape: Shape) -> Realisation:
     com = tool_of(robot) if shape.get("at_tcp") else None
-    there = under_load() if shape.get("hung") else sp.S.One
+    there = under_load() if shape.get("loaded") else sp.S.One
     return weight(NAME, where, robot, robot.dof, -500.0, com, there)
 
 
 def _shapes(robot: Robot, where: Where, scales: Scales) -> tuple[Shape, ...]:
-    hung = scales.kind == "absolute" and 0.0 < scales.unloaded < 1.0
-    return ({}, {"hung": 1.0}, {"hung": 1.0, "at_tcp": 1.0}) if hung else ({},)
+    if scales.kind == "deflection" or not scales.mixed:
+        return ({},)
+    return {}, {"loaded": 1.0}, {"loaded": 1.0, "at_tcp": 1.0}
 
 
 EFFECT = Effect(
@@ -37,7 +38,7 @@ EFFECT = Effect(
     places=lambda robot: ({"load": "payload"},),
     realise=_realise,
     shapes=_shapes,
-    told={"hung": "the load's, where there is one", "at_tcp": "at the tool centre point"},
+    told={"loaded": "the load's, where there is one", "at_tcp": "at the tool centre point"},
     confused_with=("force_sensor_bias", "link_weight", "geometric_error"),
     separated_by="several payloads, and poses that turn the last joints",
 )

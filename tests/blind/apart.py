@@ -8,9 +8,9 @@ from typing import Any
 import numpy as np
 from scipy.special import gammaln, ive
 
+from symstiff.calibration.fits.decomposition import column_space
 from symstiff.discrepancy.bridge.assemble import Assembly
 from symstiff.discrepancy.problem import Candidate
-from symstiff.discrepancy.statistics.scan import column_space
 from tests.blind.generate import Case
 from tests.blind.score import same
 

@@ -9,11 +9,11 @@ from typing import Any
 
 import numpy as np
 
+from symstiff.calibration.fits.decomposition import column_space
 from symstiff.calibration.simulation import Effect, Noise, Truth, nominal_truth, simulate
 from symstiff.calibration.tables.measurements import Measurements, measurements
 from symstiff.discrepancy.bridge.assemble import assemble
 from symstiff.discrepancy.climb import frames_of
-from symstiff.discrepancy.statistics.scan import column_space
 from symstiff.errors import UserError
 from symstiff.model import StiffnessModel
 from symstiff.reduction.reduce import reduce

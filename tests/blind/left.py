@@ -10,7 +10,7 @@ import argparse
 from collections.abc import Iterator
 from dataclasses import replace
 
-from symstiff.discrepancy.statistics.scan import column_space
+from symstiff.calibration.fits.decomposition import column_space
 from symstiff.discrepancy.workflow import first_assembly
 from tests.blind.apart import outside
 from tests.blind.generate import FORCE, Case, Options, case

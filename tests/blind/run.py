@@ -14,13 +14,13 @@ from typing import Any
 
 import numpy as np
 
+from symstiff.calibration.fits.decomposition import column_space
 from symstiff.discrepancy.bridge.assemble import Assembly, assemble
 from symstiff.discrepancy.findings.finding import Finding, Task
 from symstiff.discrepancy.findings.result import Found
 from symstiff.discrepancy.problem import Problem
 from symstiff.discrepancy.search.verdict import AMBIGUOUS, NAMED, NOTHING
 from symstiff.discrepancy.statistics.prepare import prepare
-from symstiff.discrepancy.statistics.scan import column_space
 from symstiff.discrepancy.workflow import diagnose
 from symstiff.threads import one_thread
 from tests.blind.apart import apart, limit

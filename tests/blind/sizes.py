@@ -9,9 +9,9 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from symstiff.calibration.fits.decomposition import column_space
 from symstiff.calibration.simulation import Effect, Truth, clean_response
 from symstiff.calibration.simulation.phenomena import shape_of
-from symstiff.discrepancy.statistics.scan import column_space
 
 if TYPE_CHECKING:
     from tests.blind.generate import Scene

@@ -11,12 +11,12 @@ import numpy as np
 from symstiff.arrays import TINY, Array, Index
 from symstiff.calibration.experiment.placement import placement_columns
 from symstiff.calibration.experiment.situation import Laws, Situation, look, under_weights
+from symstiff.calibration.fits.decomposition import RANK, column_space
 from symstiff.calibration.tables.loading import load_factor
 from symstiff.calibration.tables.measurements import Measurements, concatenate, measurements
 from symstiff.discrepancy.apart.separation import Decider, Hypotheses, deciding_poses
 from symstiff.discrepancy.bridge.candidates import scales_of
 from symstiff.discrepancy.bridge.growth import columns_of
-from symstiff.discrepancy.statistics.scan import RANK, column_space
 from symstiff.effects.base import Scales
 from symstiff.effects.instance import EffectInstance
 from symstiff.effects.registry import find

@@ -16,11 +16,11 @@ from symstiff.calibration.experiment.situation import (
     View,
     under_weights,
 )
+from symstiff.calibration.fits.decomposition import column_space
 from symstiff.calibration.tables.measurements import Measurements
 from symstiff.discrepancy.bridge.ranges import Extent, at_size, extent_of
 from symstiff.discrepancy.noise.scales import Noise
 from symstiff.discrepancy.problem import ANGLE, CLOCK, HISTORY, Candidate, Parameter, Problem
-from symstiff.discrepancy.statistics.scan import column_space
 from symstiff.effects.base import Effect, Move, Realisation, Scales, Shape, Where
 from symstiff.effects.lawful import check_laws
 from symstiff.effects.places import site

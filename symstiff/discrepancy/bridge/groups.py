@@ -11,8 +11,9 @@ from symstiff.arrays import Array
 from symstiff.calibration.experiment.anywhere import any_poses
 from symstiff.calibration.experiment.placement import placement_columns
 from symstiff.calibration.experiment.situation import Situation, linear_columns, look, under_weights
+from symstiff.calibration.fits.decomposition import column_space
 from symstiff.discrepancy.problem import Candidate, Problem
-from symstiff.discrepancy.statistics.scan import OWN, column_space
+from symstiff.discrepancy.statistics.scan import OWN
 from symstiff.model import StiffnessModel
 from symstiff.robot.schema import Robot
 

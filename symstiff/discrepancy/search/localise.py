@@ -11,19 +11,18 @@ from scipy import stats
 from scipy.special import logsumexp
 
 from symstiff.arrays import TINY, Array, Index
+from symstiff.calibration.fits.decomposition import RANK, column_space
 from symstiff.discrepancy.laws.law import Law, largest_load
 from symstiff.discrepancy.laws.unnamed import every_law
 from symstiff.discrepancy.noise.scales import stated
 from symstiff.discrepancy.problem import Problem
 from symstiff.discrepancy.statistics.evidence import Evidence
 from symstiff.discrepancy.statistics.scan import (
-    RANK,
     Layer,
     Scan,
     at_sharing,
     basis_of,
     coefficients,
-    column_space,
     likeliest,
 )
 

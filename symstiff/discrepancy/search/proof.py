@@ -8,13 +8,14 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from symstiff.arrays import TINY, Array, Index
+from symstiff.calibration.fits.decomposition import RANK
 from symstiff.discrepancy.noise.blocks import Roots
 from symstiff.discrepancy.noise.scales import Noise
 from symstiff.discrepancy.problem import Options, Problem
 from symstiff.discrepancy.statistics.bank import Bank
 from symstiff.discrepancy.statistics.between import moved
 from symstiff.discrepancy.statistics.evidence import Evidence, evidence
-from symstiff.discrepancy.statistics.scan import RANK, Scan, extend, open_scan
+from symstiff.discrepancy.statistics.scan import Scan, extend, open_scan
 from symstiff.reduction.svd import svd
 
 FEWEST = 4

@@ -9,10 +9,11 @@ from itertools import product
 import numpy as np
 
 from symstiff.arrays import Array, Index
+from symstiff.calibration.fits.decomposition import column_space
 from symstiff.discrepancy.problem import Candidate, Problem
 from symstiff.discrepancy.statistics.bank import Bank, build
 from symstiff.discrepancy.statistics.evidence import Evidence, evidence
-from symstiff.discrepancy.statistics.scan import Layer, Scan, column_space, directions, extend, likeliest
+from symstiff.discrepancy.statistics.scan import Layer, Scan, directions, extend, likeliest
 from symstiff.effects.base import Move, Shape
 
 WORTH = 2.0

@@ -9,6 +9,7 @@ import numpy as np
 from scipy import stats
 
 from symstiff.arrays import Array, Index, numbered
+from symstiff.calibration.fits.decomposition import column_space
 from symstiff.discrepancy.laws.unnamed import unnamed_laws
 from symstiff.discrepancy.noise import scales as noises
 from symstiff.discrepancy.noise.shaking import Shaken, of_axes, products, readings, shaken
@@ -31,7 +32,6 @@ from symstiff.discrepancy.statistics.scan import (
     Scan,
     at_sharing,
     at_sharings,
-    column_space,
     extend,
     likely,
     one_sharing,

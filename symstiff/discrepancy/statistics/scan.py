@@ -13,7 +13,7 @@ from functools import cached_property
 import numpy as np
 
 from symstiff.arrays import TINY, Array, Mask
-from symstiff.calibration.fits.decomposition import unit_columns
+from symstiff.calibration.fits.decomposition import RANK, column_space, unit_columns
 from symstiff.discrepancy.noise.blocks import Roots
 from symstiff.discrepancy.noise.scales import Noise
 from symstiff.discrepancy.noise.sharing import Sharing
@@ -25,9 +25,9 @@ from symstiff.threads import in_threads
 
 _ROWS = 128
 """Rows whose columns are worked on together, so that they stay near the processor."""
-RANK, OWN = 1e-9, 1e-7
-"""Singular values, against the largest, that are rounding: of columns of unit length, and of what a model leaves of
-them, of which rounding is a larger share."""
+OWN = 1e-7
+"""Singular value, of the largest one, that is rounding of what a model leaves of columns of unit length, of which it is
+a larger share than of the columns."""
 _TOUCHED = 1e-6
 """Square of a parameter's part in directions that are not held from which it is not determined."""
 _NEAR = 5.0
@@ -116,16 +116,6 @@ def open_scan(bank: Bank, noise: Noise, y: Array, A: Array) -> Scan:
         lambda sharing: _layer(bank, noise, sharing, first, columns, whole[sharing]), noise.sharings
     )
     return Scan(bank, noise, columns, tuple(layers), len(y) - basis.shape[1])
-
-
-def column_space(A: Array, tolerance: float = RANK) -> Array:
-    """Orthonormal basis (M, rank) of the columns of A (M, P), each scaled to unit length first."""
-    length = np.linalg.norm(A, axis=0)
-    used = A[:, length > 0] / length[length > 0]
-    if used.shape[1] == 0:
-        return np.zeros((len(A), 0))
-    U, s, _ = svd(used)
-    return np.asarray(U[:, s > tolerance * s[0]])
 
 
 def _whitened_products(bank: Bank, noise: Noise, columns: Array) -> Mapping[Sharing, Array]:

@@ -8,8 +8,9 @@ import numpy as np
 from scipy import stats
 
 from symstiff.arrays import TINY, Array, Index, numbered
+from symstiff.calibration.fits.decomposition import RANK
 from symstiff.discrepancy.problem import Problem
-from symstiff.discrepancy.statistics.scan import RANK, Scan, directions
+from symstiff.discrepancy.statistics.scan import Scan, directions
 from symstiff.reduction.svd import svd
 
 PROPORTIONAL = "proportional to load, by pose"
