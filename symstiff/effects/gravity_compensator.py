@@ -251,7 +251,7 @@ def _places(robot: Robot) -> tuple[Where, ...]:
 EFFECT = Effect(
     identifier=NAME,
     title="Gravity compensator",
-    description="A spring between two links makes the joint's stiffness depend on its angle.",
+    description="A spring between two links turns the joint, and makes its stiffness depend on its angle.",
     seen_in=BOTH,
     places=_places,
     realise=_realise,
