@@ -103,3 +103,12 @@ def test_a_model_that_names_no_frame_has_all_of_them_beside() -> None:
     found = fitted(start())
     assert len(set(found.fit.names) - set(found.model.parameters)) > 20
     assert any("constants of geometry and placement" in r for r in found.remarks)
+
+
+def test_a_diagnosis_does_not_ask_for_poses_that_would_not_tell_frames_apart() -> None:
+    frame = EffectInstance("geometric_error", {"link": 1})
+    found = diagnose(Task(ROBOT, campaign(2), start(JOINT, frame, joint_offset_2_offset=1e-3)))
+    remarks = " ".join(found.remarks)
+    assert "geometric_error_1_rz" in remarks
+    assert "or the place of the device" in remarks
+    assert "more poses" not in remarks

@@ -266,7 +266,8 @@ def _undetermined(course: Course, fitted: JointFit, held: Couplings) -> list[str
     open_ones = [n for n in model.parameters if n not in known | nominal | course.ladder.joined]
     if not open_ones:
         return []
-    sums = {*held, *(n for row in held.values() for n in row)}
+    absolute = fitted.assembly.situation.view.table.kind == "absolute"
+    sums = {*held, *(n for row in held.values() for n in row), *(_of_frames(model) if absolute else ())}
     zero = [n for n in fitted.absorbed if n in sums]
     more = [n for n in open_ones if n not in sums]
     remarks = []
@@ -274,7 +275,7 @@ def _undetermined(course: Course, fitted: JointFit, held: Couplings) -> list[str
         be, them = ("is", "it") if len(zero) == 1 else ("are", "them")
         remarks.append(
             f"{few(zero, 4)} {be} zero: no poses and loads of this kind tell {them} from the start model's other "
-            "parameters, which bear what they would"
+            f"parameters{' or the place of the device' if absolute else ''}, which bear what they would"
         )
     if more:
         remarks.append(
@@ -282,6 +283,12 @@ def _undetermined(course: Course, fitted: JointFit, held: Couplings) -> list[str
             f"({few(more, 4)}): more poses, or loads in more directions, would show more"
         )
     return remarks
+
+
+def _of_frames(model: StiffnessModel) -> set[str]:
+    """Parameters of effects that set virtual joints off by constants, which stand for one another in positions."""
+    constant = [r for r in model.realisations if r.terms and all(t.factor.is_number for t in r.terms)]
+    return {p.name for r in constant for p in r.parameters}
 
 
 def _redundant(task: Task, model: StiffnessModel, table: Measurements) -> Couplings:
