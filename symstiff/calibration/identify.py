@@ -12,7 +12,7 @@ import numpy as np
 from symstiff.arguments import real, require, whole
 from symstiff.calibration.absolute import fit_absolute
 from symstiff.calibration.doubts.misread import misread
-from symstiff.calibration.doubts.point import find_point
+from symstiff.calibration.doubts.point import find_point, of_point
 from symstiff.calibration.doubts.slips import left_by, slip
 from symstiff.calibration.doubts.soundness import (
     check_beside_geometry,
@@ -287,6 +287,7 @@ def _from_absolute(begin: _Begin, table: Measurements, remarks: list[str]) -> Id
     remarks = [
         *remarks,
         *of_stations(table),
+        *of_point(model, table),
         *beside_geometry(found, model),
         *unlike_file(model, model.robot),
         *of_sag(model.robot),

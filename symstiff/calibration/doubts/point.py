@@ -22,6 +22,8 @@ from symstiff.symbolic.numeric import kinematics
 LEAST, LEAST_SHARE = 5e-3, 0.02
 """Offsets below this [m], of small arms below this share of the reach, are what a calibration finds, not a point that
 nobody told of."""
+FAR = 0.03
+"""Distance, in reaches, that no uncalibrated robot is away."""
 _ROUNDS, _SETTLED = 60, 1e-9
 """Linearisations, at most, and the last step [m] with which they have settled."""
 _FEWEST = 12
@@ -38,19 +40,43 @@ def find_point(model: StiffnessModel, table: Measurements, robot: Robot) -> tupl
     if table.kind != "absolute" or table.points != ("tcp",) or np.abs(table.w).max(initial=0.0) > 0:
         check_tool(model, robot)
         return model, ""
-    rows = np.flatnonzero(table.measured[:, :3].all(axis=1))
-    if len(rows) < _FEWEST:
-        return model, ""
-    found = kinematics(model.robot, table.q[rows])
-    offset = _offset(found.T[:, :3, :3], found.T[:, :3, 3], table.select(rows))
+    offset = measured_at(model, table)
     length = float(np.linalg.norm(offset))
     if length < min(LEAST, LEAST_SHARE * model.robot.reach):
         return model, ""
     shown = ", ".join(f"{1e3 * x:.1f}" for x in offset)
-    return _moved(model, offset), (
+    return moved_to(model, offset), (
         f"the measured point stands {1e3 * length:.1f} mm from the tool centre point of the robot file "
         f"({shown} mm in tool axes): taken as measured; say so in [tool] or as a [[marker]]"
     )
+
+
+def of_point(model: StiffnessModel, table: Measurements) -> list[str]:
+    """A remark where the point of positions under loads stands far from the tool centre point of the robot file.
+
+    It is not taken as measured there: whether the loads act at it as well, the table does not tell.
+    """
+    offset = measured_at(model, table)
+    length = float(np.linalg.norm(offset))
+    if length < FAR * model.robot.reach:
+        return []
+    xyz = ", ".join(f"{x:.4g}" for x in tool_of(moved_to(model, offset).robot))
+    return [
+        f"the measured point seems to stand {1e3 * length:.0f} mm from the tool centre point of the robot file: say so "
+        f"with xyz = [{xyz}] under [tool], where loads act then, or as a [[marker]]"
+    ]
+
+
+def measured_at(model: StiffnessModel, table: Measurements) -> Array:
+    """(3,) where the point of absolute positions stands, from the tool centre point in tool axes [m].
+
+    Zeros where markers were measured, or too few rows tell.
+    """
+    rows = np.flatnonzero(table.measured[:, :3].all(axis=1))
+    if table.points != ("tcp",) or len(rows) < _FEWEST:
+        return np.zeros(3)
+    found = kinematics(model.robot, table.q[rows])
+    return _offset(found.T[:, :3, :3], found.T[:, :3, 3], table.select(rows))
 
 
 def _offset(attitude: Array, position: Array, table: Measurements) -> Array:
@@ -70,7 +96,7 @@ def _offset(attitude: Array, position: Array, table: Measurements) -> Array:
     return np.asarray(offset)
 
 
-def _moved(model: StiffnessModel, offset: Array) -> StiffnessModel:
+def moved_to(model: StiffnessModel, offset: Array) -> StiffnessModel:
     """The model with the tool centre point shifted, in tool axes, to a micrometre."""
     before = kinematics(model.robot, np.zeros((1, model.robot.dof)))
     shift = before.R[0, -1].T @ before.T[0, :3, :3] @ offset

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from symstiff.calibration.doubts.misread import misread
+from symstiff.calibration.doubts.point import FAR, measured_at, moved_to
 from symstiff.calibration.doubts.slips import left_by, slip
 from symstiff.calibration.experiment.arm import drawn
 from symstiff.calibration.experiment.placement import placed
@@ -14,11 +15,12 @@ from symstiff.calibration.rows import equations
 from symstiff.calibration.tables.measurements import Measurements
 from symstiff.discrepancy.reasons import Reason, Why
 from symstiff.model import StiffnessModel
+from symstiff.robot.tool import tool_of
 
 _PLACEMENT = 6
 """Numbers that say where the measuring device stood, a station."""
-_AWAY = 0.03
-"""Distance from the measured positions, in reaches, that no uncalibrated robot has."""
+_NEARER = 0.1
+"""Part of that distance that another place of the measured point leaves where that is what is wrong."""
 
 
 def doubted(model: StiffnessModel, table: Measurements, whole: StiffnessModel) -> Reason | None:
@@ -51,11 +53,24 @@ def _stations(table: Measurements) -> int:
 
 def _misplaced(model: StiffnessModel, table: Measurements) -> Reason | None:
     """Why absolute positions cannot be this robot's: placed as well as possible it is far from them."""
-    square, freedom = _excess(model, table)
-    away = float(np.sqrt(3.0 * square / (freedom + _PLACEMENT * _stations(table))))
-    if away < _AWAY * model.robot.reach:
+    away, most = _away(model, table), FAR * model.robot.reach
+    if away < most:
         return None
     mm = f"{1e3 * away:.0f} mm rms"
     far = f"the robot of this file, placed as well as it can be, misses the measured positions by {mm}"
+    pointed = moved_to(model, measured_at(model, table))
+    left = _away(pointed, table)
+    if left < min(most, _NEARER * away):
+        xyz = ", ".join(f"{x:.4g}" for x in tool_of(pointed.robot))
+        nearer = (
+            f"xyz = [{xyz}] under [tool], where loads act then, would miss them by {1e3 * left:.1f} mm rms"
+        )
+        return Reason(Why.DOUBTED, (far, f"place of the tool centre point ({nearer})"))
     wrong = "units, order, signs or zeros of its joints, axes or markers of the table, or the file"
     return Reason(Why.DOUBTED, (far, wrong))
+
+
+def _away(model: StiffnessModel, table: Measurements) -> float:
+    """How far [m] positions are from the robot at its best placement, rms of a point."""
+    square, freedom = _excess(model, table)
+    return float(np.sqrt(3.0 * square / (freedom + _PLACEMENT * _stations(table))))
