@@ -121,6 +121,27 @@ def test_a_compensator_is_looked_for_at_the_second_joint_that_turns(
     assert [dict(place) for place in find("gravity_compensator").places(robot)] == places
 
 
+WEIGHING = """a = 0.6
+alpha = 0
+d = 0
+limits = [-2, 2]
+link = {{ mass = {} }}
+"""
+
+
+@pytest.mark.parametrize(
+    ("mass", "spring", "told"),
+    [(80, "", True), (5, "", False), (80, "[gravity_compensator]\njoint = 2\n", False)],
+)
+def test_a_lighter_link_of_a_heavy_arm_may_be_a_compensator_that_nobody_told_of(
+    mass: float, spring: str, told: bool
+) -> None:
+    joints = SHOULDER.format("pi/2") + ("[[joint]]\n" + WEIGHING.format(mass)) * 2
+    robot = parse(f'format = 1\nname = "arm"\n{joints}{spring}'.encode())
+    said = EffectInstance("link_weight", {"link": 2}, {"centred": 1.0}).assumptions(robot)
+    assert any("enter its joint under [gravity_compensator]" in remark for remark in said) is told
+
+
 def test_positions_have_a_form_for_the_springs_moment_where_the_file_tells_of_one() -> None:
     effect, absolute = find("gravity_compensator"), Scales(kind="absolute")
     for scales, robot, forms in ((absolute, ROBOT, 1), (Scales(), ROBOT, 0), (absolute, "ur10", 0)):

@@ -256,7 +256,7 @@ EFFECT = Effect(
     places=_places,
     realise=_realise,
     shapes=_shapes,
-    confused_with=("nonlinear_stiffness", "joint_compliance", "link_compliance"),
+    confused_with=("nonlinear_stiffness", "joint_compliance", "link_compliance", "link_weight"),
     separated_by="several load levels at one angle of the joint, and the same load at several angles",
     told={
         "a": "anchor {} m from the axis", "L": "lever {} m", "s0": "free length {} m", "alpha": "anchor at {} rad",

@@ -12,6 +12,8 @@ from symstiff.effects.weights import weight
 from symstiff.robot.schema import Robot
 
 NAME = "link_weight"
+_HEAVY = 100.0
+"""Mass of an arm [kg] from which it may have a spring that carries some of it."""
 
 
 def _realise(robot: Robot, where: Where, shape: Shape) -> Realisation:
@@ -27,9 +29,16 @@ def _shapes(robot: Robot, where: Where, scales: Scales) -> tuple[Shape, ...]:
 
 
 def _alike(robot: Robot, shape: Shape) -> str:
-    """The whole arm weighs, and a file without masses tells nothing of it."""
-    if robot.has_weights:
+    """The whole arm weighs, and a file without masses tells nothing of it; a spring carries some of a heavy arm."""
+    if robot.has_weights and (
+        robot.gravity_compensator is not None or sum(link.mass for link in robot.links) < _HEAVY
+    ):
         return ""
+    if robot.has_weights:
+        return (
+            "a gravity compensator, of which the robot file tells nothing, makes a link look lighter: where the robot "
+            "has one, enter its joint under [gravity_compensator] and diagnose again"
+        )
     return (
         "the robot file tells no masses, so that the weight of every link is missing, and neighbours' weights look "
         "alike: enter masses and centres of mass and diagnose again"
@@ -49,7 +58,7 @@ EFFECT = Effect(
         "centred": "its centre of mass where the robot file tells it",
         "at_frame": "a mass at the origin of its frame",
     },
-    confused_with=("payload_error", "geometric_error", "joint_offset"),
+    confused_with=("payload_error", "geometric_error", "joint_offset", "gravity_compensator"),
     separated_by="several payloads, and poses near and far from the axis",
     alike=_alike,
 )
