@@ -11,6 +11,7 @@ from symstiff.discrepancy.findings.finding import Task
 from symstiff.discrepancy.laws.posture import posture_laws
 from symstiff.discrepancy.problem import DeviceLaw
 from symstiff.discrepancy.workflow import diagnose
+from symstiff.effects.instance import EffectInstance
 from symstiff.report.words import sentence
 from symstiff.robot import load
 from tests.test_assemble import design, truth_of
@@ -87,3 +88,16 @@ def test_a_belt_between_two_joints_is_told_with_both() -> None:
     assert law.place == "joints 2 and 4"
     assert law.terms[0][1] == pytest.approx(2e-6, abs=4 * law.terms[0][2])
     assert "the evidence is strongest at joints 2 and 4" in sentence(found)
+
+
+def test_a_frame_that_is_off_is_no_spring_that_follows_an_angle() -> None:
+    """Links that are rigid, whose frames are off, give way under no load; beside a spring nothing is added to it."""
+    off = EffectInstance("geometric_error", {"link": 2}).realise(load("ur10"))
+    frames = {p.name: 1e-3 for p in off.parameters}
+    view, (terms, values) = look(load("ur10"), poses("ur10")), true_laws("ur10")
+    rigid = posture_laws(Situation(view, Laws(view, tuple(off.terms), frames)))
+    assert not [x for x in rigid if x.place.startswith("link") and "follows" in x.title]
+    springs = list(posture_laws(Situation(view, Laws(view, terms, values))))
+    beside = list(posture_laws(Situation(view, Laws(view, (*terms, *off.terms), values | frames))))
+    for one, other in zip(springs, beside, strict=True):
+        assert other.values == pytest.approx(one.values, abs=1e-15)

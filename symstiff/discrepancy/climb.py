@@ -268,7 +268,7 @@ def _worth(wide: Diagnosis, narrow: Diagnosis, component: Index, readings: int, 
     """
     less, left = squares_left(wide, component, wide.growth[0], narrow.growth[step])
     gain = readings * np.log((left if step else _beside_a_law(narrow) * left) / less)
-    price = (wide.growth[0].known - narrow.growth[0].known) * np.log(readings)
+    price = (wide.growth[0].known - narrow.growth[step].known) * np.log(readings)
     return float(gain / price) if price > 0 else -np.inf
 
 

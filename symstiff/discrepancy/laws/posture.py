@@ -53,11 +53,12 @@ def _unit(robot: Robot, *joints: int) -> str:
 
 
 def _softened(situation: Situation) -> Iterator[DeviceLaw]:
-    """All springs of a link softer or stiffer by a wave of one joint's angle."""
+    """All springs of a link softer or stiffer by a wave of one joint's angle; a frame that is off is no spring."""
     view = situation.view
+    bent = situation.theta - situation.laws(np.zeros_like(situation.theta))
     for i in range(view.table.dof + 1):
         own = slice(7 * i, 7 * i + 6)
-        twist = np.einsum("nrv,nv->nr", view.at_point[:, :, own], situation.theta[:, own])
+        twist = np.einsum("nrv,nv->nr", view.at_point[:, :, own], bent[:, own])
         for j in range(view.table.dof) if np.any(twist) else ():
             title = f"compliance that follows q{j + 1}"
             for names, waves in _shapes(view.table.q[:, j], view.robot.joint[j].prismatic):
