@@ -9,7 +9,7 @@ import numpy as np
 
 from symstiff.calibration.experiment.current import Current, settled, sigma_of
 from symstiff.calibration.experiment.placement import best_placed, placement_columns
-from symstiff.calibration.fits.decomposition import column_space, own_columns, unit_columns
+from symstiff.calibration.fits.decomposition import own_columns
 from symstiff.calibration.fits.estimate import Estimate, estimate
 from symstiff.calibration.plausible import implausible
 from symstiff.calibration.residuals import ResidualTable, residual_table, sizes
@@ -63,7 +63,7 @@ def fit_absolute(model: StiffnessModel, table: Measurements, all_frames: bool = 
     """
     current = settled(model, table)
     silent = tuple(n for n in model.parameters if n not in current.names)
-    told = () if all_frames else _told(current, model)
+    told = () if all_frames else tuple(n for n in current.names if n in model.frame_errors)
     own = [replace(c, constant=c.name in told) for c in _elastic(current, model)]
     geometry = _placement(current, model, own) if told else _geometry(current)
     held = () if all_frames else _held(own, model, geometry)
@@ -91,16 +91,6 @@ class _Column:
     unit: str
     values: np.ndarray
     constant: bool = False
-
-
-def _told(current: Current, model: StiffnessModel) -> tuple[str, ...]:
-    """The model's own parameters that are constants of the geometry: errors of frames and offsets of joints."""
-    view, effects = current.situation.view, {p.name for p in model.effect_parameters}
-    own = [k for k, n in enumerate(current.names) if n in effects]
-    frames = np.hstack([placement_columns(view), view.J[:, [v.kind == "link" for v in view.joints]]])
-    basis, A = column_space(frames), unit_columns(current.A[:, own])[0]
-    left = np.linalg.norm(A - basis @ (basis.T @ A), axis=0)
-    return tuple(current.names[k] for k, share in zip(own, left, strict=True) if share < _INSIDE)
 
 
 def _placement(current: Current, model: StiffnessModel, own: Sequence[_Column]) -> list[_Column]:

@@ -22,6 +22,7 @@ from symstiff.discrepancy.findings.result import Diagnosis, Found, Quantity, Ste
 from symstiff.discrepancy.problem import key_of
 from symstiff.discrepancy.reasons import Reason, Why
 from symstiff.discrepancy.search.verdict import AMBIGUOUS, INSUFFICIENT, NAMED, NOTHING, UNEXPLAINED
+from symstiff.effects.base import Realisation
 from symstiff.effects.common import link_axes
 from symstiff.effects.instance import EffectInstance
 from symstiff.effects.places import named as named_at
@@ -29,7 +30,6 @@ from symstiff.effects.registry import catalogue
 from symstiff.model import StiffnessModel
 from symstiff.reduction.physical import physical_stages
 from symstiff.robot.schema import Robot
-from symstiff.symbolic.terms import Term
 
 _SIGNIFICANT = 1e-4
 """Chance below which the complete model takes the place of few links that were named."""
@@ -228,13 +228,13 @@ def frames_of(robot: Robot) -> tuple[EffectInstance, ...]:
         for name, effect in catalogue().items()
         for i in range(1, robot.dof + 1)
         if effect.columns is None and {"link": i} in [dict(place) for place in effect.places(robot)]
-        and _is_frame(EffectInstance(name, {"link": i}).realise(robot).terms, i)
+        and _is_frame(EffectInstance(name, {"link": i}).realise(robot), i)
     )  # fmt: skip
 
 
-def _is_frame(terms: Sequence[Term], link: int) -> bool:
-    """Whether terms are one constant for each virtual joint of a link."""
-    return [t.at for t in terms] == list(link_axes(link)) and all(t.factor.is_number for t in terms)
+def _is_frame(realised: Realisation, link: int) -> bool:
+    """Whether an effect is one constant for each virtual joint of a link."""
+    return realised.is_constant and [t.at for t in realised.terms] == list(link_axes(link))
 
 
 def links_leave_less(wide: Diagnosis, narrow: Diagnosis, component: Index, readings: int) -> bool:

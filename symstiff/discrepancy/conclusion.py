@@ -267,7 +267,7 @@ def _undetermined(course: Course, fitted: JointFit, held: Couplings) -> list[str
     if not open_ones:
         return []
     absolute = fitted.assembly.situation.view.table.kind == "absolute"
-    sums = {*held, *(n for row in held.values() for n in row), *(_of_frames(model) if absolute else ())}
+    sums = {*held, *(n for row in held.values() for n in row), *(model.frame_errors if absolute else ())}
     zero = [n for n in fitted.absorbed if n in sums]
     more = [n for n in open_ones if n not in sums]
     remarks = []
@@ -283,12 +283,6 @@ def _undetermined(course: Course, fitted: JointFit, held: Couplings) -> list[str
             f"({few(more, 4)}): more poses, or loads in more directions, would show more"
         )
     return remarks
-
-
-def _of_frames(model: StiffnessModel) -> set[str]:
-    """Parameters of effects that set virtual joints off by constants, which stand for one another in positions."""
-    constant = [r for r in model.realisations if r.terms and all(t.factor.is_number for t in r.terms)]
-    return {p.name for r in constant for p in r.parameters}
 
 
 def _redundant(task: Task, model: StiffnessModel, table: Measurements) -> Couplings:

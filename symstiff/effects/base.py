@@ -79,6 +79,11 @@ class Realisation:
     rest: Mapping[str, float] = field(default_factory=dict)
     over: Mapping[str, float] = field(default_factory=dict)
 
+    @property
+    def is_constant(self) -> bool:
+        """Whether it sets virtual joints off by constants: a frame that is off, a joint's zero."""
+        return bool(self.terms) and all(t.factor.is_number for t in self.terms)
+
 
 @dataclass(frozen=True)
 class Scales:
