@@ -16,7 +16,7 @@ from symstiff.discrepancy.problem import Problem
 from symstiff.discrepancy.statistics.bank import build
 from symstiff.discrepancy.statistics.prepare import prepare
 from symstiff.discrepancy.statistics.scan import open_scan
-from symstiff.discrepancy.statistics.strata import strata
+from symstiff.discrepancy.statistics.strata import lack_of_fit, strata
 from tests.test_discrepancy_engine import arm, measured, scaled
 
 
@@ -90,3 +90,22 @@ def test_the_p_values_of_the_strata_are_adjusted_for_how_many_there_are(noncentr
         before = [(len(raw) - sum(q < p for q in raw)) * p for p in raw if p <= own]
         assert stratum.p_value == pytest.approx(min(1.0, max(before)), rel=1e-9)
     assert reference.p_value is None
+
+
+@pytest.mark.parametrize("levels", [(-1.0, -0.5, 0.5, 1.0), (-1.0, -0.6, -0.2, 0.2, 0.6, 1.0)])
+def test_what_is_odd_in_the_load_is_told_as_nonlinear_and_hides_no_other_part(
+    levels: tuple[float, ...],
+) -> None:
+    """A gear that hardens shows in no square of the load; without repeats the noise that was learned is the scale."""
+    a = arm(20, levels=levels)
+    signal = scaled(a.problem, a.problem.J[:, 1] * a.problem.tau[:, 1] ** 3, 900.0)
+    problem = measured(a.problem, signal)
+    ready = prepare(problem, a.candidates)
+    told = {s.name: s for s in lack_of_fit(problem, ready.scan, ready.report)}
+    assert told["nonlinear in load"].p_value < 1e-6
+    assert told["proportional to load, by pose"].p_value < 1e-6
+    clean = measured(a.problem)
+    ready = prepare(clean, a.candidates)
+    for s in lack_of_fit(clean, ready.scan, ready.report):
+        assert s.ratio == pytest.approx(1.0, abs=4.5 * np.sqrt(2.0 / s.degrees_of_freedom))
+        assert s.p_value is not None

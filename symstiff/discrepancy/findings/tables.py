@@ -30,7 +30,7 @@ from symstiff.discrepancy.statistics.scan import (
     likeliest,
     sum_entries,
 )
-from symstiff.discrepancy.statistics.strata import strata
+from symstiff.discrepancy.statistics.strata import lack_of_fit
 from symstiff.discrepancy.statistics.testability import telling, why_untestable
 from symstiff.effects.base import Shape
 
@@ -259,10 +259,11 @@ def steps(problem: Problem, ready: Prepared, named: Judged | None, outcome: Outc
         best = float(np.max(score, initial=-np.inf))
         further = _name(ready.bank.candidates[int(np.argmax(score))]) if np.isfinite(best) else None
         p_left = outcome.null.p_named(best) if count < len(entries) or named is None else named.p_left_named
+        lack = lack_of_fit(problem, scan, ready.report)
         out.append(
             Step(
                 effects[-1][0] if effects else None, model, std, tuple(effects),
-                float(np.sqrt(np.mean(residual[problem.main] ** 2))), strata(problem, scan), p_left, residual, further,
+                float(np.sqrt(np.mean(residual[problem.main] ** 2))), lack, p_left, residual, further,
                 ready.scan.freedom - scan.freedom, problem.rows - scan.freedom,
             )
         )  # fmt: skip

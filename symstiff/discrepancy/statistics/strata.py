@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -9,12 +10,14 @@ from scipy import stats
 
 from symstiff.arrays import TINY, Array, Index, numbered
 from symstiff.calibration.fits.decomposition import RANK
+from symstiff.discrepancy.noise.scales import NoiseReport
 from symstiff.discrepancy.problem import Problem
 from symstiff.discrepancy.statistics.scan import Scan, directions
 from symstiff.reduction.svd import svd
 
 PROPORTIONAL = "proportional to load, by pose"
 """The stratum in which compliances, frames and sensors speak."""
+NONLINEAR = "nonlinear in load"
 SEVERAL = 4
 """Directions from which on something may fit what it is not."""
 _MOST = 0.7
@@ -51,9 +54,49 @@ def fills(taken: float, left: float, usual: float) -> bool:
 
 
 def strata(problem: Problem, scan: Scan) -> tuple[Stratum, ...]:
-    """Split the whitened residual and test every stratum against repeats, else against the rest.
+    """Split the whitened residual and test every stratum against repeats, else against the rest."""
+    shares = _shares(problem, scan, _designs(problem))
+    if shares.count >= LEAST_REPEATS:
+        return _against_repeats(shares)
+    rest, square = shares.rest, shares.square
+    reference = square / max(rest, 1)
+    return (*_table(shares.parts, reference, rest), _reference("rest", rest, square, reference))
 
-    Columns that belong to one pose each are projected out pose by pose; the model and other columns that run over
+
+def lack_of_fit(problem: Problem, scan: Scan, report: NoiseReport) -> tuple[Stratum, ...]:
+    """The same as it is told: without repeats every stratum, the rest as well, is held against the noise of a report.
+
+    That was learned from what is left of all that stands out: a law that is odd in the load may be in the rest, and
+    does not hide the others. What is nonlinear in the load has its cube where there are levels enough.
+    """
+    designs = _designs(problem, odd=True)
+    shares = _shares(problem, scan, designs)
+    if shares.count >= LEAST_REPEATS:
+        return _against_repeats(shares)
+    # where the loads of a pose leave nothing but what is nonlinear in them, that is the rest
+    all_of_it = designs[-1][0] == NONLINEAR and all(name != NONLINEAR for name, *_ in shares.parts)
+    rest = (NONLINEAR if all_of_it else "rest", shares.rest, shares.square)
+    spread = scan.noise.spread[problem.main]
+    reference = report.sigma**2 / float(np.mean(spread**2))
+    return _table([*shares.parts, *([rest] if shares.rest else [])], reference, report.degrees_of_freedom)
+
+
+@dataclass(frozen=True)
+class _Shares:
+    """What strata take of a whitened residual: name, degrees of freedom and squares of each; what is left for the rest.
+
+    ``repeats`` are the squares between repeats, which are a part of the rest, ``count`` their degrees of freedom.
+    """
+
+    parts: tuple[tuple[str, int, float], ...]
+    rest: int
+    square: float
+    repeats: float
+    count: int
+
+
+def _shares(problem: Problem, scan: Scan, designs: Sequence[tuple[str, Array, bool]]) -> _Shares:
+    """Columns that belong to one pose each are projected out pose by pose; the model and other columns that run over
     all poses follow outside of them, so that no large matrix is factorised.
     """
     layer = scan.best
@@ -62,7 +105,7 @@ def strata(problem: Problem, scan: Scan) -> tuple[Stratum, ...]:
     local = np.zeros((problem.rows, 0))
     before_square, before_rank = float(np.sum(y**2)), overall.shape[1]
     parts: list[tuple[str, int, float]] = []
-    for name, columns, by_pose in _designs(problem):
+    for name, columns, by_pose in designs:
         W = scan.noise.apply(layer.whiten, columns / scan.noise.spread[:, None])
         if by_pose:
             local = np.hstack([local, W])
@@ -74,15 +117,20 @@ def strata(problem: Problem, scan: Scan) -> tuple[Stratum, ...]:
         if rank > before_rank:
             parts.append((name, rank - before_rank, max(before_square - square, 0.0)))
         before_square, before_rank = square, rank
-    rest = problem.rows - before_rank
-    square = before_square
-    reference, freedom = square / max(rest, 1), rest
     repeats, count = _between_repeats(problem, scan, local, overall, y)
-    if count >= LEAST_REPEATS:
-        reference, freedom = repeats / count, count
-        if rest > count:
-            parts.append(("rest", rest - count, max(square - repeats, 0.0)))
-    return _table(parts, reference, freedom, count >= LEAST_REPEATS, rest, square)
+    return _Shares(tuple(parts), problem.rows - before_rank, before_square, repeats, count)
+
+
+def _against_repeats(shares: _Shares) -> tuple[Stratum, ...]:
+    reference = shares.repeats / shares.count
+    parts = list(shares.parts)
+    if shares.rest > shares.count:
+        further = ("rest", shares.rest - shares.count, max(shares.square - shares.repeats, 0.0))
+        parts.append(further)
+    return (
+        *_table(parts, reference, shares.count),
+        _reference("repeats", shares.count, shares.repeats, reference),
+    )
 
 
 def pure_error(problem: Problem, scan: Scan, entries: tuple[int, ...]) -> tuple[float, int]:
@@ -130,14 +178,8 @@ def _left(pose: Index, local: Array, overall: Array, y: Array) -> tuple[float, i
     return float(z @ z), rank + U.shape[1]
 
 
-def _table(
-    parts: list[tuple[str, int, float]],
-    reference: float,
-    freedom: int,
-    repeated: bool,
-    rest: int,
-    square: float,
-) -> tuple[Stratum, ...]:
+def _table(parts: Sequence[tuple[str, int, float]], reference: float, freedom: float) -> tuple[Stratum, ...]:
+    """The strata by a reference mean square with its degrees of freedom; without p-values where that says nothing."""
     testable = freedom >= 3 and reference > 0
     raw = [
         float(stats.f.sf(ss / df / reference, df, freedom)) if testable and df > 0 else 1.0
@@ -150,17 +192,23 @@ def _table(
         running = max(running, min(1.0, raw[i] * (len(raw) - place)))
         adjusted[i] = running
     scale = reference if testable else 1.0
-    out = [
+    return tuple(
         Stratum(name, df, ss / scale, ss / max(df, 1) / scale, float(p) if testable else None)
         for (name, df, ss), p in zip(parts, adjusted, strict=True)
-    ]
-    label, count = ("repeats", freedom) if repeated else ("rest", rest)
-    out.append(Stratum(label, count, (reference * freedom if repeated else square) / scale, 1.0, None))
-    return tuple(out)
+    )
 
 
-def _designs(problem: Problem) -> list[tuple[str, Array, bool]]:
-    """Columns of the strata in the order in which they take their share; True: with coefficients for each pose."""
+def _reference(label: str, count: int, square: float, reference: float) -> Stratum:
+    """The stratum that the others are held against."""
+    scale = reference if count >= 3 and reference > 0 else 1.0
+    return Stratum(label, count, square / scale, 1.0, None)
+
+
+def _designs(problem: Problem, odd: bool = False) -> list[tuple[str, Array, bool]]:
+    """Columns of the strata in the order in which they take their share; True: with coefficients for each pose.
+
+    ``odd``: the cube of the load too.
+    """
     channel = _indicators(problem.channel)
     out: list[tuple[str, Array, bool]] = []
     several = problem.load is not None and _levels(problem) > 1
@@ -177,7 +225,9 @@ def _designs(problem: Problem) -> list[tuple[str, Array, bool]]:
     if several:
         out.append(("common to a pose's load cases", channel, True))
         if _levels(problem) > 2:
-            out.append(("nonlinear in load", channel * (load**2)[:, None], True))
+            powers = (2, 3) if odd and _levels(problem) > 3 else (2,)
+            columns = [channel * (load**power)[:, None] for power in powers]
+            out.append((NONLINEAR, np.hstack(columns), True))
     return out
 
 
