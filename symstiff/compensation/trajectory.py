@@ -8,7 +8,12 @@ from dataclasses import dataclass
 import numpy as np
 
 from symstiff.arguments import A_MODEL, require
-from symstiff.calibration.doubts.soundness import check_bends, outside_class, outside_fixed
+from symstiff.calibration.doubts.soundness import (
+    check_bends,
+    nothing_bends,
+    outside_class,
+    outside_fixed,
+)
 from symstiff.codegen.reference import LARGEST_CORRECTION, ROUNDED, unit_length
 from symstiff.codegen.runtime import Evaluator, for_poses
 from symstiff.errors import UserError
@@ -33,7 +38,8 @@ class Compensated:
     """Corrected commands q_cmd (N, n), the pose error (N, 6) [m, rad] before and after, and why rows were not solved.
 
     ``kept`` (N,) is empty for a solved row, else "singular", "too_far", "not_converged" or "no_gain": such a row keeps
-    its q, and its error is what it was before. ``remarks`` tell loads and joints that the model was not reduced for.
+    its q, and its error is what it was before. ``remarks`` tell loads and joints that the model was not
+    reduced for, and loads under which it does not bend.
     """
 
     q_cmd: np.ndarray
@@ -91,7 +97,7 @@ def compensate(
     check_bends(model)
     model = model.of_robot()
     q, w = model.poses(q, w)
-    remarks = (*outside_class(w, model.loads), *outside_fixed(q, model))
+    remarks = (*outside_class(w, model.loads), *outside_fixed(q, model), *nothing_bends(w, model))
     moment = context_columns(context, len(q))
     target = forward(model.robot, q)
     evaluator = for_poses(model, _TYPICAL_ROUNDS * len(q))

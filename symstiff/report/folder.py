@@ -68,10 +68,13 @@ def _code(finding: Finding, folder: Path) -> dict[str, Any]:
 
     if finding.last.doubtful:
         return _no_code("no code was written: model.toml is of a table that has to be corrected", fault=False)
-    absorbed = finding.grown.absorbed
-    if absorbed and not (finding.testable and set(finding.grown.model.stiffness_parameters) - set(absorbed)):
-        what = "the model" if not finding.testable else "any compliance"
-        return _no_code(f"no code was written: the data do not determine {what}", fault=False)
+    if finding.grown.absorbed and not finding.testable:
+        return _no_code("no code was written: the data do not determine the model", fault=False)
+    if finding.grown.absorbed and not _gives_way(finding.model):
+        return _no_code(
+            "no code was written: the data do not determine any compliance, nor any law of joints or links",
+            fault=False,
+        )
     try:
         made = generate(finding.model, folder)
     except UserError as error:
@@ -95,6 +98,12 @@ def _code(finding: Finding, folder: Path) -> dict[str, Any]:
         "error": proof.max_relative_error,
         "fault": False,
     }
+
+
+def _gives_way(model: StiffnessModel) -> bool:
+    """Whether a compliance, or a law of joints or links, has a value: errors of frames are some without any load."""
+    lawful = {t.parameter for t in model.terms if t.at.kind in ("link", "joint")}
+    return any(value for name, value in model.values.items() if name in lawful)
 
 
 def _no_code(text: str, *, fault: bool) -> dict[str, Any]:
