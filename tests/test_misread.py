@@ -9,12 +9,14 @@ from typing import Literal
 import numpy as np
 import pytest
 
+from symstiff.calibration.doubts.axes import against_loads
 from symstiff.calibration.doubts.slips import Reading, joint_hint, marker_hint
 from symstiff.calibration.identify import identify
 from symstiff.calibration.simulation import Noise, Truth, nominal_truth, simulate
-from symstiff.calibration.tables.measurements import Measurements
+from symstiff.calibration.tables.measurements import Measurements, measurements
 from symstiff.discrepancy.findings.finding import Finding, Task
 from symstiff.discrepancy.workflow import diagnose
+from symstiff.errors import UserError
 from symstiff.report.words import headline, sentence
 from symstiff.robot import load
 from tests.blind.generate import Options, case
@@ -179,3 +181,37 @@ def test_what_rounding_and_a_few_readings_leave_exchanges_no_markers() -> None:
         table = measured(seed=seed)
         few = table.select(np.flatnonzero((table.pose == 0) & (table.w[:, 0] == table.w[0, 0])))
         assert "exchanged" not in diagnosed(few).reason
+
+
+def under_weight(sign: float) -> Measurements:
+    """Deflections under a vertical force, dz told with a sign."""
+    robot, rng = load("kuka_kr270"), np.random.default_rng(6)
+    limits = np.array([j.range for j in robot.joint])
+    w = np.zeros((30, 6))
+    w[:, 2] = -2000.0
+    plan = measurements(rng.uniform(limits[:, 0], limits[:, 1], (30, robot.dof)), w)
+    table = simulate(Truth(robot, nominal_truth(robot), (), Noise((0.02,) * 3)), plan, 6)
+    values = np.array(table.values)
+    values[:, 2] *= sign
+    return replace(table, values=values)
+
+
+@pytest.mark.parametrize("start", ["joints", "complete"])
+def test_an_arm_that_gives_way_upwards_under_weights_is_not_identified(start: str) -> None:
+    assert against_loads(under_weight(1.0)) == ""
+    turned = under_weight(-1.0)
+    assert against_loads(turned) == "dz or fz"
+    with pytest.raises(UserError, match=r"point against their loads.*look at the sign of dz or fz"):
+        identify(load("kuka_kr270"), turned, start)
+    assert diagnose(Task(load("kuka_kr270"), turned, start)).last.doubtful
+
+
+def test_work_is_asked_of_forces_alone() -> None:
+    """A moment may push the point against the force."""
+    turned = under_weight(-1.0)
+    w = np.array(turned.w)
+    w[:, 4] = 300.0
+    assert against_loads(replace(turned, w=w)) == ""
+    unread = np.array(turned.values)
+    unread[:, 2] = np.nan
+    assert against_loads(replace(turned, values=unread)) == ""

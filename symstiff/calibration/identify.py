@@ -11,6 +11,7 @@ import numpy as np
 
 from symstiff.arguments import real, require, whole
 from symstiff.calibration.absolute import fit_absolute
+from symstiff.calibration.doubts.axes import AGAINST, against_loads
 from symstiff.calibration.doubts.misread import misread
 from symstiff.calibration.doubts.point import find_point, of_point
 from symstiff.calibration.doubts.slips import left_by, slip
@@ -265,11 +266,14 @@ def _from_deflections(
 def _misread(model: StiffnessModel, table: Measurements, found: Fitted) -> list[str]:
     """What of the table looks exchanged or read in another way. Raises UserError where all of it is reversed."""
     slipped, _ = slip(model, table, left_by)
-    if slipped:
+    against = against_loads(table)
+    if slipped and not against:
         return [slipped]
     hint = axis_hint(found.estimate.names, table, found.equations)
     if hint is not None and hint.reversed:
         raise UserError(str(hint))
+    if against:
+        raise UserError(f"{AGAINST}: look at the sign of {against}" + ("" if hint is None else f"; {hint}"))
     told, _ = misread(model, table, hint)
     return [told] if told else []
 

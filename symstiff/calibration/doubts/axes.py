@@ -10,6 +10,7 @@ import numpy as np
 
 from symstiff.arrays import TINY, Array
 from symstiff.calibration.fits.decomposition import unit_columns
+from symstiff.calibration.tables.measurements import Measurements
 from symstiff.errors import UserError
 from symstiff.reduction.svd import svd
 
@@ -18,6 +19,9 @@ WORTH_A_WORD = 0.05
 """Part of the squares that a model leaves below which nobody asks how the data are told."""
 _SAME = 1.02  # two assignments this close in what they leave are not told apart
 _LETTERS = "xyz"
+AGAINST = "the deflections point against their loads, which no robot gives way to"
+_NEARLY_ALL, _FEWEST = 0.95, 6
+"""Share of the rows under forces alone, of so many, whose forces have to do negative work."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -41,8 +45,8 @@ class AxisHint:
     def __str__(self) -> str:
         if self.reversed:
             return (
-                "the deflections point against their loads, which no robot gives way to: the sign of the loads is "
-                "another one, or unloaded positions were taken minus loaded ones"
+                f"{AGAINST}: the sign of the loads is another one, or unloaded positions were taken minus loaded "
+                "ones"
             )
         text = (
             f"the deflection axes look swapped: {assignment(self.signed)} would leave {self.best:.1%} "
@@ -50,6 +54,22 @@ class AxisHint:
         )
         more = f" ({self.rivals} other assignments do as well: more load directions would tell them apart)"
         return text + (more if self.rivals else "")
+
+
+def against_loads(table: Measurements) -> str:
+    """The signs to look at, such as "dz or fz", where forces do negative work on the points that they move; else empty.
+
+    Of rows under forces alone, read along all axes that these have: there F·d is twice the energy of the springs, up to
+    what the noise and the way to a marker make of it.
+    """
+    force, moved = table.w[:, :3], table.values[:, :3]
+    alone = (force != 0).any(axis=1) & ~table.w[:, 3:].any(axis=1)
+    alone &= np.all(table.measured[:, :3] | (force == 0), axis=1)
+    work = np.where(force[alone] != 0, force[alone] * moved[alone], 0.0)
+    total = work.sum(axis=1)
+    if len(total) < _FEWEST or np.mean(total < 0) < _NEARLY_ALL:
+        return ""
+    return " or ".join(f"d{x} or f{x}" for x, own in zip(_LETTERS, work.sum(axis=0), strict=True) if own < 0)
 
 
 def signed_permutations() -> tuple[Array, ...]:

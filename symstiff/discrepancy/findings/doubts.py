@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from symstiff.calibration.doubts.axes import AGAINST, against_loads
 from symstiff.calibration.doubts.misread import misread
 from symstiff.calibration.doubts.point import FAR, measured_at, moved_to
 from symstiff.calibration.doubts.slips import left_by, slip
@@ -30,11 +31,14 @@ def doubted(model: StiffnessModel, table: Measurements, whole: StiffnessModel) -
     """
     absolute = table.kind == "absolute"
     slipped, wrong = slip(model, table, _excess if absolute else left_by)
-    if slipped:
+    against = "" if absolute else against_loads(table)
+    if slipped and not against:
         return Reason(Why.DOUBTED, (slipped, wrong))
     if absolute:
         return _misplaced(model, table)
     hint = axis_hint(whole.parameters, table, equations(whole, table))
+    if against and hint is None:
+        return Reason(Why.DOUBTED, (AGAINST, f"sign of {against}"))
     told = misread(whole, table, hint)
     return Reason(Why.DOUBTED, told) if told[0] else None
 
