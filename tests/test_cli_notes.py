@@ -163,7 +163,7 @@ def test_loads_outside_a_models_class_are_named(run: Run) -> None:
     Path("way.csv").write_text("q1[deg],q2[deg],fx[N],mz[N*m]\n0,30,100,5\n")
     said = notes(run, "compensate", "force.toml", "way.csv")
     assert "reduced for force loads (fx, fy, fz), and these have mz too" in said
-    assert "identify with --loads wrench" in said
+    assert "use --loads wrench" in said
 
 
 def test_radians_under_degrees_are_asked_about(run: Run) -> None:

@@ -62,7 +62,7 @@ def test_a_size_that_is_known_beforehand_is_told_beside_what_the_data_say(found:
     beside = replace(effect, parameters={"large_deflection_all_share": Quantity(1.9, 0.3, "1")})
     last = replace(found.last, effects=(beside,))
     assert said(
-        found, last, "give 1.90 ± 0.30: the weight of the arm adds to it, of which the file tells nothing"
+        found, last, "give 1.90 ± 0.30, 3.0 standard deviations beside it: the weight of the arm may be in it"
     )
     assert not said(found, found.last, "by theory")
 

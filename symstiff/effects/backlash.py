@@ -9,7 +9,16 @@ closed nothing is seen. Masses in the robot file decide.
 
 from __future__ import annotations
 
-from symstiff.effects.arm import ARM_MOVES, ASSUMED, TOLD, assumed_arms, odds, of_total_load, weighed
+from symstiff.effects.arm import (
+    ARM_MOVES,
+    ASSUMED,
+    TOLD,
+    assumed_arms,
+    odds,
+    of_total_load,
+    untold_weight,
+    weighed,
+)
 from symstiff.effects.base import Effect, Move, Realisation, Scales, Shape, Where
 from symstiff.effects.common import BOTH, above_zero, angle_unit, joints, parameter, smooth_sign
 from symstiff.robot.schema import Robot
@@ -42,6 +51,16 @@ def _shapes(robot: Robot, where: Where, scales: Scales) -> tuple[Shape, ...]:
     return (*found, *sharp, *wide)
 
 
+def _alike(robot: Robot, where: Where, shape: Shape) -> str:
+    """Without masses two readings are left where the load alone is taken: it crosses the gap, or never does."""
+    if any(key in shape for key in ASSUMED) or not untold_weight(robot, int(where["joint"])):
+        return ""
+    return (
+        "the robot file tells no masses, so the gap was taken to be crossed by the load alone; where the arm's weight "
+        "keeps it closed, it is another law of the gear: masses in the file would decide"
+    )
+
+
 EFFECT = Effect(
     identifier=NAME,
     title="Backlash of a joint",
@@ -58,6 +77,7 @@ EFFECT = Effect(
     told={"width": "turning over within ± {} LOAD", "weights": "", **TOLD},
     assumed=ASSUMED,
     odds=odds,
+    alike=_alike,
     weights=1.0,
     moves=lambda robot, shape: {"width": Move(2.0), **ARM_MOVES},
 )

@@ -185,7 +185,7 @@ def _alike(robot: Robot, shape: Shape) -> float:
     return 1.0
 
 
-def _nothing(robot: Robot, of: Mapping[str, Any]) -> str:
+def _nothing(robot: Robot, where: Where, shape: Shape) -> str:
     return ""
 
 
@@ -243,7 +243,7 @@ class Effect:
     unlikely: Callable[[Robot, Where, bool], str] = _likely
     """Why it is not looked for at one of its places, by what the robot file tells, and by whether the model takes all
     links for rigid; empty where it is."""
-    alike: Callable[[Robot, Shape], str] = _nothing
+    alike: Callable[[Robot, Where, Shape], str] = _nothing
     """What outside of the catalogue looks like it, where the robot file does not speak for it; empty where nothing."""
     levels: Callable[[Sequence[float]], Shape] | None = None
     """The shape that is a compliance of the joint at each of its variable's values, ascending; None: it has none."""

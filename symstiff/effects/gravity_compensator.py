@@ -219,7 +219,7 @@ def _odds(robot: Robot, shape: Shape) -> float:
     return (1.0 + 1.0 / TRUST) / len(DIRECTIONS) if "angle_1" in shape and _known(robot) else 1.0
 
 
-def _alike(robot: Robot, shape: Shape) -> str:
+def _alike(robot: Robot, where: Where, shape: Shape) -> str:
     """A table of angles holds any dependence; over a part of a turn a spring's law is hardly told from a ripple."""
     if robot.gravity_compensator is not None:
         return ""

@@ -88,7 +88,7 @@ class EffectInstance:
     def assumptions(self, robot: Robot) -> tuple[str, ...]:
         """Remarks on what the shape takes for granted, and on what else looks like it."""
         effect = find(self.effect)
-        assumed, alike = effect.assumed, effect.alike(robot, self.shape)
+        assumed, alike = effect.assumed, effect.alike(robot, self.where, self.shape)
         taken = (assumed[k].format(f"{float(v):.4g}") for k, v in self.shape.items() if k in assumed)
         return (*taken, *((alike,) if alike else ()))
 

@@ -51,6 +51,16 @@ def _curved(J: np.ndarray, theta: np.ndarray) -> np.ndarray:
     return np.asarray(np.einsum("nrv,nv->nr", _moved(J, theta), theta) / 2)
 
 
+def _alike(robot: Robot, where: Where, shape: Shape) -> str:
+    """The sag under a weight that is not told turns levers in proportion to the load, as a compliance does."""
+    if robot.has_weights:
+        return ""
+    return (
+        "the robot file tells no masses: what the arm's own sag adds is in proportion to the load, and may be named as "
+        "a compliance of a link or joint: enter masses and centres of mass, and diagnose again"
+    )
+
+
 EFFECT = Effect(
     identifier=NAME,
     title="Large deflection",
@@ -61,5 +71,6 @@ EFFECT = Effect(
     realise=_realise,
     confused_with=("nonlinear_stiffness", "frame_misalignment"),
     separated_by="several load levels; its size is known beforehand",
+    alike=_alike,
     columns=_columns,
 )

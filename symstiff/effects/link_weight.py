@@ -28,7 +28,7 @@ def _shapes(robot: Robot, where: Where, scales: Scales) -> tuple[Shape, ...]:
     return ({}, {"centred": 1.0}, {"at_frame": 1.0}) if told else ({},)
 
 
-def _alike(robot: Robot, shape: Shape) -> str:
+def _alike(robot: Robot, where: Where, shape: Shape) -> str:
     """The whole arm weighs, and a file without masses tells nothing of it; a spring carries some of a heavy arm."""
     if robot.has_weights and (
         robot.gravity_compensator is not None or sum(link.mass for link in robot.links) < _HEAVY

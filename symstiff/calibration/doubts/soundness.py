@@ -123,7 +123,7 @@ def outside_class(w: Array, loads: str) -> list[str]:
     wider = "wrench" if any(n[0] == "m" for n in found) else "force"
     return [
         f"the model is reduced for {loads} loads ({', '.join(within)}), and these have {', '.join(beyond)} too: what "
-        f"they do to the robot is not in the model; identify with --loads {wider}"
+        f"they do to the robot is not in the model; use --loads {wider}"
     ]
 
 

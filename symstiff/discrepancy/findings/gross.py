@@ -31,7 +31,7 @@ FEWEST = 3
 _OF_MEDIAN = 0.6745
 """Median of normal noise's size, in standard deviations."""
 MOST = 0.01
-"""Share of the rows that may be gross errors, two at least: more are something else."""
+"""Share of the rows that may be gross errors, three at least: more are something else."""
 _MOSTLY, _NEARLY_ALL = 0.5, 0.9
 """Share of what is left that few poses bring from which they are spoken of, and left out whatever else there is."""
 
@@ -63,7 +63,7 @@ def gross(finding: Finding) -> Index:
     beyond = (far > FAR) & (stated > _BEYOND)
     pose, rows = finding.table.pose, np.arange(len(finding.table))
     found = [r for r in np.flatnonzero(beyond) if _alone(far, rows[(pose == pose[r]) & (rows != r)], far[r])]
-    return np.array(found, dtype=np.intp) if len(found) <= max(MOST * len(rows), 2) else none
+    return np.array(found, dtype=np.intp) if len(found) <= max(MOST * len(rows), 3) else none
 
 
 def _alone(far: Array, others: Index, size: float) -> bool:

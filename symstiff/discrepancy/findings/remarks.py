@@ -291,12 +291,8 @@ def _but(robot: Robot, deviations: float) -> str:
     """What may keep the data from a size that is known, by how far they are from it."""
     if abs(deviations) < _DOUBTS:
         return ""
-    if not robot.has_weights:
-        return (
-            ": the weight of the arm adds to it, of which the file tells nothing: enter masses and centres of mass, "
-            "and diagnose again"
-        )
-    return f", {abs(deviations):.1f} standard deviations beside it: something else may be in it"
+    what = "something else, or terms of higher order," if robot.has_weights else "the weight of the arm"
+    return f", {abs(deviations):.1f} standard deviations beside it: {what} may be in it"
 
 
 def _of_sign(effect: Effect) -> str:
