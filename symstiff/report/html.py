@@ -20,7 +20,7 @@ from symstiff.discrepancy.search.verdict import AMBIGUOUS, INSUFFICIENT, NOTHING
 from symstiff.display import few, sentence_case, unit_text
 from symstiff.effects.places import named, spoken
 from symstiff.effects.registry import catalogue
-from symstiff.report import law_plots, naming, plots, unnamed, words
+from symstiff.report import law_plots, naming, plots, unnamed, where, words
 from symstiff.report.code import Line, formulas
 from symstiff.report.deciding import NOWHERE, OTHERWISE, decides, load_axes, reached, separation_text
 from symstiff.report.tables import StepRow, moved, rotates, shift, step_rows
@@ -81,6 +81,7 @@ def _context(finding: Finding, files: dict[str, Any], changes: list[Line]) -> di
         "steps": _steps(finding),
         "strata": _strata(finding),
         "pictures": _pictures(finding),
+        "parts": where.parts(finding) if finding.testable else [],
         "laws": _laws(finding),
         "unnamed": _unnamed(finding),
         "candidates": _candidates(finding),

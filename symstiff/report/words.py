@@ -413,7 +413,7 @@ def noise_lines(finding: Finding) -> list[str]:
     n = finding.last.noise
     found = finding.testable and finding.named
     left = "what is left after everything found" if found else "what the model leaves"
-    source = {"repeats": "repeated readings", "residual": left}
+    source = {"repeats": "repeated readings", "residual": f"{left}, as too little was measured twice"}
     lines = [
         f"standard deviation {size(n.sigma, finding)} from {source.get(n.source, n.source)} "
         f"({n.degrees_of_freedom:.0f} degrees of freedom)"
