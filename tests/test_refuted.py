@@ -2,19 +2,32 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+from types import SimpleNamespace
+from typing import Any, cast
+
 import numpy as np
 import pytest
 
 from symstiff.discrepancy import examine as engine
+from symstiff.discrepancy.examine import doubted
 from symstiff.discrepancy.findings.result import Rms
 from symstiff.discrepancy.noise.scales import start
 from symstiff.discrepancy.noise.sharing import Split
+from symstiff.discrepancy.problem import Candidate, Options, Parameter
+from symstiff.discrepancy.reasons import Reason, Why
+from symstiff.discrepancy.search.judging import Judged
 from symstiff.discrepancy.search.localise import _validated
-from symstiff.discrepancy.search.proof import HeldOut
+from symstiff.discrepancy.search.proof import HeldOut, held_out
+from symstiff.discrepancy.search.rivals import Rivals
+from symstiff.discrepancy.search.verdict import Outcome
 from symstiff.discrepancy.statistics.bank import build
+from symstiff.discrepancy.statistics.prepare import prepare
 from symstiff.discrepancy.statistics.scan import open_scan
 from symstiff.report import words
 from tests.diagnosis_data import HARDENING, measured
+from tests.test_discrepancy_engine import SIGMA, arm, scaled
+from tests.test_discrepancy_engine import measured as measured_rows
 from tests.test_unnamed import _diagnosed, hardening
 
 
@@ -93,3 +106,32 @@ def test_a_law_is_judged_on_poses_that_the_model_has_not_seen_either() -> None:
             missed = float(np.sum(((problem.y / sigma)[~train] - X[~train] @ beta) ** 2))
             left, whole = (left, whole + missed) if columns is problem.A else (left + missed, whole)
     assert _validated(layer, [outside], fold) == pytest.approx(1.0 - left / whole, abs=1e-6)
+
+
+def test_a_member_without_which_poses_left_out_are_better_predicted_is_an_even_bet() -> None:
+    """Beside a gear that bends forty columns of chance: they take what is left, and predict nothing."""
+    a = arm(9)
+    problem = measured_rows(
+        a.problem, scaled(a.problem, a.problem.J[:, 1] * a.problem.tau[:, 1] ** 3, 900.0), 3
+    )
+    chance = np.random.default_rng(4).normal(size=(problem.rows, 40)) * 1e-5
+    block = Candidate(
+        "chance", {"at": "all"}, tuple(Parameter(f"k{i}", "m") for i in range(40)), lambda _: chance
+    )
+    ready = prepare(problem, (*a.candidates, block))
+    bank = ready.bank
+    entries = tuple(bank.entries_of(bank.named[key]).start for key in ("bend@joint=2", "chance@at=all"))
+    allowed = np.ones(len(bank.candidates), dtype=bool)
+    proof = held_out(problem, bank, ready.scan.noise.alone, SIGMA, [entries], allowed, Options())
+    assert proof is not None
+    assert proof.without[0] > 1.2
+    assert proof.without[1] < 0.95
+    assert proof.spoken_against == (False, True)
+    leader = cast(Judged, SimpleNamespace(rivals=Rivals((), (-np.inf, -np.inf), None)))
+    none = cast(Any, None)
+    told = Outcome("named", Reason(Why.AHEAD), none, none, 0.0, 0.0, leader, (leader,), (0.9, 0.8), (leader,))
+    assert doubted(told, replace(proof, again=1.0)).confidence == (0.9, 0.5)
+    assert doubted(told, replace(proof, again=1.0)).verdict == "named"
+    alone = held_out(problem, bank, ready.scan.noise.alone, SIGMA, [entries[:1]], allowed, Options())
+    assert alone is not None
+    assert alone.without == ()

@@ -217,7 +217,8 @@ def _proof(
 def doubted(outcome: Outcome, proof: HeldOut) -> Outcome:
     """The verdict where poses that were left out speak against a name: it says no more than who leads.
 
-    Or where they do not confirm it, and a law without a name that does the same explains more.
+    Or where they do not confirm it, and a law without a name that does the same explains more. A member of a set
+    without which they are better predicted is an even bet.
     """
     law = outcome.admissible[0].rivals.alike if outcome.verdict == NAMED else None
     if proof.refutes and outcome.verdict in (NAMED, AMBIGUOUS):
@@ -225,7 +226,9 @@ def doubted(outcome: Outcome, proof: HeldOut) -> Outcome:
     elif proof.after >= proof.before and law is not None and law.lead > AS_MUCH:
         why = Why.AS_WELL
     else:
-        return outcome
+        doubts = proof.spoken_against or (False,) * len(outcome.confidence)
+        bets = zip(outcome.confidence, doubts, strict=True)
+        return replace(outcome, confidence=tuple(min(c, EVEN) if doubt else c for c, doubt in bets))
     even = tuple(min(c, EVEN) for c in outcome.confidence)
     return replace(
         outcome, verdict=INSUFFICIENT, because=Reason(why), admissible=outcome.admissible[:1], confidence=even

@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from symstiff.arrays import TINY, Array, Index
+from symstiff.arrays import TINY, Array, Index, Mask
 from symstiff.calibration.fits.decomposition import RANK
 from symstiff.discrepancy.noise.blocks import Roots
 from symstiff.discrepancy.noise.scales import Noise
@@ -26,6 +26,9 @@ _STARTS = 3
 """First members, at most, that a fold goes on from where it selects several: the likeliest alone may pass for two."""
 NO_GAP = 0.05
 """Gap, as a share of the noise, below which no share of it is told."""
+_BETTER = 0.95
+"""Part of what predicts left-out poses from which a member of a set is spoken against: an effect of a size that is seen
+has more than 1 there."""
 AGAIN = 0.5
 """Share of the folds that have to select what was named, where what they select does not predict."""
 
@@ -48,6 +51,14 @@ class HeldOut:
     """What each fold selected."""
     again: float
     """Share of the folds that select one of the sets that all data admit."""
+    without: tuple[float, ...] = ()
+    """Of each of several members of the first set: the root mean square without it over that with all of them, the
+    shapes as all data have them, rows weighed by the noise that was found."""
+
+    @property
+    def spoken_against(self) -> tuple[bool, ...]:
+        """Of each member of the first set whether the poses that were left out are clearly better predicted without."""
+        return tuple(ratio < _BETTER for ratio in self.without)
 
     @property
     def refutes(self) -> bool:
@@ -101,7 +112,22 @@ def held_out(
     rms = np.sqrt(np.mean(error[:, :, told] ** 2, axis=2))
     before, after = (float(x) for x in rms.min(axis=0))
     alike = (float(rms[0, 0]), float(rms[0, 1]))
-    return HeldOut(before, after, alike, sigma, tuple(selected), float(np.mean(again)))
+    members = _without_each(problem, bank, noise, fold, entries, told) if len(entries) > 1 else ()
+    return HeldOut(before, after, alike, sigma, tuple(selected), float(np.mean(again)), members)
+
+
+def _without_each(
+    problem: Problem, bank: Bank, noise: Noise, fold: Index, entries: tuple[int, ...], told: Mask
+) -> tuple[float, ...]:
+    """Of each entry what predicts left-out rows without it over what does with all, root mean squares."""
+    sets = [entries, *(tuple(e for e in entries if e != member) for member in entries)]
+    square = np.zeros(len(sets))
+    for k in np.unique(fold):
+        train, test = np.flatnonzero(fold != k), np.flatnonzero(fold == k)
+        for n, used in enumerate(sets):
+            blocks = [bank.columns[:, bank.slice(e)] for e in used]
+            square[n] += float(np.sum(_predict(problem, noise, train, test, blocks)[told[test]] ** 2))
+    return tuple((np.sqrt(square[1:] / square[0])).tolist()) if square[0] > 0 else ()
 
 
 def _names(bank: Bank, entries: Sequence[int]) -> list[str]:
