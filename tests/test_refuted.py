@@ -124,8 +124,10 @@ def test_a_member_without_which_poses_left_out_are_better_predicted_is_an_even_b
     allowed = np.ones(len(bank.candidates), dtype=bool)
     proof = held_out(problem, bank, ready.scan.noise.alone, SIGMA, [entries], allowed, Options())
     assert proof is not None
-    assert proof.without[0] > 1.2
-    assert proof.without[1] < 0.95
+    assert proof.without[0].ratio > 1.2
+    assert proof.without[0].deviations > 2.0
+    assert proof.without[1].ratio < 0.95
+    assert proof.without[1].deviations < -1.0
     assert proof.spoken_against == (False, True)
     leader = cast(Judged, SimpleNamespace(rivals=Rivals((), (-np.inf, -np.inf), None)))
     none = cast(Any, None)

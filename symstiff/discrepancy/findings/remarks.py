@@ -234,8 +234,8 @@ def _of_proof(last: Diagnosis) -> list[str]:
         doubts = zip(last.leading, proof.without, proof.spoken_against, strict=True)
         return [
             f"{named_at(name.effect, name.where)}: poses that were not used are predicted better without it, with "
-            f"{ratio:.2f} times the error: measure more poses before relying on it"
-            for (name, *_), ratio, doubt in doubts
+            f"{one.ratio:.2f} times the error: measure more poses before relying on it"
+            for (name, *_), one, doubt in doubts
             if doubt
         ]
     if last.verdict == UNEXPLAINED or rms.held_out_after is None or rms.held_out_after < FAR * rms.noise:

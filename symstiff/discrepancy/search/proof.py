@@ -34,6 +34,16 @@ AGAIN = 0.5
 
 
 @dataclass(frozen=True)
+class Without:
+    """What a set predicts without one of its members, shapes as all data have them, rows weighed by the noise found."""
+
+    ratio: float
+    """Root mean square without it over that with all members."""
+    deviations: float
+    """What the squares of a pose grow by without it, in standard deviations of that mean over the poses."""
+
+
+@dataclass(frozen=True)
 class HeldOut:
     """Root mean squares over the rows of left-out poses, in the data's unit.
 
@@ -51,14 +61,13 @@ class HeldOut:
     """What each fold selected."""
     again: float
     """Share of the folds that select one of the sets that all data admit."""
-    without: tuple[float, ...] = ()
-    """Of each of several members of the first set: the root mean square without it over that with all of them, the
-    shapes as all data have them, rows weighed by the noise that was found."""
+    without: tuple[Without, ...] = ()
+    """Of each of several members of the first set."""
 
     @property
     def spoken_against(self) -> tuple[bool, ...]:
         """Of each member of the first set whether the poses that were left out are clearly better predicted without."""
-        return tuple(ratio < _BETTER for ratio in self.without)
+        return tuple(w.ratio < _BETTER and w.deviations < -1.0 for w in self.without)
 
     @property
     def refutes(self) -> bool:
@@ -118,16 +127,27 @@ def held_out(
 
 def _without_each(
     problem: Problem, bank: Bank, noise: Noise, fold: Index, entries: tuple[int, ...], told: Mask
-) -> tuple[float, ...]:
-    """Of each entry what predicts left-out rows without it over what does with all, root mean squares."""
+) -> tuple[Without, ...]:
+    """What left-out rows say of each entry."""
     sets = [entries, *(tuple(e for e in entries if e != member) for member in entries)]
-    square = np.zeros(len(sets))
+    error = np.zeros((len(sets), problem.rows))
     for k in np.unique(fold):
         train, test = np.flatnonzero(fold != k), np.flatnonzero(fold == k)
         for n, used in enumerate(sets):
             blocks = [bank.columns[:, bank.slice(e)] for e in used]
-            square[n] += float(np.sum(_predict(problem, noise, train, test, blocks)[told[test]] ** 2))
-    return tuple((np.sqrt(square[1:] / square[0])).tolist()) if square[0] > 0 else ()
+            error[n, test] = _predict(problem, noise, train, test, blocks)
+    # a pose counts by its squares
+    square = np.stack([np.bincount(problem.place[told], x[told] ** 2) for x in error])
+    square = square[:, np.bincount(problem.place[told]) > 0]
+    return tuple(_compared(square[0], less) for less in square[1:])
+
+
+def _compared(whole: Array, less: Array) -> Without:
+    """By the squares (P,) of the poses with all members, and without one."""
+    ratio = float(np.sqrt(less.sum() / max(float(whole.sum()), TINY)))
+    more = less - whole
+    spread = float(np.std(more, ddof=1)) * np.sqrt(len(more)) if len(more) > 1 else 0.0
+    return Without(ratio, float(more.sum()) / max(spread, TINY))
 
 
 def _names(bank: Bank, entries: Sequence[int]) -> list[str]:
