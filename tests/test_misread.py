@@ -183,6 +183,9 @@ def test_what_rounding_and_a_few_readings_leave_exchanges_no_markers() -> None:
         assert "exchanged" not in diagnosed(few).reason
 
 
+KUKA = load("kuka_kr270")
+
+
 def under_weight(sign: float) -> Measurements:
     """Deflections under a vertical force, dz told with a sign."""
     robot, rng = load("kuka_kr270"), np.random.default_rng(6)
@@ -198,9 +201,9 @@ def under_weight(sign: float) -> Measurements:
 
 @pytest.mark.parametrize("start", ["joints", "complete"])
 def test_an_arm_that_gives_way_upwards_under_weights_is_not_identified(start: str) -> None:
-    assert against_loads(under_weight(1.0)) == ""
+    assert against_loads(KUKA, under_weight(1.0)) == ""
     turned = under_weight(-1.0)
-    assert against_loads(turned) == "dz or fz"
+    assert against_loads(KUKA, turned) == "dz or fz"
     with pytest.raises(UserError, match=r"point against their loads.*look at the sign of dz or fz"):
         identify(load("kuka_kr270"), turned, start)
     assert diagnose(Task(load("kuka_kr270"), turned, start)).last.doubtful
@@ -211,7 +214,7 @@ def test_work_is_asked_of_forces_alone() -> None:
     turned = under_weight(-1.0)
     w = np.array(turned.w)
     w[:, 4] = 300.0
-    assert against_loads(replace(turned, w=w)) == ""
+    assert against_loads(KUKA, replace(turned, w=w)) == ""
     unread = np.array(turned.values)
     unread[:, 2] = np.nan
-    assert against_loads(replace(turned, values=unread)) == ""
+    assert against_loads(KUKA, replace(turned, values=unread)) == ""

@@ -266,7 +266,7 @@ def _from_deflections(
 def _misread(model: StiffnessModel, table: Measurements, found: Fitted) -> list[str]:
     """What of the table looks exchanged or read in another way. Raises UserError where all of it is reversed."""
     slipped, _ = slip(model, table, left_by)
-    against = against_loads(table)
+    against = against_loads(model.robot, table)
     if slipped and not against:
         return [slipped]
     hint = axis_hint(found.estimate.names, table, found.equations)

@@ -13,6 +13,7 @@ from symstiff.calibration.fits.decomposition import unit_columns
 from symstiff.calibration.tables.measurements import Measurements
 from symstiff.errors import UserError
 from symstiff.reduction.svd import svd
+from symstiff.robot.schema import Robot
 
 _FAR_BETTER = 0.25  # of the unexplained part that is left as measured
 WORTH_A_WORD = 0.05
@@ -22,6 +23,8 @@ _LETTERS = "xyz"
 AGAINST = "the deflections point against their loads, which no robot gives way to"
 _NEARLY_ALL, _FEWEST = 0.95, 6
 """Share of the rows under forces alone, of so many, whose forces have to do negative work."""
+_NEAR = 0.2
+"""Distance from the tool centre point, in reaches, from which a marker may move against the load."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -56,15 +59,18 @@ class AxisHint:
         return text + (more if self.rivals else "")
 
 
-def against_loads(table: Measurements) -> str:
+def against_loads(robot: Robot, table: Measurements) -> str:
     """The signs to look at, such as "dz or fz", where forces do negative work on the points that they move; else empty.
 
-    Of rows under forces alone, read along all axes that these have: there F·d is twice the energy of the springs, up to
-    what the noise and the way to a marker make of it.
+    Of rows under forces alone, read along all axes that these have at points near the tool centre point: there F·d is
+    twice the energy of the springs, up to what the noise and the way to a marker make of it.
     """
     force, moved = table.w[:, :3], table.values[:, :3]
     alone = (force != 0).any(axis=1) & ~table.w[:, 3:].any(axis=1)
     alone &= np.all(table.measured[:, :3] | (force == 0), axis=1)
+    places = np.array([robot.marker_position(name) for name in ("tcp", *table.points)], dtype=float)
+    away = np.linalg.norm(places[1:] - places[0], axis=1)
+    alone &= away[table.point] < _NEAR * robot.reach
     work = np.where(force[alone] != 0, force[alone] * moved[alone], 0.0)
     total = work.sum(axis=1)
     if len(total) < _FEWEST or np.mean(total < 0) < _NEARLY_ALL:

@@ -31,7 +31,7 @@ def doubted(model: StiffnessModel, table: Measurements, whole: StiffnessModel) -
     """
     absolute = table.kind == "absolute"
     slipped, wrong = slip(model, table, _excess if absolute else left_by)
-    against = "" if absolute else against_loads(table)
+    against = "" if absolute else against_loads(model.robot, table)
     if slipped and not against:
         return Reason(Why.DOUBTED, (slipped, wrong))
     if absolute:

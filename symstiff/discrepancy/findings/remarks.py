@@ -229,20 +229,21 @@ def _followed(effect: str, one: Inconstancy) -> str:
 
 
 def _of_proof(last: Diagnosis) -> list[str]:
-    rms, proof = last.rms, last.held_out
+    rms, proof, said = last.rms, last.held_out, list[str]()
     if proof is not None and any(proof.spoken_against) and len(proof.without) == len(last.leading):
         doubts = zip(last.leading, proof.without, proof.spoken_against, strict=True)
-        return [
+        said = [
             f"{named_at(name.effect, name.where)}: poses that were not used are predicted better without it, with "
             f"{one.ratio:.2f} times the error: measure more poses before relying on it"
             for (name, *_), one, doubt in doubts
             if doubt
         ]
     if last.verdict == UNEXPLAINED or rms.held_out_after is None or rms.held_out_after < FAR * rms.noise:
-        return []
+        return said
     return [
+        *said,
         f"poses that were not used are predicted with {rms.held_out_after / rms.noise:.1f} times the noise: "
-        "these poses are too few, or too unlike each other, to rely on the model beyond them"
+        "these poses are too few, or too unlike each other, to rely on the model beyond them",
     ]
 
 
