@@ -11,6 +11,7 @@ from symstiff.arrays import Array, Mask
 from symstiff.calibration.tables.measurements import COMPONENTS, Measurements
 from symstiff.discrepancy.findings.finding import Finding
 from symstiff.report.tables import standardised
+from symstiff.robot.schema import Robot
 
 _SIZES = 6
 """Sizes of loads that are told each by itself; of more there are thirds."""
@@ -34,7 +35,7 @@ def parts(finding: Finding) -> list[Part]:
     first, last = (standardised(finding, s.residual) ** 2 for s in (finding.steps[0], finding.steps[-1]))
     read = np.isfinite(first)
     out = []
-    for name, rows in _groups(finding.table):
+    for name, rows in _groups(finding.table, finding.task.robot):
         own = read & rows
         if own.any() and own.sum() != read.sum():
             sizes = (float(np.sqrt(np.mean(z[own]))) for z in (first, last))
@@ -42,11 +43,11 @@ def parts(finding: Finding) -> list[Part]:
     return out
 
 
-def _groups(table: Measurements) -> Iterator[tuple[str, Mask]]:
+def _groups(table: Measurements, robot: Robot) -> Iterator[tuple[str, Mask]]:
     """Names and readings (N, 6) of the parts."""
     for k, axis in enumerate(COMPONENTS):
         yield f"axis {axis}", np.broadcast_to(np.arange(6) == k, (len(table), 6))
-    for name, rows in (*_markers(table), *_loads(table), *_times(table), *_ranges(table)):
+    for name, rows in (*_markers(table), *_loads(table), *_times(table), *_ranges(table, robot)):
         yield name, np.broadcast_to(rows[:, None], (len(table), 6))
 
 
@@ -87,11 +88,12 @@ def _thirds(values: Array) -> Iterator[tuple[str, Mask, float, float]]:
             yield which, rows, float(values[rows].min()), float(values[rows].max())
 
 
-def _ranges(table: Measurements) -> Iterator[tuple[str, Mask]]:
+def _ranges(table: Measurements, robot: Robot) -> Iterator[tuple[str, Mask]]:
     """Lower and upper half of the way of every joint that moves."""
     for j in range(table.dof):
         q = table.q[:, j]
         middle = float(q.max() + q.min()) / 2
+        told = f"{middle:.3g}".replace("-", "−") + (" m" if robot.joint[j].prismatic else " rad")
         if np.ptp(q) > 0:
-            yield f"q{j + 1} below {middle:.3g}", q < middle
-            yield f"q{j + 1} from {middle:.3g} on", q >= middle
+            yield f"q{j + 1} below {told}", q < middle
+            yield f"q{j + 1} from {told} on", q >= middle
