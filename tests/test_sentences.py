@@ -38,7 +38,8 @@ def test_no_place_is_accused_where_one_stratum_alone_rejects(
 ) -> None:
     """As noise that follows itself makes it: tests of laws see nothing, and no law is fitted to what is none."""
     strata = (Stratum("time", 18, 50.0, 2.8, p_time), Stratum("nonlinear in load", 40, 41.0, 1.0, 0.6))
-    monkeypatch.setattr("symstiff.discrepancy.examine.strata", lambda *_: strata)
+    for module in ("examine", "findings.tables"):
+        monkeypatch.setattr(f"symstiff.discrepancy.{module}.strata", lambda *_: strata)
     said = diagnose(Task(load(ROBOT), measured()))
     assert said.verdict == ("unexplained" if alone else "nothing_missing")
     assert words.headline(said).startswith("More is left than independent noise") == alone
@@ -47,6 +48,7 @@ def test_no_place_is_accused_where_one_stratum_alone_rejects(
         assert (said.last.law, said.last.device_law) == (None, None)
         verdict = write_report(said, tmp_path / "out").verdict
         assert verdict["accused"] is None
+        assert verdict["strata"][0]["p_value"] == p_time  # what decided is what the table holds
         assert "strongest" not in verdict["sentence"] + (tmp_path / "out" / "report.html").read_text()
 
 

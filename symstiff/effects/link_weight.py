@@ -30,18 +30,16 @@ def _shapes(robot: Robot, where: Where, scales: Scales) -> tuple[Shape, ...]:
 
 def _alike(robot: Robot, where: Where, shape: Shape) -> str:
     """The whole arm weighs, and a file without masses tells nothing of it; a spring carries some of a heavy arm."""
-    if robot.has_weights and (
-        robot.gravity_compensator is not None or sum(link.mass for link in robot.links) < _HEAVY
-    ):
-        return ""
-    if robot.has_weights:
+    if not robot.has_weights:
         return (
-            "a gravity compensator, of which the robot file tells nothing, makes a link look lighter: where the robot "
-            "has one, enter its joint under [gravity_compensator] and diagnose again"
+            "the robot file tells no masses, so that the weight of every link is missing, and neighbours' weights look "
+            "alike: enter masses and centres of mass and diagnose again"
         )
+    if robot.gravity_compensator is not None or sum(link.mass for link in robot.links) < _HEAVY:
+        return ""
     return (
-        "the robot file tells no masses, so that the weight of every link is missing, and neighbours' weights look "
-        "alike: enter masses and centres of mass and diagnose again"
+        "a gravity compensator, of which the robot file tells nothing, makes a link look lighter: where the robot has "
+        "one, enter its joint under [gravity_compensator] and diagnose again"
     )
 
 

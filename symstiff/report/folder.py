@@ -70,7 +70,7 @@ def _code(finding: Finding, folder: Path) -> dict[str, Any]:
         return _no_code("no code was written: model.toml is of a table that has to be corrected", fault=False)
     if finding.grown.absorbed and not finding.testable:
         return _no_code("no code was written: the data do not determine the model", fault=False)
-    if finding.grown.absorbed and not _gives_way(finding.model):
+    if not _gives_way(finding.model):
         return _no_code(
             "no code was written: the data do not determine any compliance, nor any law of joints or links",
             fault=False,

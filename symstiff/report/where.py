@@ -62,10 +62,11 @@ def _loads(table: Measurements) -> Iterator[tuple[str, Mask]]:
     unit, largest = "N" if forces else "N·m", float(size.max(initial=0.0))
     if largest == 0.0:
         return
-    levels = np.unique(np.round(size / largest / _ALIKE) * _ALIKE)
+    level = np.round(size / largest / _ALIKE)
+    levels = np.unique(level)
     if len(levels) <= _SIZES:
-        for level in levels:
-            yield f"loads of {level * largest:.4g} {unit}", np.abs(size / largest - level) < _ALIKE
+        for one in levels:
+            yield f"loads of {float(np.median(size[level == one])):.4g} {unit}", level == one
         return
     for which, rows, low, high in _thirds(size):
         yield f"loads, {which} third ({low:.4g} to {high:.4g} {unit})", rows

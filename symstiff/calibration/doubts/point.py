@@ -54,8 +54,11 @@ def find_point(model: StiffnessModel, table: Measurements, robot: Robot) -> tupl
 def of_point(model: StiffnessModel, table: Measurements) -> list[str]:
     """A remark where the point of positions under loads stands far from the tool centre point of the robot file.
 
-    It is not taken as measured there: whether the loads act at it as well, the table does not tell.
+    It is not taken as measured there, as ``find_point`` does without loads: whether they act at it as well, the table
+    does not tell.
     """
+    if not table.w.any():
+        return []
     offset = measured_at(model, table)
     length = float(np.linalg.norm(offset))
     if length < FAR * model.robot.reach:

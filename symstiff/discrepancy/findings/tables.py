@@ -11,6 +11,7 @@ from symstiff.arrays import Array
 from symstiff.discrepancy.findings.instead import instead
 from symstiff.discrepancy.findings.result import CandidateResult, Found, Name, Quantity, RivalLaw, Step
 from symstiff.discrepancy.problem import Candidate, Options, Problem
+from symstiff.discrepancy.reasons import Why
 from symstiff.discrepancy.search.judging import Judged
 from symstiff.discrepancy.search.rivals import Rival
 from symstiff.discrepancy.search.verdict import Outcome
@@ -30,7 +31,7 @@ from symstiff.discrepancy.statistics.scan import (
     likeliest,
     sum_entries,
 )
-from symstiff.discrepancy.statistics.strata import lack_of_fit
+from symstiff.discrepancy.statistics.strata import lack_of_fit, strata
 from symstiff.discrepancy.statistics.testability import telling, why_untestable
 from symstiff.effects.base import Shape
 
@@ -259,7 +260,9 @@ def steps(problem: Problem, ready: Prepared, named: Judged | None, outcome: Outc
         best = float(np.max(score, initial=-np.inf))
         further = _name(ready.bank.candidates[int(np.argmax(score))]) if np.isfinite(best) else None
         p_left = outcome.null.p_named(best) if count < len(entries) or named is None else named.p_left_named
-        lack = lack_of_fit(problem, scan, ready.report)
+        # where a stratum alone decided it is told as it did
+        decided = outcome.because.why is Why.ONE_STRATUM
+        lack = strata(problem, scan) if decided else lack_of_fit(problem, scan, ready.report)
         out.append(
             Step(
                 effects[-1][0] if effects else None, model, std, tuple(effects),

@@ -122,6 +122,7 @@ def _shares(problem: Problem, scan: Scan, designs: Sequence[tuple[str, Array, bo
 
 
 def _against_repeats(shares: _Shares) -> tuple[Stratum, ...]:
+    """The strata, and what of the rest is not between repeats, held against those."""
     reference = shares.repeats / shares.count
     parts = list(shares.parts)
     if shares.rest > shares.count:
