@@ -123,6 +123,11 @@ class StiffnessModel:
         return tuple(p for n, p in found.items() if n not in self.stiffness_parameters)
 
     @property
+    def bends(self) -> bool:
+        """Whether any compliance has a value; positions may leave all of them zero."""
+        return any(self.values.get(name) for name in self.stiffness_parameters)
+
+    @property
     def frame_errors(self) -> frozenset[str]:
         """Parameters of effects that set virtual joints off by constants, which stand for one another in positions."""
         return frozenset(p.name for r in self.realisations if r.is_constant for p in r.parameters)

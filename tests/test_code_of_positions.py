@@ -40,7 +40,10 @@ def test_an_error_without_a_load_has_code_though_no_compliance_is_told(tmp_path:
     assert [(e.effect, e.where) for e in found.named] == [("joint_offset", {"joint": 3})]
     code = write_report(found, tmp_path / "report").verdict["code"]
     assert code["folder"]
-    assert "joint_offset_3_offset" in (tmp_path / "report" / "code" / "kuka_kr270.h").read_text()
+    assert code["text"].endswith("all compliances are zero: it bends under no load")
+    folder = tmp_path / "report" / "code"
+    assert "joint_offset_3_offset" in (folder / "kuka_kr270.h").read_text()
+    assert "All compliances are zero: nothing bends under loads." in (folder / "README.md").read_text()
 
 
 def test_where_nothing_has_a_value_there_is_no_code(tmp_path: Path) -> None:

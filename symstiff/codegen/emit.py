@@ -253,7 +253,8 @@ def _compliances_propagate(functions: Functions) -> bool:
 
 def _defaults_meaning(functions: Functions) -> str:
     if functions.model.deviations:
-        return "Default parameters: identified from measurements."
+        rigid = "" if functions.model.bends else " All compliances are zero: nothing bends under loads."
+        return f"Default parameters: identified from measurements.{rigid}"
     if functions.defaults_known:
         return "Default parameters: what the robot file knows; others are zero until they are identified."
     return "Default parameters: given with the model."

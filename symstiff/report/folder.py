@@ -88,6 +88,8 @@ def _code(finding: Finding, folder: Path) -> dict[str, Any]:
         text = f"compiled by {proof.compiler} without a warning, self-test passed"
     else:
         text = f"not compiled: {proof.reason or 'no C compiler was found'}"
+    if not finding.model.bends:
+        text += "; all compliances are zero: it bends under no load"
     if made.left_out:
         names = ", ".join(named(e.effect, e.where) for e in made.left_out)
         text += f"; without {names}: no law of joints or links, which a controller evaluates"

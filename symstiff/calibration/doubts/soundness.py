@@ -129,7 +129,7 @@ def outside_class(w: Array, loads: str) -> list[str]:
 
 def nothing_bends(w: Array, model: StiffnessModel) -> list[str]:
     """A remark where there are loads (N, 6), and all compliances of a model are zero, as positions may leave them."""
-    if not np.any(w) or any(model.values.get(name) for name in model.stiffness_parameters):
+    if not np.any(w) or model.bends:
         return []
     return [
         "all compliances of the model are zero: what loads do to the robot is not in it; identify with loaded poses, "
