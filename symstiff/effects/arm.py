@@ -11,6 +11,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from functools import lru_cache
 from math import cos, pi, sin
+from typing import Any
 
 import numpy as np
 import sympy as sp
@@ -50,14 +51,14 @@ TOLD = {
     TOWARDS: "{} rad from the x axis of its link",
 }
 _ASSUMED = (
-    "the robot file tells no masses, so the law was taken under an arm of {{}} kg, {}; masses in the file would tell "
-    "what the joint carries"
+    "the robot file tells no masses, so the law was taken under an arm of {{}} kg, {}; masses in the file would "
+    "decide"
 )
 ASSUMED = {
     "mass": _ASSUMED.format("spread evenly along it"),
     "tapered_mass": _ASSUMED.format("which thins out evenly from the base to the tool"),
     BESIDE_AXIS: "the robot file tells no masses, so the law was taken under a body that hangs beside the joint's "
-    "axis, its mass times its distance {} kg·m; masses in the file would tell what the joint carries",
+    "axis, its mass times its distance {} kg·m; masses in the file would decide",
 }
 """What these mean, and take for granted."""
 ARM_MOVES = {
@@ -127,6 +128,14 @@ def assumed_arms(
     )
 
 
+def assumed_weights(robot: Robot, scales: Scales) -> tuple[Shape, ...]:
+    """The same for what all of the arm's weight does: as parts of a shape, by the joint that it loads most."""
+    loaded = {j: _most_arm_load(robot, j, 0.0) for j in range(1, robot.dof + 1)}
+    heaviest_on = max(loaded, key=lambda j: loaded[j])
+    arms = assumed_arms(robot, heaviest_on, scales)
+    return tuple(arm for arm, _ in arms if TAPERS.keys() & arm.keys())
+
+
 def odds(robot: Robot, shape: Shape) -> float:
     """Prior weight of a shape: directions are ways to be one thing."""
     return 1.0 / DIRECTIONS if TOWARDS in shape else 1.0
@@ -174,7 +183,30 @@ def most_weight_load(robot: Robot, joint: int) -> float:
 
 @lru_cache(maxsize=256)
 def arm_load(robot: Robot, joint: int, taper: float) -> sp.Expr:
-    """The same of one kilogram along the arm, from frame 0 to the tool: even, or down to nothing with a taper of 1.
+    """The same of one kilogram along the arm, from frame 0 to the tool: even, or down to nothing with a taper of 1."""
+    return _load_of_bodies(ElasticChain(robot), joint, _along(robot, taper))
+
+
+def under_arm(robot: Robot, shape: Shape) -> Robot:
+    """The robot with the links' masses that a shape takes for granted with one of ``TAPERS``; as it is without."""
+    for name, taper in TAPERS.items():
+        if name in shape:
+            hung = _along(robot, taper)
+            joints = (
+                j.model_copy(update={"link": j.link.model_copy(update=_heavy(shape[name], *hung[i]))})
+                for i, j in enumerate(robot.joint, 1)
+            )
+            return robot.model_copy(update={"joint": tuple(joints)})
+    return robot
+
+
+def _heavy(arm: float, share: sp.Expr, com: Triple) -> dict[str, Any]:
+    """What a link of an arm of so many kilograms has of it."""
+    return {"mass": arm * float(share), "com": tuple(map(float, com))}
+
+
+def _along(robot: Robot, taper: float) -> dict[int, tuple[sp.Expr, Triple]]:
+    """Masses and centres of mass, in the DH frames of its links, of one kilogram that is spread along the arm.
 
     What slides is as long as its stroke, and hangs whole at the frame that it moves.
     """
@@ -185,10 +217,10 @@ def arm_load(robot: Robot, joint: int, taper: float) -> sp.Expr:
     strokes = [float(np.ptp(joint.range)) if joint.prismatic else 0.0 for joint in robot.joint]
     hung = [exact(f"{x:.4f}") for x in _hung(stretches, strokes, taper)]
     n = chain.dof
-    bodies = {i: (hung[i], (sp.S.Zero,) * 3) for i in range(1, n)}
+    bodies: dict[int, tuple[sp.Expr, Triple]] = {i: (hung[i], (sp.S.Zero,) * 3) for i in range(1, n)}
     last = hung[n] + hung[n + 1]
     bodies[n] = (last, tuple(x * hung[n + 1] / last for x in tip) if last else (sp.S.Zero,) * 3)
-    return _load_of_bodies(chain, joint, bodies)
+    return bodies
 
 
 def _hung(stretches: Sequence[float], strokes: Sequence[float], taper: float) -> list[float]:

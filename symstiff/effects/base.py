@@ -148,7 +148,7 @@ class Situation(Protocol):
     (0–5); ``J`` (N, 6, V) is the virtual-joint Jacobian at the tool centre point, base axes; ``theta`` (N,
     V) the current model's deflections, ``sag`` (N, V) those under the links' known weight that are there
     without the load and that the data do not show; ``wrench`` (N, 6); ``bodies`` what weighs; ``offset``
-    (N, 3) leads from the tool centre point to the measured point.
+    (N, 3) leads from the tool centre point to the measured point; ``robot`` is the robot file's.
     """
 
     @property
@@ -169,6 +169,11 @@ class Situation(Protocol):
     def wrench(self) -> np.ndarray: ...  # noqa: D102
     @property
     def offset(self) -> np.ndarray: ...  # noqa: D102
+    @property
+    def robot(self) -> Robot: ...  # noqa: D102
+
+    def of(self, robot: Robot) -> Situation:
+        """The same states of a robot whose links weigh something else, under the same loads of the experiment."""
 
     def respond(self, loads: np.ndarray) -> np.ndarray:
         """Further deflections (N, V) of the current model under further loads (N, V)."""

@@ -2,15 +2,24 @@
 
 Second derivative of a serial chain with virtual joints u before v: an earlier turn rotates a later column,
 and a later shift moves the lever of an earlier one. The term has two parts: the curved path of the tool,
-½·Σ dJ_v·θ_v, and the change of the loads, J·C·(dJᵀ·W). Its one coefficient is 1. Where the robot file tells what
-the links weigh, the arm sags already without a load: a deflection shows the term at the sum less the sag's own.
+½·Σ dJ_v·θ_v, and the change of the loads, J·C·(dJᵀ·W). Its one coefficient is 1. The arm sags already under
+what its links weigh: a deflection shows the term at the sum less the sag's own. Where the robot file tells no masses,
+the arm is taken to weigh nothing, or one of a few masses along it (a shape's ``mass`` or ``tapered_mass``).
 """
 
 from __future__ import annotations
 
 import numpy as np
 
-from symstiff.effects.base import Effect, Realisation, Shape, Situation, Where, at_lever
+from symstiff.effects.arm import (
+    ARM_MOVES,
+    ASSUMED,
+    TAPERS,
+    TOLD,
+    assumed_weights,
+    under_arm,
+)
+from symstiff.effects.base import Effect, Realisation, Scales, Shape, Situation, Where, at_lever
 from symstiff.effects.common import BOTH, parameter
 from symstiff.robot.schema import Robot
 
@@ -20,6 +29,10 @@ NAME = "large_deflection"
 def _realise(robot: Robot, where: Where, shape: Shape) -> Realisation:
     share = parameter(NAME, where, "share", "1", 0.3, 3.0, 1.0)
     return Realisation((share,), (), nominal={share.name: 1.0})
+
+
+def _shapes(robot: Robot, where: Where, scales: Scales) -> tuple[Shape, ...]:
+    return ({}, *assumed_weights(robot, scales))
 
 
 def _moved(J: np.ndarray, theta: np.ndarray) -> np.ndarray:
@@ -33,6 +46,7 @@ def _moved(J: np.ndarray, theta: np.ndarray) -> np.ndarray:
 
 
 def _columns(situation: Situation, where: Where, shape: Shape) -> np.ndarray:
+    situation = situation.of(under_arm(situation.robot, shape))
     J, theta, sag = situation.J, situation.theta, situation.sag
     change = np.einsum("nrv,nr->nv", _moved(J, theta + sag), situation.wrench)
     for body in situation.bodies:
@@ -53,7 +67,7 @@ def _curved(J: np.ndarray, theta: np.ndarray) -> np.ndarray:
 
 def _alike(robot: Robot, where: Where, shape: Shape) -> str:
     """The sag under a weight that is not told turns levers in proportion to the load, as a compliance does."""
-    if robot.has_weights:
+    if robot.has_weights or TAPERS.keys() & shape.keys():
         return ""
     return (
         "the robot file tells no masses: what the arm's own sag adds is in proportion to the load, and may be named as "
@@ -69,8 +83,12 @@ EFFECT = Effect(
     seen_in=BOTH,
     places=lambda robot: ({"robot": "all"},),
     realise=_realise,
+    shapes=_shapes,
     confused_with=("nonlinear_stiffness", "frame_misalignment"),
     separated_by="several load levels; its size is known beforehand",
+    told={name: TOLD[name] for name in TAPERS},
+    assumed={name: ASSUMED[name] for name in TAPERS},
+    moves=lambda robot, shape: {name: ARM_MOVES[name] for name in TAPERS},
     alike=_alike,
     columns=_columns,
 )

@@ -306,6 +306,15 @@ class Situation:
         """The links whose mass the robot file tells."""
         return self.view.bodies
 
+    @property
+    def robot(self) -> Robot:
+        """The robot file's."""
+        return self.view.robot
+
+    def of(self, robot: Robot) -> Situation:
+        """The same states of a robot whose links weigh something else, under the same loads of the experiment."""
+        return self if robot is self.robot else replace(self, view=replace(self.view, robot=robot))
+
     def respond(self, loads: Array) -> Array:
         """(N, V) further deflections under further loads (N, V)."""
         return np.asarray(self.laws(self.view.tau + self.view.more + loads) - self.theta)

@@ -22,8 +22,8 @@ from symstiff.discrepancy.reasons import Why
 from symstiff.discrepancy.search.rivals import AS_MUCH
 from symstiff.discrepancy.search.verdict import INSUFFICIENT, NAMED, NOTHING, UNEXPLAINED, UNTESTABLE
 from symstiff.display import times
-from symstiff.effects.arm import untold_weight
-from symstiff.effects.base import Effect
+from symstiff.effects.arm import ASSUMED, untold_weight
+from symstiff.effects.base import Effect, Shape
 from symstiff.effects.instance import EffectInstance
 from symstiff.effects.places import named as named_at
 from symstiff.effects.registry import find
@@ -289,18 +289,25 @@ def _of_known(robot: Robot, last: Diagnosis) -> list[str]:
     leading = [e for e in last.effects if e.set_number == 0]
     return [
         f"{named_at(e.effect, e.where)}: {name} has to be {value:g} by theory, and model.toml holds that; these "
-        f"data alone give {quantity(told)}{_but(robot, (told.value - value) / told.std if told.std > 0 else 0.0)}"
+        f"data alone give {quantity(told)}"
+        + _but(robot, e.shape, (told.value - value) / told.std if told.std > 0 else 0.0)
         for e in leading
         for name, value in e.instance.realise(robot).nominal.items()
         if (told := e.parameters.get(name)) is not None
     ]
 
 
-def _but(robot: Robot, deviations: float) -> str:
+def _but(robot: Robot, shape: Shape, deviations: float) -> str:
     """What may keep the data from a size that is known, by how far they are from it."""
     if abs(deviations) < _DOUBTS:
         return ""
-    what = "something else, or terms of higher order," if robot.has_weights else "the weight of the arm"
+    higher = "something else, or terms of higher order,"
+    if robot.has_weights:
+        what = higher
+    elif ASSUMED.keys() & shape.keys():
+        what = f"how the weight lies along the arm, {higher}"
+    else:
+        what = "the weight of the arm"
     return f", {abs(deviations):.1f} standard deviations beside it: {what} may be in it"
 
 

@@ -1,0 +1,88 @@
+"""A load on a deflected arm: the arm's own weight has bent it already, whether the robot file tells it or not."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+import pytest
+import sympy as sp
+
+from symstiff.calibration.simulation import Truth, clean_response, nominal_truth
+from symstiff.calibration.tables.measurements import Measurements, measurements
+from symstiff.discrepancy.findings.finding import Task
+from symstiff.discrepancy.workflow import diagnose
+from symstiff.effects.arm import arm_load, under_arm, weight_load
+from symstiff.effects.base import Scales, Shape
+from symstiff.effects.registry import find
+from symstiff.robot import Robot, load
+from symstiff.symbolic.terms import actuated_joint, q
+from tests.test_unknown_weights import without_masses
+
+SIGMA = 1e-5
+SOFTER = 4.0
+
+
+def deflections(robot: Robot, force: float, seed: int) -> Measurements:
+    """Of an arm whose gears are soft, by the equilibrium of the bent arm: nothing else is missing."""
+    rng = np.random.default_rng(seed)
+    angles = np.repeat(rng.uniform(-2.8, 2.8, (30, robot.dof)), 3, axis=0)
+    direction = rng.normal(size=(30, 3))
+    direction *= force / np.linalg.norm(direction, axis=1)[:, None]
+    w = np.array([np.r_[f * s, 0, 0, 0] for f in direction for s in (0.4, 0.7, 1.0)])
+    sizes = nominal_truth(robot)
+    soft = {name: SOFTER * value if name.startswith("c") else value for name, value in sizes.items()}
+    read = clean_response(Truth(robot, soft), angles, w, {"kind": "deflection"})
+    read[:, :3] += SIGMA * rng.normal(size=(len(w), 3))
+    read[:, 3:] = np.nan
+    return measurements(
+        angles, w, values=read, sigma=np.where(np.isnan(read), np.nan, SIGMA),
+        pose=np.repeat(np.arange(30), 3), kind="deflection", joint_units=["rad"] * robot.dof,
+    )  # fmt: skip
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("seed", [1, 2])
+def test_a_large_deflection_is_named_though_nobody_tells_what_the_arm_weighs(seed: int) -> None:
+    robot = load("ur10")
+    bare = without_masses(robot)
+    found = diagnose(Task(bare, deflections(robot, 110.0, seed)))
+    assert found.verdict == "named"
+    assert [e.effect for e in found.named] == ["large_deflection"]
+    (arm,) = found.named[0].shape.values()
+    weight = sum(link.mass for link in robot.links)
+    assert weight / 3 < arm < 3 * weight
+    assert any("the law was taken under an arm of" in remark for remark in found.remarks)
+
+
+def loads(robot: Robot, expressions: Sequence[sp.Expr]) -> np.ndarray:
+    """What loads are in random poses."""
+    poses = np.random.default_rng(3).uniform(-2.0, 2.0, (20, robot.dof))
+    law = sp.lambdify([q(j + 1) for j in range(robot.dof)], list(expressions), "numpy")
+    return np.array([np.broadcast_to(x, 20) for x in law(*poses.T)], dtype=float)
+
+
+@pytest.mark.parametrize("name", ["ur10", "kuka_kr270", "scara"])
+@pytest.mark.parametrize(("shape", "taper"), [({"mass": 30.0}, 0.0), ({"tapered_mass": 12.0}, 1.0)])
+def test_an_arm_that_is_taken_for_granted_loads_the_joints_as_it_does_in_the_laws_of_gears(
+    name: str, shape: Shape, taper: float
+) -> None:
+    bare = without_masses(load(name))
+    heavy, joints = under_arm(bare, shape), range(1, bare.dof + 1)
+    (mass,) = shape.values()
+    assert sum(link.mass for link in heavy.links) <= mass * (1.0 + 1e-9)
+    found = loads(bare, [weight_load(heavy, j) for j in joints])
+    told = mass * loads(bare, [arm_load(bare, j, taper) for j in joints])
+    np.testing.assert_allclose(found, told, atol=1e-9 * np.abs(told).max())
+
+
+def test_arms_are_tried_for_deflections_where_the_file_tells_no_masses() -> None:
+    shapes, robot, where = find("large_deflection").shapes, load("ur10"), {"robot": "all"}
+    sizes = {actuated_joint(j): 100.0 for j in range(1, 7)}
+    bare = without_masses(robot)
+    tried = shapes(bare, where, Scales("deflection", sizes))
+    assert tried[0] == {}
+    assert {key for shape in tried for key in shape} == {"mass", "tapered_mass"}
+    assert shapes(robot, where, Scales("deflection", sizes)) == ({},)
+    assert shapes(bare, where, Scales("absolute", sizes)) == ({},)
+    assert under_arm(bare, {}) is bare
