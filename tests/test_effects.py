@@ -299,6 +299,14 @@ def distinguishable(
     return distinction(model, effect, where, kind=kind).distinguishable
 
 
+def test_where_joints_stood_still_a_reduced_model_has_all_that_can_be_told() -> None:
+    for name, fixed in (("kuka_kr270", {1: 0, 2: 0, 3: 0}), ("ur10", {2: -1.2, 3: 0.7})):
+        model = StiffnessModel.of(reduce(load(name), "gravity", "pose", fixed=fixed))
+        assert set(model.fixed) == set(fixed)
+        gained = [distinction(model, "link_compliance", {"link": i}).gained for i in range(7)]
+        assert gained == [0] * 7
+
+
 def test_structure_alone_tells_what_no_data_can_show() -> None:
     model = StiffnessModel.of(reduce(load("kuka_kr270")))
     tool = distinction(model, "tool_compliance", {"link": 6})

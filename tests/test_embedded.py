@@ -11,6 +11,7 @@ import sys
 from pathlib import Path
 
 import pytest
+from command_line import Run, assert_users_mistake, run_command_line  # noqa: F401
 
 from symstiff.codegen.emit import emit_c
 from symstiff.codegen.footprint import markdown, measure, selftest_on
@@ -110,6 +111,13 @@ def test_footprints_become_a_table_and_leave_out_machines_without_tools(folders,
     assert (
         f"| double | {HOST.name} | `deflection` | {found[HOST.name]['functions']['deflection']['code']} |"
         in table
+    )
+
+
+def test_no_footprint_without_any_compiler(run: Run, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("symstiff.codegen.footprint.MACHINES", (Machine("z80", "no-such-gcc"),))
+    assert_users_mistake(
+        run("footprint", "planar2r", "--loads", "force"), "no compiler or emulator was found"
     )
 
 

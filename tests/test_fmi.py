@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from symstiff.codegen import fmi
-from symstiff.codegen.fmi import base_unit, emit_fmi2, emit_fmi3
+from symstiff.codegen.fmi import emit_fmi2, emit_fmi3
 from symstiff.codegen.functions import Functions
 from symstiff.codegen.options import Options
 from symstiff.symbolic.algebras import evaluate_numpy
@@ -189,25 +189,6 @@ def test_the_same_model_gives_the_same_bytes():
     functions, options = Functions(model("scara")), Options(targets=("c", "fmi2", "fmi3"))
     for emit in (emit_fmi2, emit_fmi3):
         assert emit(functions, options) == emit(functions, options)
-
-
-UNITS = [
-    ("rad/(N*m)", {"rad": 1, "kg": -1, "m": -2, "s": 2}),
-    ("m/N", {"kg": -1, "s": 2}),
-    ("1", {}),
-    ("N", {"kg": 1, "m": 1, "s": -2}),
-    ("rad/(N*m)^2", {"rad": 1, "kg": -2, "m": -4, "s": 4}),
-    ("rad/(N*m)^3", {"rad": 1, "kg": -3, "m": -6, "s": 6}),
-    ("m/N^3", {"kg": -3, "m": -2, "s": 6}),
-    ("m/(N*m", None),
-    ("1/N^2", {"kg": -2, "m": -2, "s": 4}),
-    ("furlong", None),
-]
-
-
-@pytest.mark.parametrize(("unit", "base"), UNITS)
-def test_units_are_taken_apart(unit, base):
-    assert base_unit(unit) == base
 
 
 @pytest.mark.parametrize("version", [2, 3])

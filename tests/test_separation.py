@@ -6,6 +6,7 @@ import json
 from collections.abc import Sequence
 from itertools import pairwise, permutations
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -14,9 +15,12 @@ from hypothesis import strategies as st
 
 from symstiff.calibration.tables.table import write_table
 from symstiff.calibration.tables.writing import LOADS
+from symstiff.discrepancy.apart.deciding import decide_poses
 from symstiff.discrepancy.apart.separate import Wish, separate
 from symstiff.discrepancy.apart.separation import Decider, Hypotheses, deciding_poses
+from symstiff.effects.instance import EffectInstance
 from symstiff.errors import UserError
+from symstiff.model import StiffnessModel
 from symstiff.robot import load
 
 SIGMA = 0.1
@@ -160,11 +164,39 @@ def test_poses_for_a_verdict_are_measured_as_its_data_were_unless_something_else
     np.testing.assert_allclose(means.sigma[:3], 1e-5, rtol=1e-12)
 
 
+def test_a_verdict_without_the_poses_that_decide_is_enough(tmp_path: Path) -> None:
+    verdict = tmp_path / "verdict.json"
+    verdict.write_text(json.dumps(told("planar2r", decide=None)))
+    assert len(separate(load("planar2r"), verdict, Wish(2, "force", "position", 100.0))[1].poses) == 2
+
+
+def test_what_the_start_model_holds_is_in_the_plan(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Of a verdict from a grown model, whose file may be elsewhere by now."""
+    verdict, seen = tmp_path / "verdict.json", []
+    held = {"effect": "backlash", "where": {"joint": 2}, "shape": {"width": 3.0}}
+    values = {"c1": 2e-6, "backlash_2_gap": 1e-3}
+    model = {"loads": "force", "measure": "position", "values": values, "effects": [held]}
+    verdict.write_text(json.dumps(told("planar2r", model=model, start="gone/model.toml")))
+
+    def watched(model: StiffnessModel, *others: Any) -> Any:
+        seen.append(model)
+        return decide_poses(model, *others)
+
+    monkeypatch.setattr("symstiff.discrepancy.apart.separate.decide_poses", watched)
+    separate(load("planar2r"), verdict, Wish(2))
+    assert dict(seen[0].values) == values
+    assert seen[0].effects == (EffectInstance("backlash", {"joint": 2}, {"width": 3.0}),)
+
+
 @pytest.mark.parametrize(
     ("changed", "clue"),
     [
         ({"decide": {"components": [0, 1, 2]}}, "do not tell an experiment"),
         ({"noise": {"sigma_mm": "much"}}, "do not tell an experiment"),
+        ({"decide": "x"}, "decide is no table"),
+        ({"model": [1]}, "model is no table"),
+        ({"decide": {"components": [9]}}, "0 to 5 each"),
+        ({"model": {"effects": [3]}}, "its effects or its model are not"),
         ({"model": {"loads": "all"}}, "use gravity, force or wrench"),
         (
             {"verdict": "nothing_missing", "effects": []},

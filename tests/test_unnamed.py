@@ -13,8 +13,8 @@ from symstiff.calibration.simulation.chain import chain_of, posture
 from symstiff.calibration.tables.measurements import Measurements
 from symstiff.discrepancy.bridge.assemble import assemble
 from symstiff.discrepancy.findings.finding import Finding, Task
-from symstiff.discrepancy.laws.unnamed import _lagging, every_law
-from symstiff.discrepancy.problem import HISTORY, Problem
+from symstiff.discrepancy.laws.unnamed import _lagging, every_law, laws_at
+from symstiff.discrepancy.problem import ANGLE, CLOCK, HISTORY, Problem
 from symstiff.discrepancy.search.localise import FittedLaw, _scales
 from symstiff.discrepancy.workflow import diagnose
 from symstiff.report import unnamed, words
@@ -79,6 +79,21 @@ def test_a_marker_that_sits_elsewhere_moves_with_the_tool() -> None:
     block = _law(found.problem, "marker p2", "shift in the tool's axes")
     assert block @ shift == pytest.approx(view.in_device(expected)[view.state, view.component], abs=1e-9)
     assert np.any(expected[table.point == 1])
+
+
+def test_no_law_of_loads_says_anything_of_a_state_without_one() -> None:
+    """Deflections are told from the sagged arm: what its weight does to a law is in both states."""
+    table = experiment("ur10", "deflection")
+    w = table.w.copy()
+    w[table.pose == 0] = 0.0
+    problem = assemble(complete("ur10"), exact(truth_of("ur10"), replace(table, w=w)), effects=()).problem
+    assert problem.weight is not None
+    assert np.any(problem.weight)
+    still = problem.pose == 0
+    for v in range(len(problem.virtual_joints)):
+        for law in laws_at(problem, v):
+            if not law.driven & {CLOCK, HISTORY} and (ANGLE not in law.driven or "tau" in law.title):
+                assert np.all(law.values[still] == 0.0), law.title
 
 
 def _law(problem: Problem, place: str, title: str) -> np.ndarray:

@@ -119,7 +119,7 @@ def run_footprint(robot: str, loads: str, measure: str, json: str | None) -> Non
     with stages(out) as progress:
         progress("compiling and measuring")
         measured = variants(Functions(StiffnessModel.of(reduce(load(robot), loads, measure))))
-    if not measured:
+    if not any(measured.values()):
         raise UserError(
             "no compiler or emulator was found: install gcc, and arm-none-eabi-gcc with QEMU for boards"
         )

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import platform
-import re
 import sys
 import tempfile
 import zipfile
@@ -17,16 +16,13 @@ from symstiff.codegen.compiler import find_compiler, shared_flags
 from symstiff.codegen.emit import base_context, environment
 from symstiff.codegen.names import Moment, moments
 from symstiff.codegen.text import CAlgebra
+from symstiff.effects.units import base_units
 
 if TYPE_CHECKING:
     from symstiff.codegen.functions import Functions
     from symstiff.codegen.options import Options
 
 _FIXED_TIME = (1980, 1, 1, 0, 0, 0)
-_BASE = {
-    "m": {"m": 1}, "rad": {"rad": 1}, "s": {"s": 1}, "K": {"K": 1}, "kg": {"kg": 1}, "1": {},
-    "N": {"kg": 1, "m": 1, "s": -2},
-}  # fmt: skip
 _WRENCH = ("N", "N", "N", "N*m", "N*m", "N*m")
 _MOMENT_UNITS = {"temperature": "degC", "branch": "1", "turn": "1"}
 _TWIST = ("m", "m", "m", "rad", "rad", "rad")
@@ -156,23 +152,7 @@ def _base(unit: str) -> list[tuple[str, float]]:
     """Attributes of a unit's definition by the SI base units."""
     if unit == "degC":
         return [("K", 1), ("offset", 273.15)]
-    return sorted((base_unit(unit) or {}).items())
-
-
-def base_unit(unit: str) -> dict[str, int] | None:
-    """Exponents of the SI base units of a product or quotient such as ``rad/(N*m)^2``; None where it is not known."""
-    match = re.fullmatch(r"([^/()]+)(?:/(?:([^/()]+)|\(([^/()]+)\)(?:\^([0-9]+))?))?", unit)
-    if match is None:
-        return None
-    total: dict[str, int] = {}
-    for part, sign in ((match[1], 1), (match[2] or match[3] or "1", -int(match[4] or 1))):
-        for factor in part.split("*"):
-            symbol, _, power = factor.partition("^")
-            if symbol not in _BASE or not (power or "1").isdigit():
-                return None
-            for key, exponent in _BASE[symbol].items():
-                total[key] = total.get(key, 0) + sign * exponent * int(power or 1)
-    return {k: v for k, v in total.items() if v}
+    return sorted(base_units(unit).items())
 
 
 def _binary(name: str, sources: Mapping[str, bytes], version: int) -> dict[str, bytes]:

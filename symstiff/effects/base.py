@@ -22,11 +22,6 @@ Where = Mapping[str, Any]
 Shape = Mapping[str, float]
 NAME = re.compile(r"[A-Za-z][A-Za-z0-9_]*", re.ASCII)
 """Identifiers and names of parameters."""
-_POWER = r"(?:1|(?:m|rad|kg|s|K|degC|N)(?:\^-?[1-9])?)"
-_PRODUCT = rf"{_POWER}(?:[*/]{_POWER})*"
-_FACTOR = rf"(?:{_POWER}|\({_PRODUCT}\)(?:\^-?[1-9])?)"
-UNIT = re.compile(rf"{_FACTOR}(?:[*/]{_FACTOR})*", re.ASCII)
-"""Units of parameters: SI, as ``rad/(N*m)``."""
 _KINDS = frozenset({"deflection", "absolute"})
 """Kinds of data."""
 _COLUMNS = frozenset({"time", "temperature", "branch"})

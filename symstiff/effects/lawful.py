@@ -9,7 +9,8 @@ from typing import Any
 import sympy as sp
 
 from symstiff.arguments import number, require
-from symstiff.effects.base import NAME, UNIT, EffectParameter, Realisation
+from symstiff.effects.base import NAME, EffectParameter, Realisation
+from symstiff.effects.units import base_units
 from symstiff.errors import UserError
 from symstiff.robot.names import C_WORDS
 from symstiff.robot.schema import Robot
@@ -38,15 +39,19 @@ def check_parameters(found: Realisation) -> None:
     What has no terms has no code, and its names may tell of rows.
     """
     for p in found.parameters:
-        if not UNIT.fullmatch(p.unit):
+        try:
+            base_units(p.unit)
+        except (TypeError, ValueError):
             raise UserError(
                 f"the unit of {p.name} cannot be {p.unit!r}: give SI units, as rad/(N*m), m/N, kg or 1"
-            )
+            ) from None
         low, high = number(p.low, f"{p.name}: low"), number(p.high, f"{p.name}: high")
         if low > high:
             raise UserError(f"{p.name}: low {low:g} is above high {high:g}: give the plausible range")
-        if number(p.typical, f"{p.name}: typical") < 0.0:
-            raise UserError(f"{p.name}: typical {p.typical:g} is below zero: give the size that is usual")
+        if not number(p.typical, f"{p.name}: typical") > 0.0:
+            raise UserError(
+                f"{p.name}: typical {p.typical:g} is no size: give the one that is usual, above zero"
+            )
     for p in found.parameters if found.terms else ():
         if not NAME.fullmatch(p.name) or p.name in C_WORDS | _MEMBERS:
             raise UserError(

@@ -196,7 +196,7 @@ def reduce(
     """
     require(robot, Robot, *A_ROBOT)
     experiment = Experiment(
-        loads, measure, _fixed(robot, fixed or {}), words(points, "points", "['p1', 'p2']")
+        loads, measure, standing_still(robot, fixed or {}), words(points, "points", "['p1', 'p2']")
     )
     prefer, avoid = (
         words(given, name, "['k2_11']") for given, name in ((prefer, "prefer"), (avoid, "avoid"))
@@ -228,7 +228,8 @@ def axis_sizes(chain: ElasticChain, parameters: Sequence[Parameter]) -> dict[str
     return sizes
 
 
-def _fixed(robot: Robot, fixed: Mapping[int, Any]) -> dict[int, sp.Expr]:
+def standing_still(robot: Robot, fixed: Mapping[int, Any]) -> dict[int, sp.Expr]:
+    """Exact values [rad, m] of joints that stand still. Raises UserError for what is no joint, or no value of one."""
     values = {}
     require(fixed, Mapping, "fixed joints with their values", "write {1: 0} for q1 = 0")
     for joint in fixed:

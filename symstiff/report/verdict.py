@@ -15,6 +15,7 @@ from symstiff.discrepancy.noise.sharing import JOINTS
 from symstiff.discrepancy.search.verdict import NOTHING
 from symstiff.discrepancy.statistics.strata import Stratum
 from symstiff.display import finite
+from symstiff.effects.instance import EffectInstance
 from symstiff.report.tables import sizes_of
 from symstiff.report.words import sentence
 
@@ -57,9 +58,7 @@ def verdict_table(finding: Finding, decide: Mapping[str, Any] | None = None) -> 
         ],
         "rival": None if last.rival is None else asdict(last.rival),
         "inconstant": [_inconstant(o) for o in last.inconstant],
-        "reshaped": [
-            {"effect": e.effect, "where": _json(e.where), "shape": _json(e.shape)} for e in finding.reshaped
-        ],
+        "reshaped": [_instance(e) for e in finding.reshaped],
         "confusability": {
             "names": [_name(n) for n in last.confusability_names],
             "noncentrality": np.asarray(last.confusability).tolist(),
@@ -68,9 +67,14 @@ def verdict_table(finding: Finding, decide: Mapping[str, Any] | None = None) -> 
             "loads": finding.start.model.loads,
             "measure": finding.start.model.measure,
             "values": {n: finite(v) for n, v in finding.start.model.values.items()},
+            "effects": [_instance(e) for e in finding.start.model.effects],
         },
     }  # fmt: skip
     return table if decide is None else {**table, "decide": decide}
+
+
+def _instance(effect: EffectInstance) -> dict[str, Any]:
+    return {"effect": effect.effect, "where": _json(effect.where), "shape": _json(effect.shape)}
 
 
 def _mm(value: float | None) -> float | None:

@@ -22,6 +22,7 @@ from symstiff.effects.registry import catalogue, find
 from symstiff.model import StiffnessModel
 from symstiff.reduction.circle import prime_with_roots
 from symstiff.reduction.prime import PrimeAlgebra, echelon
+from symstiff.reduction.reduce import standing_still
 from symstiff.reduction.structural import MEASURES, ExactEngine, Experiment
 from symstiff.symbolic.program import evaluate
 from symstiff.symbolic.programs import deflection_program
@@ -126,7 +127,7 @@ class _Known:
     @classmethod
     def of(cls, model: StiffnessModel, kind: str) -> _Known:
         """In absolute data the placement of the measuring device is among what is known."""
-        experiment = Experiment(model.loads, model.measure)
+        experiment = Experiment(model.loads, model.measure, standing_still(model.robot, model.fixed))
         terms = tuple(dict.fromkeys((*model.terms, *(_placement() if kind == "absolute" else ()))))
         engine = ExactEngine(model.chain, deflection_program(model.chain, (), ()), (), experiment)
         prime = prime_with_roots(engine.order, model.chain.squares())

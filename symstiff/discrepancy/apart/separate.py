@@ -87,7 +87,7 @@ def separate(
     if table.get("robot", robot.name) != robot.name:
         raise UserError(f"{verdict} is a verdict on {table['robot']}, not on {robot.name}")
     try:
-        rivals, values = _rivals(robot, table, str(verdict)), _values(table)
+        rivals, values, effects = _rivals(robot, table, str(verdict)), _values(table), _effects(table)
         names = [" with ".join(named(e.effect, e.where) for e in r.effects) for r in rivals]
     except UserError:
         raise
@@ -98,7 +98,7 @@ def separate(
     means = _means(robot, rivals, table, wish, str(verdict))
     tell("deciding poses: model")
     chosen, found = decide_poses(
-        _model(robot, table, values, means),
+        _model(robot, str(table.get("start", "complete")), values, effects, means),
         rivals,
         means.setup,
         means.sigma,
@@ -117,15 +117,16 @@ def separate(
 
 def _labels(table: Mapping[str, Any]) -> tuple[str, ...]:
     """Labels of the poses that the verdict itself proposes, which may be measured as well."""
-    poses = (table.get("decide") or {}).get("poses") or []
-    return tuple(str(p.get("pose", "")) for p in poses if isinstance(p, dict))
+    poses = table["decide"].get("poses")
+    found = poses if isinstance(poses, list) else []
+    return tuple(str(p.get("pose", "")) for p in found if isinstance(p, dict))
 
 
 def _taken(robot: Robot, table: Mapping[str, Any], verdict: Path) -> Measurements | None:
     """Poses and loads of the data behind the verdict, marked as measured in the components that were."""
     from symstiff.calibration.tables.table import read_poses
 
-    decide = table.get("decide", {})
+    decide = table["decide"]
     file = verdict.parent / TAKEN
     if "components" not in decide or not file.is_file():
         return None
@@ -145,7 +146,18 @@ def _read(path: Path) -> Mapping[str, Any]:
         raise UserError(f"{path}: not a verdict.json: {error}") from error
     if not isinstance(table, dict) or not isinstance(table.get("effects"), list):
         raise UserError(f"{path}: not a verdict.json: it has no list of effects")
-    return table
+    parts = {name: table.get(name) or {} for name in ("decide", "model", "noise")}
+    for name, part in parts.items():
+        if not isinstance(part, dict):
+            raise UserError(f"{path}: not a verdict.json: {name} is no table")
+    _check_components(parts["decide"].get("components", []), path)
+    return table | parts
+
+
+def _check_components(components: Any, path: Path) -> None:
+    """Raise UserError for components of a reading that none are."""
+    if not isinstance(components, list) or not all(c in range(6) for c in components):
+        raise UserError(f"{path}: not a verdict.json: components of decide are {components}: 0 to 5 each")
 
 
 def _rivals(robot: Robot, table: Mapping[str, Any], origin: str) -> list[Rival]:
@@ -183,26 +195,34 @@ def _rival(robot: Robot, entries: list[Mapping[str, Any]]) -> Rival:
 
 def _values(table: Mapping[str, Any]) -> dict[str, float]:
     """Values of the model that the verdict started from, by parameter name."""
-    return {n: float(v or 0.0) for n, v in (table.get("model") or {}).get("values", {}).items()}
+    return {n: float(v or 0.0) for n, v in table["model"].get("values", {}).items()}
 
 
-def _model(robot: Robot, table: Mapping[str, Any], told: Mapping[str, float], means: Means) -> StiffnessModel:
+def _effects(table: Mapping[str, Any]) -> tuple[EffectInstance, ...]:
+    """Effects of the model that the verdict started from."""
+    entries = table["model"].get("effects", [])
+    return tuple(EffectInstance(e["effect"], e["where"], e.get("shape", {})) for e in entries)
+
+
+def _model(
+    robot: Robot, start: str, told: Mapping[str, float], effects: tuple[EffectInstance, ...], means: Means
+) -> StiffnessModel:
     """The model that the verdict started from, else the complete one, as the planned experiment needs it."""
-    known = {p.name: p for stage in physical_stages(robot) for p in stage.parameters}
-    values = {n: v for n, v in told.items() if n in known}
-    start = table.get("start", "complete")
-    if start in ("complete", "joints") or not values:
+    if start in ("complete", "joints") or not told:
         seen, points = read_at(robot, means.setup.points)
         points = points if seen == means.measure and max(means.setup.components) < 3 else ()
         experiment = ExperimentClass(means.loads, means.measure, {}, points)
         model = start_model(robot, "joints" if start == "joints" else "complete", experiment)[0]
-        return model.with_values({n: values.get(n, 0.0) for n in model.parameters})
-    return StiffnessModel(robot, tuple(known[n] for n in values), means.loads, means.measure, (), values)
+    else:
+        known = {p.name: p for stage in physical_stages(robot) for p in stage.parameters}
+        elastic = tuple(known[n] for n in told if n in known)
+        model = StiffnessModel(robot, elastic, means.loads, means.measure, effects)
+    return model.with_values({n: told.get(n, 0.0) for n in model.parameters})
 
 
 def _means(robot: Robot, rivals: list[Rival], table: Mapping[str, Any], wish: Wish, origin: str) -> Means:
     """As wished, else as in the data of the verdict, else poses under wrenches of 1 kN, read to 0.03 mm."""
-    told, model = table.get("decide") or {}, table.get("model") or {}
+    told, model = table["decide"], table["model"]
     loads = wish.loads or str(model.get("loads", "wrench"))
     measure = wish.measure or str(model.get("measure", "pose"))
     usual = _setup(robot, rivals, wish.load(loads), measure, wish.markers)
@@ -233,7 +253,7 @@ def _as_told(usual: Setup, told: Mapping[str, Any], wish: Wish) -> Setup:
 
 def _noise(table: Mapping[str, Any]) -> float:
     """Standard deviation of a reading as the diagnosis found it, with what a pose's rows share [m]."""
-    noise = table.get("noise") or {}
+    noise = table["noise"]
     found = 1e-3 * float(np.hypot(noise.get("sigma_mm") or 0.0, noise.get("approach_mm") or 0.0))
     return found or Measurement.sigma_t
 

@@ -7,8 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from symstiff.arrays import TINY as TINY
-from symstiff.arrays import Array
+from symstiff.arrays import TINY, Array
 from symstiff.discrepancy.problem import Parameter, Problem
 
 
@@ -49,6 +48,10 @@ class Load:
     def law(self, of: Callable[[Array], Array]) -> Array:
         """What a deflection shows of a law of the total load, (M, 1)."""
         return np.asarray(of(self.total) - of(self.before))[:, None]
+
+    def product(self, other: Load, of: Callable[[Array], Array] = np.asarray) -> Array:
+        """The same of its product with a law of another joint's load, (M, 1)."""
+        return np.asarray(self.total * of(other.total) - self.before * of(other.before))[:, None]
 
 
 def load_on(problem: Problem, v: int) -> Load:

@@ -11,9 +11,9 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from symstiff.arrays import Array
+from symstiff.arrays import TINY, Array
 from symstiff.calibration.tables.measurements import course
-from symstiff.discrepancy.laws.law import TINY, Law, largest_load, load_on
+from symstiff.discrepancy.laws.law import Law, Load, largest_load, load_on
 from symstiff.discrepancy.laws.of_angles import laws_of_angle, wave
 from symstiff.discrepancy.problem import ANGLE, CLOCK, HISTORY, Candidate, Parameter, Problem
 from symstiff.effects.base import Shape
@@ -99,19 +99,19 @@ def _link_laws(problem: Problem, v: int) -> list[Law]:
         out.append(Law((f"beyond(tau,{slip})",), beyond, family="tau beyond a threshold"))
     along = _along(problem, v)
     if along is not None:
-        out.append(Law(("tau*taux",), (t.total * along)[:, None], own=False))
-        out.append(Law(("tau*|taux|",), (t.total * np.abs(along))[:, None], own=False))
+        out.append(Law(("tau*taux",), t.product(along), own=False))
+        out.append(Law(("tau*|taux|",), t.product(along, np.abs), own=False))
     return out
 
 
-def _along(problem: Problem, v: int) -> Array | None:
-    """Load along the axis of the link that a virtual joint belongs to, in units of its largest; none at that axis."""
+def _along(problem: Problem, v: int) -> Load | None:
+    """Load along the axis of the link that a virtual joint belongs to; none at that axis."""
     name = problem.virtual_joints[v]
     first = name[: name.rindex(" ") + 1] + "1"
     if name == first or not name.startswith("link") or first not in problem.virtual_joints:
         return None
     load = load_on(problem, problem.virtual_joints.index(first))
-    return load.total if np.any(load.total) else None
+    return load if np.any(load.total) else None
 
 
 def laws_at(problem: Problem, v: int) -> list[Law]:
@@ -149,15 +149,13 @@ def _laws_of_load(problem: Problem, v: int) -> list[Law]:
     for u, j in enumerate(problem.joint_of):
         if j >= 0 and u != v:
             other, name = load_on(problem, u), f"tau{j + 1}"
-            product = t.total * other.total - t.before * other.before
-            size = t.total * np.abs(other.total) - t.before * np.abs(other.before)
             out.append(Law((name,), other.law(lambda x: x), own=False))
             out.append(Law((f"{name}*|{name}|",), other.law(lambda x: x * np.abs(x)), own=False))
             out.append(Law((f"sign({name})",), other.law(lambda x: np.tanh(x / _SHARP)), own=False))
             even, family = {f"|{name}|": np.abs, f"{name}^2": np.square}, f"|{name}| or its square"
             out += [Law((text,), other.law(of), own=False, family=family) for text, of in even.items()]
-            out.append(Law((f"tau*{name}",), product[:, None], own=False))
-            out.append(Law((f"tau*|{name}|",), size[:, None], own=False))
+            out.append(Law((f"tau*{name}",), t.product(other), own=False))
+            out.append(Law((f"tau*|{name}|",), t.product(other, np.abs), own=False))
     return out
 
 
