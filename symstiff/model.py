@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import hashlib
-import json
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from difflib import get_close_matches
@@ -15,11 +13,9 @@ import numpy as np
 import numpy.typing as npt
 
 from symstiff.arguments import A_ROBOT, reals, require, several
-from symstiff.display import html_table, unit_text
 from symstiff.effects.base import EffectParameter, Realisation
 from symstiff.effects.instance import EffectInstance, realise_all
 from symstiff.errors import UserError, printable
-from symstiff.files import write_file
 from symstiff.reduction.complete import known_values
 from symstiff.reduction.physical import Parameter, terms_of
 from symstiff.reduction.reduce import Reduction, reduce
@@ -27,22 +23,21 @@ from symstiff.reduction.structural import Experiment
 from symstiff.robot.frozen import FrozenDict, frozen_numbers
 from symstiff.robot.loading import from_table
 from symstiff.robot.schema import Robot
-from symstiff.robot.table import structure_table, to_table
+from symstiff.robot.table import to_table
 from symstiff.slopes import derivative
-from symstiff.symbolic.algebras import context_columns, evaluate_numpy
+from symstiff.states import Context, moment, poses
+from symstiff.symbolic.algebras import evaluate_numpy
 from symstiff.symbolic.chain import ElasticChain
 from symstiff.symbolic.compliance import compliance_program
 from symstiff.symbolic.program import Program
 from symstiff.symbolic.programs import deflection_program, observation_program
-from symstiff.symbolic.terms import Term
+from symstiff.symbolic.terms import WRENCH, Term
 
 if TYPE_CHECKING:
     from symstiff.codegen.runtime import Evaluator
 
-Context = Mapping[str, npt.ArrayLike]
+_COMPLIANCES = "the parameters of a reduction's stage"
 _AN_EFFECT = "[EffectInstance('backlash', {'joint': 2})]"
-WRENCH = ("fx", "fy", "fz", "mx", "my", "mz")
-_NO_STRUCTURE = ("values", "deviations", "file_tool", "seen")
 _WITHOUT_VALUES = {
     "realisations", "units", "terms", "linear_parameters", "steps", "deflection_program", "observation_program",
     "linear_program", "compliance_program", "structure_hash",
@@ -74,7 +69,12 @@ class StiffnessModel:
     def __post_init__(self) -> None:
         require(self.robot, Robot, *A_ROBOT)
         Experiment(self.loads, self.measure)  # refuses unknown classes
-        object.__setattr__(self, "effects", several(self.effects, EffectInstance, "effects", _AN_EFFECT))
+        for name, kind, example in (
+            ("compliances", Parameter, _COMPLIANCES), ("effects", EffectInstance, _AN_EFFECT),
+        ):  # fmt: skip
+            object.__setattr__(self, name, several(getattr(self, name), kind, name, example))
+        if self.file_tool is not None:
+            object.__setattr__(self, "file_tool", _point(self.file_tool))
         for name, least in (("values", -np.inf), ("deviations", 0.0), ("fixed", -np.inf)):
             object.__setattr__(self, name, frozen_numbers(getattr(self, name), name, least))
         object.__setattr__(self, "seen", _ranges(self.seen, self.robot))
@@ -237,7 +237,7 @@ class StiffnessModel:
         return self._deflection(*self.poses(q, w), self.vector(values), context)
 
     def _deflection(self, q: np.ndarray, w: np.ndarray, p: np.ndarray, context: Context | None) -> np.ndarray:
-        extra = _context(self.deflection_program, context, len(q))
+        extra = moment(self.deflection_program, context, len(q))
         return evaluate_numpy(self.deflection_program, p=p, q=q, w=w, **extra)["dt"]
 
     def observation(
@@ -256,19 +256,12 @@ class StiffnessModel:
         p = self.vector(values)
         if self.is_linear:
             program = self.linear_program
-            return evaluate_numpy(program, q=q, w=w, **_context(program, context, len(q)))["A"]
+            return evaluate_numpy(program, q=q, w=w, **moment(program, context, len(q)))["A"]
         return derivative(self, lambda x: self._deflection(q, w, x, context), p)
 
     def poses(self, q: npt.ArrayLike, w: npt.ArrayLike) -> tuple[np.ndarray, np.ndarray]:
         """q (N, n) and W (N, 6) with as many rows. Raises UserError for other shapes and what is no finite number."""
-        joints, wrenches = _rows("q", q, self.robot.dof), _rows("w", w, 6)
-        counts = {len(joints), len(wrenches)}
-        if len(counts - {1}) > 1:
-            raise UserError(
-                f"q and w: expected as many rows, or one, found {len(joints)} in q and {len(wrenches)} in w"
-            )
-        n = min(counts) if 0 in counts else max(counts)
-        return np.broadcast_to(joints, (n, joints.shape[1])), np.broadcast_to(wrenches, (n, 6))
+        return poses(q, w, self.robot.dof)
 
     def compile(self, threads: int = 1) -> Evaluator:
         """Compiled ``deflection`` and ``observation`` on arrays; NumPy's, with a warning, where no compiler is."""
@@ -325,26 +318,9 @@ class StiffnessModel:
     @cached_property
     def structure_hash(self) -> str:
         """SHA-256 of everything but values, known ones included: a parameter file fits a model with the same hash."""
-        whole = self._table() | {"robot": structure_table(self.robot)}
-        table = {k: v for k, v in whole.items() if k not in _NO_STRUCTURE}
-        return hashlib.sha256(json.dumps(table, sort_keys=True).encode()).hexdigest()
+        from symstiff.model_file import hash_of_structure
 
-    def _table(self) -> dict[str, Any]:
-        table: dict[str, Any] = {
-            "format": 1,
-            "loads": self.loads,
-            "measure": self.measure,
-            "parameters": [p.name for p in self.compliances],
-            "values": {n: float(self.values.get(n, 0.0)) for n in self.parameters},
-            "deviations": {n: float(self.deviations[n]) for n in self.parameters if n in self.deviations},
-            "effect": [
-                {"effect": e.effect, "where": dict(e.where), "shape": dict(e.shape)} for e in self.effects
-            ],
-            "robot": to_table(self.robot),
-        }
-        seen = {name: list(between) for name, between in self.seen.items()}
-        more = (("fixed", self.fixed_by_name), ("file_tool", self.file_tool), ("seen", seen))
-        return table | {key: value for key, value in more if value}
+        return hash_of_structure(self)
 
     @property
     def fixed_by_name(self) -> dict[str, float]:
@@ -353,9 +329,9 @@ class StiffnessModel:
 
     def save(self, path: str | Path) -> None:
         """Write model.toml, whole or not at all."""
-        import tomli_w
+        from symstiff.model_file import write_model
 
-        write_file(path, tomli_w.dumps(self._table()))
+        write_model(self, path)
 
     def __repr__(self) -> str:
         effects = "".join(f" + {e.effect}" for e in self.effects)
@@ -367,23 +343,18 @@ class StiffnessModel:
         return laws_latex(self.terms)
 
     def _repr_html_(self) -> str:
-        meanings = {p.name: p.meaning for p in self.compliances}
-        rows = [
-            (
-                n,
-                f"{self.values.get(n, 0.0):.4g}",
-                self._deviation(n),
-                unit_text(self.units[n]),
-                meanings.get(n, "effect"),
-            )
-            for n in self.parameters
-        ]
-        title = self.robot.title or self.robot.name
-        caption = f"{title}: {len(rows)} parameters, loads {self.loads}, measured {self.measure}"
-        return html_table(("parameter", "value", "±", "unit", "meaning"), rows, caption)
+        from symstiff.model_reading import model_html
 
-    def _deviation(self, name: str) -> str:
-        return f"{self.deviations[name]:.2g}" if name in self.deviations else "–"
+        return model_html(self)
+
+
+def _point(given: Sequence[float]) -> tuple[float, float, float]:
+    """Three lengths [m]. Raises UserError."""
+    point = reals(given, "file_tool", "(3,)")
+    if point.shape != (3,) or not np.isfinite(point).all():
+        raise UserError(f"file_tool: expected three lengths [m], found {given!r:.40}")
+    x, y, z = point.tolist()
+    return x, y, z
 
 
 def _ranges(seen: Mapping[str, tuple[float, float]], robot: Robot) -> FrozenDict[str, tuple[float, float]]:
@@ -407,26 +378,6 @@ def bilinear(term: Term) -> bool:
     if term.at.kind in ("load", "body"):
         return True
     return any(s.name.startswith("dt_") for s in term.factor.free_symbols)
-
-
-def _rows(name: str, given: npt.ArrayLike, width: int) -> np.ndarray:
-    """An array (N, width); one row may come without its outer brackets. Raises UserError."""
-    array = np.atleast_2d(reals(given, name, f"(N, {width})"))
-    if array.ndim != 2 or array.shape[1] != width:
-        raise UserError(f"{name}: expected an array of shape (N, {width}), found {np.shape(given)}")
-    finite = np.isfinite(array).all(axis=1)
-    if not finite.all():
-        raise UserError(f"{name}: row {int(np.argmin(finite))} holds what is no finite number: correct it")
-    return array
-
-
-def _context(program: Program, context: Context | None, n: int) -> dict[str, np.ndarray]:
-    """The columns of ``context`` that a program needs, for n poses. Raises UserError."""
-    for vector in program.inputs:
-        if vector.name == "context":
-            names = [s.name for s in vector.symbols]
-            return {"context": np.stack([context_columns(context, n, name)[name] for name in names], -1)}
-    return {}
 
 
 def joints_only(

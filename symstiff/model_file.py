@@ -1,7 +1,9 @@
-"""model.toml read back: validated as robot files are, every mistake one line that names file, key and remedy."""
+"""model.toml, written and read back: validated as robot files are, every mistake one line with file, key, remedy."""
 
 from __future__ import annotations
 
+import hashlib
+import json
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
@@ -10,11 +12,16 @@ from pydantic import AfterValidator, BaseModel, ConfigDict, StrictStr, Validatio
 from symstiff.arguments import require_path
 from symstiff.effects.instance import EffectInstance
 from symstiff.errors import UserError, printable
+from symstiff.files import write_file
 from symstiff.model import StiffnessModel
 from symstiff.reduction.physical import physical_stages
 from symstiff.robot.loading import from_table, toml_table
 from symstiff.robot.mistakes import explain
 from symstiff.robot.quantities import Format, Number, not_a_stiffness
+from symstiff.robot.table import structure_table, to_table
+
+_NO_STRUCTURE = ("values", "deviations", "file_tool", "seen")
+"""Keys of model.toml that models of one structure may differ in."""
 
 
 def _deviation(value: float) -> float:
@@ -61,6 +68,39 @@ class ModelFile(_Strict):
     file_tool: tuple[Number, Number, Number] | None = None
     seen: dict[str, tuple[Number, Number]] = {}
     robot: dict[str, Any]
+
+
+def write_model(model: StiffnessModel, path: str | Path) -> None:
+    """Write model.toml, whole or not at all."""
+    import tomli_w
+
+    write_file(path, tomli_w.dumps(to_model_table(model)))
+
+
+def to_model_table(model: StiffnessModel) -> dict[str, Any]:
+    """The model as model.toml holds it."""
+    table: dict[str, Any] = {
+        "format": 1,
+        "loads": model.loads,
+        "measure": model.measure,
+        "parameters": [p.name for p in model.compliances],
+        "values": {n: float(model.values.get(n, 0.0)) for n in model.parameters},
+        "deviations": {n: float(model.deviations[n]) for n in model.parameters if n in model.deviations},
+        "effect": [
+            {"effect": e.effect, "where": dict(e.where), "shape": dict(e.shape)} for e in model.effects
+        ],
+        "robot": to_table(model.robot),
+    }
+    seen = {name: list(between) for name, between in model.seen.items()}
+    more = (("fixed", model.fixed_by_name), ("file_tool", model.file_tool), ("seen", seen))
+    return table | {key: value for key, value in more if value}
+
+
+def hash_of_structure(model: StiffnessModel) -> str:
+    """SHA-256 of everything but values, known ones included."""
+    whole = to_model_table(model) | {"robot": structure_table(model.robot)}
+    table = {k: v for k, v in whole.items() if k not in _NO_STRUCTURE}
+    return hashlib.sha256(json.dumps(table, sort_keys=True).encode()).hexdigest()
 
 
 def read_model(path: str | Path) -> StiffnessModel:

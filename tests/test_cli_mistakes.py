@@ -115,7 +115,7 @@ def test_a_bad_option_is_one_line_and_nothing_is_written(
     ("arguments", "says"),
     [
         (("diagnose", "planar2r", "data.csv", "--max-effects", "0", "-o", "out"), "--max-effects: expected"),
-        (("diagnose", "planar2r", "data.csv", "--max-poses", "0", "-o", "out"), "--max-poses: expected"),
+        (("diagnose", "planar2r", "data.csv", "--max-poses", "1", "-o", "out"), "--max-poses: expected"),
         ((*IDENTIFY, "--per-level", "q9"), "--per-level: q9: planar2r has joints 1 to 2"),
         ((*IDENTIFY, "--held-out", "1.5"), "--held-out: 1.5 is no share"),
         ((*IDENTIFY, "--measure", "angle"), "--measure: unknown 'angle'"),

@@ -85,11 +85,16 @@ def test_a_size_that_changed_between_files_is_told_for_each() -> None:
     assert not any(one.by == "file" for one in found_of(sessions(1.0, 1.0)))
 
 
-def test_what_changed_between_files_is_told_with_what_to_do_next() -> None:
-    found = diagnose(Task(load(ROBOT), sessions(0.3, 1.7)))
+def test_a_named_effect_that_changed_between_files_is_told_with_what_to_do_next() -> None:
+    found = diagnose(Task(load(ROBOT), sessions(0.9, 1.15)))
+    assert found.verdict == "named"
     (told,) = (r for r in found.remarks if "diagnose each by itself" in r)
-    if found.verdict == "named":
-        assert "has no one size in these files" in told
-        assert set(verdict_table(found)["inconstant"][0]["files"]) == {"may.csv", "june.csv"}
-    else:
-        assert "these are several files" in told
+    assert "has no one size in these files" in told
+    assert set(verdict_table(found)["inconstant"][0]["files"]) == {"may.csv", "june.csv"}
+
+
+def test_where_files_differ_too_much_for_a_name_they_are_to_be_diagnosed_each() -> None:
+    found = diagnose(Task(load(ROBOT), sessions(0.3, 1.7)))
+    assert found.verdict == "unexplained"
+    (told,) = (r for r in found.remarks if "diagnose each by itself" in r)
+    assert "these are several files" in told

@@ -185,12 +185,6 @@ def test_the_sources_compile_strictly(tmp_path, version):
         assert done.returncode == 0, done.stderr
 
 
-def test_the_same_model_gives_the_same_bytes():
-    functions, options = Functions(model("scara")), Options(targets=("c", "fmi2", "fmi3"))
-    for emit in (emit_fmi2, emit_fmi3):
-        assert emit(functions, options) == emit(functions, options)
-
-
 @pytest.mark.parametrize("version", [2, 3])
 @pytest.mark.parametrize(("effect", "shape"), [("hysteresis", 0), ("thermal_drift", 0), ("thermal_drift", 1)])
 def test_laws_of_the_moment_read_time_from_the_simulation_and_the_rest_from_inputs(

@@ -121,7 +121,7 @@ def test_identify_keeps_the_value_that_the_model_has() -> None:
 
 def test_physical_compliances_need_a_model_that_was_reduced() -> None:
     truth, table = filled(grown("kuka_kr270")[0], 1e-6)
-    with pytest.raises(UserError, match=r"--physical: no poses and loads tell .* start from complete"):
+    with pytest.raises(UserError, match=r"physical: no poses and loads tell .* start from complete"):
         identify(load("kuka_kr270"), table, truth, physical=True)
 
 

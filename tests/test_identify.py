@@ -9,7 +9,7 @@ import pytest
 from symstiff.calibration.complete import reconstruct_model
 from symstiff.calibration.experiment.readings import experiment_of
 from symstiff.calibration.identify import identify
-from symstiff.calibration.levels import by_level
+from symstiff.calibration.levels import by_level, levels_of
 from symstiff.calibration.rows import equations, predict
 from symstiff.calibration.simulation import nominal_truth, simulate, truth_from_table
 from symstiff.calibration.tables.measurements import Measurements, measurements
@@ -293,6 +293,14 @@ def test_a_compliance_for_each_level_stands_for_the_joints_own_about_whatever_ax
     assert (
         len(fit.names) == len(model.parameters) + 4
     )  # five levels, one of which the link's compliances made up
+
+
+def test_levels_are_what_lies_together() -> None:
+    """Encoders scatter, and a value may lie on the edge of any grid."""
+    rng = np.random.default_rng(2)
+    around = np.repeat([-0.5, 0.1000005, 0.7], 9) + 2e-5 * rng.normal(size=27)
+    np.testing.assert_allclose(levels_of(around), [-0.5, 0.1, 0.7], atol=5e-5)
+    assert levels_of(np.array([0.3, 0.1, 0.3])).tolist() == [0.1, 0.3]
 
 
 def test_the_poses_left_to_fit_are_told_where_they_are_too_few() -> None:

@@ -69,6 +69,21 @@ def test_what_the_values_were_fitted_to_is_kept_and_changes_no_hash(tmp_path: Pa
     assert load_model(tmp_path / "old.toml").seen == {}
 
 
+@pytest.mark.parametrize(
+    ("parts", "told"),
+    [
+        ({"compliances": ("c1",)}, "compliances: expected a list"),
+        ({"compliances": 3}, "compliances: expected a list"),
+        ({"file_tool": "abc"}, "file_tool: expected numbers"),
+        ({"file_tool": (0.0, 1.0)}, "file_tool: expected three lengths"),
+        ({"file_tool": (0.0, 1.0, np.nan)}, "file_tool: expected three lengths"),
+    ],
+)
+def test_parts_that_are_none_of_a_model_are_refused_where_they_are_given(parts: Any, told: str) -> None:
+    with pytest.raises(UserError, match=re.escape(told)):
+        replace(joints_only(load("planar2r")), **parts)
+
+
 @pytest.mark.parametrize("between", [3.0, [1.0], [2.0, 1.0], [[0.0], [1.0]]])
 def test_a_range_of_what_was_seen_has_two_ends(between: Any) -> None:
     with pytest.raises(UserError, match="seen: q1: expected the least and the greatest value"):

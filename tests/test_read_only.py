@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import copy
+import json
 import pickle
 from collections.abc import Callable
 from typing import Any
@@ -78,3 +80,24 @@ def test_a_table_of_a_read_only_view_keeps_its_numbers() -> None:
     base[:], sizes[:] = 1.0, 2.0
     assert not table.q.any()
     assert (table.w == 1.0).all()
+
+
+@pytest.mark.parametrize(
+    "change",
+    [
+        lambda x: x.append(6),
+        lambda x: x.__setitem__(0, 5),
+        lambda x: x.sort(reverse=True),
+        lambda x: x.__iadd__([1]),
+        lambda x: x.clear(),
+    ],
+)
+def test_the_place_of_an_effect(change: Callable[[Any], Any]) -> None:
+    effect = EffectInstance("wrist_coupling", {"joints": [4, 5]})
+    with pytest.raises(TypeError, match="read-only"):
+        change(effect.where["joints"])
+    assert effect.where == {"joints": [4, 5]}
+    for same in (copy.deepcopy(effect), pickle.loads(pickle.dumps(effect))):
+        assert same == effect
+        assert hash(same) == hash(effect)
+    assert json.dumps(effect.where) == '{"joints": [4, 5]}'

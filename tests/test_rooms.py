@@ -10,8 +10,8 @@ import symstiff
 PACKAGE = Path(symstiff.__file__).parent
 ORDER = [
     {"errors", "arguments", "arrays", "files", "display", "threads"}, {"robot"}, {"symbolic"}, {"reduction"},
-    {"effects"}, {"model", "model_file", "slopes"}, {"codegen"}, {"calibration", "compensation"},
-    {"discrepancy"}, {"report"}, {"cli"},
+    {"effects"}, {"model", "model_file", "model_reading", "slopes", "states"}, {"codegen"},
+    {"calibration", "compensation"}, {"discrepancy"}, {"report"}, {"cli"},
 ]  # fmt: skip
 INSIDE = {
     "calibration": [

@@ -238,6 +238,18 @@ def test_results_are_written_to_the_array_that_is_given(backend):
     close(evaluator.deflection(beside_its_words(q), beside_its_words(w)), m.deflection(q, w))
 
 
+def test_columns_at_values_are_written_to_the_array_that_is_given_and_to_no_other() -> None:
+    m = model("scara").with_effect(EffectInstance("force_sensor_bias", {"load": "force_sensor"}))
+    assert not m.is_linear
+    evaluator, (q, w) = Evaluator(m, None), poses("scara", 5)
+    A = np.full((5, 6, len(m.parameters)), np.nan)
+    assert evaluator.observation(q, w, out=A) is A
+    close(A, m.observation(q, w))
+    for other in (A.astype(np.float32), A[:3], np.empty((2, *A.shape))):
+        with pytest.raises(UserError, match="out: expected a contiguous array"):
+            evaluator.observation(q, w, out=other)
+
+
 def beside_its_words(array):
     """The same numbers one byte beside where doubles begin, as packets of a network hold them."""
     raw = np.zeros(array.nbytes + 1, np.uint8)[1:]
@@ -250,5 +262,5 @@ def test_arrays_of_a_wrong_shape_are_named():
     evaluator = Evaluator(model("scara"), None)
     with pytest.raises(UserError, match=r"w: expected an array of shape \(N, 6\)"):
         evaluator.deflection(np.zeros((3, 4)), np.zeros((3, 5)))
-    with pytest.raises(UserError, match="differ in their numbers of poses"):
+    with pytest.raises(UserError, match="q and w: expected as many rows, or one, found 3 in q and 2 in w"):
         evaluator.deflection(np.zeros((3, 4)), np.zeros((2, 6)))

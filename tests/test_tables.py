@@ -308,6 +308,16 @@ def test_a_component_measured_in_some_rows_only_is_not_written_as_one_table(tmp_
     assert not (tmp_path / "t.csv").exists()
 
 
+def test_a_sigma_told_in_some_rows_only_is_not_written_as_one_table(tmp_path):
+    values = np.full((2, 6), np.nan)
+    values[:, 0] = 1e-3
+    sigma = np.where(np.arange(2)[:, None] == 0, 1e-5, np.nan) * np.where(np.arange(6) == 0, 1.0, np.nan)
+    table = measurements([[0.1], [0.2]], np.ones((2, 6)), kind="deflection", values=values, sigma=sigma)
+    with pytest.raises(UserError, match="sigma_x is told in other rows only"):
+        write_table(table, tmp_path / "t.csv")
+    assert not (tmp_path / "t.csv").exists()
+
+
 def test_rows_can_be_selected_and_put_together_again(tmp_path):
     table = read_table(save(tmp_path, GOOD))
     halves = concatenate([table.select([0, 2]), table.select([1, 3])])

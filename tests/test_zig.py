@@ -11,6 +11,7 @@ from symstiff.codegen.compiler import find_compiler
 from symstiff.codegen.generate import generate
 from symstiff.codegen.options import Options
 from symstiff.codegen.runtime import NotCompiled
+from symstiff.errors import UserError
 from symstiff.model import StiffnessModel
 from symstiff.reduction import reduce
 from symstiff.robot import load
@@ -80,6 +81,17 @@ def test_a_command_whose_libraries_cannot_be_loaded_serves_nothing(
         pytest.skip(f"{cc.split()[0]} is missing")
     monkeypatch.setenv("CC", cc)
     assert find_compiler() is None
+
+
+def test_a_compiler_of_the_users_that_warns_is_no_fault_of_ours(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    if shutil.which("gcc") is None:
+        pytest.skip("gcc is missing")
+    monkeypatch.setenv("CC", "gcc -Wtraditional")
+    with pytest.raises(UserError, match=r"\$CC \(gcc -Wtraditional\) does not take the generated C"):
+        generate(StiffnessModel.of(reduce(load("planar2r"))), tmp_path / "out", Options(targets=("c",)))
+    assert not (tmp_path / "out").exists()
 
 
 def test_a_command_with_arguments_keeps_its_name(monkeypatch: pytest.MonkeyPatch) -> None:

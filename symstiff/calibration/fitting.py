@@ -65,7 +65,10 @@ def fit_model(
         moved = np.abs(step / np.where(fit.std > 0, fit.std, 1.0)).max(initial=0.0)
         if moved < _SETTLED or np.abs(e.A @ step).max() < _EXACT * np.abs(e.y).max():
             return found
-        values = _downhill(model, table, values, found)
+        nearer = _downhill(model, table, values, found)
+        if nearer is None:
+            break
+        values = nearer
     return replace(found, estimate=_at(fit, _of(fit, values)), settled=False)
 
 
@@ -137,8 +140,8 @@ def _without_load_errors(
 
 def _downhill(
     model: StiffnessModel, table: Measurements, values: Mapping[str, float], found: Fitted
-) -> dict[str, float]:
-    """The values after the whole step, or a half of it, a quarter, …: the first that fits better than those before."""
+) -> dict[str, float] | None:
+    """The values after the whole step, or a half of it, a quarter, …: the first that fits no worse; None: none does."""
     e, fit = found.equations, found.estimate
     start = _of(fit, values)
     now = _loss(e.y - e.A @ start, found)
@@ -147,8 +150,8 @@ def _downhill(
         after = {**values, **dict(zip(fit.names, p.tolist(), strict=True))}
         left = table.values - predict(model, table, after)
         if _loss(left[e.row, e.component], found) <= now:
-            break
-    return after
+            return after
+    return None
 
 
 def _loss(residuals: np.ndarray, found: Fitted) -> float:

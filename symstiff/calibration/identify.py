@@ -167,7 +167,7 @@ def identify(
             f"held_out: {held_out:g} is no share of the poses: give one from 0 to below 1, e.g. 0.2"
         )
     if table.kind == "absolute":
-        _refuse_for_absolute({"--robust": robust, "--physical": physical, "--held-out": held_out > 0})
+        _refuse_for_absolute({"robust": robust, "physical": physical, "held_out": held_out > 0})
     table, zeros = without_zeros(as_loading(table))
     table, copies = without_copies(table)
     table, sessions = by_session(table)
@@ -312,8 +312,8 @@ def _fit(
         return found, ()
     if physical:
         raise UserError(
-            f"--physical: no poses and loads tell {few(held)} from the start model's other parameters: start from "
-            "complete, which is reduced, or leave --physical out"
+            f"physical: no poses and loads tell {few(held)} from the start model's other parameters: start from "
+            "complete, which is reduced, or leave it out"
         )
     return fit_model(model, table, robust=robust, held=held), held
 
@@ -368,7 +368,7 @@ def _refuse_for_absolute(given: Mapping[str, bool]) -> None:
     for option, used in given.items():
         if used:
             raise UserError(
-                f"{option} is for deflections, these tables hold absolute positions: leave it out"
+                f"{option}: is for deflections, these tables hold absolute positions: leave it out"
             )
 
 

@@ -15,8 +15,8 @@ from symstiff.effects.arm import ASSUMED
 from symstiff.effects.instance import EffectInstance
 from symstiff.effects.places import named, place_name
 from symstiff.effects.registry import find
-from symstiff.model import WRENCH, StiffnessModel
-from symstiff.symbolic.terms import Term, tau
+from symstiff.model import StiffnessModel
+from symstiff.symbolic.terms import WRENCH, Term, tau
 
 _EARLY = 0.1
 """Share of a drift's session by which readings may be earlier than its begin."""

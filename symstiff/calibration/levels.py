@@ -7,6 +7,7 @@ from dataclasses import replace
 import numpy as np
 import scipy.linalg
 
+from symstiff.arrays import Array
 from symstiff.calibration.experiment.anywhere import any_loads, any_poses
 from symstiff.calibration.fits.decomposition import unit_columns
 from symstiff.calibration.rows import equations
@@ -18,7 +19,15 @@ from symstiff.model import StiffnessModel
 from symstiff.reduction.svd import numeric_rank, svd
 
 _SHARE = 1e-6  # of a compliance in a combination, below which it is rounding
+_SAME = 2e-3  # distance of two values of a joint [rad, m] up to which they are one level
 _MOST = 20  # levels of a joint: each has to be measured in poses of its own
+
+
+def levels_of(values: Array) -> Array:
+    """The values (N,) of a joint [rad, m] that were measured at, ascending: those that lie together are one."""
+    ordered = np.unique(values)
+    apart = np.flatnonzero(np.diff(ordered) > _SAME) + 1
+    return np.array([np.mean(level) for level in np.split(ordered, apart)])
 
 
 def by_level(model: StiffnessModel, table: Measurements, joint: int) -> StiffnessModel:
@@ -37,7 +46,7 @@ def by_level(model: StiffnessModel, table: Measurements, joint: int) -> Stiffnes
             f"per_level: q{joint}: a compliance that follows the joint's angle is the law of a {law.title.lower()}, "
             f"and q{joint} of {robot.name} has none: {able}"
         )
-    angles = np.unique(np.round(table.q[:, joint - 1], 6))
+    angles = np.round(levels_of(table.q[:, joint - 1]), 6)
     if not 2 <= len(angles) <= _MOST:
         raise UserError(
             f"per_level: q{joint} has {len(angles)} distinct values: a compliance for each needs 2 to {_MOST}"

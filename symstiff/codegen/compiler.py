@@ -35,6 +35,11 @@ class Compiler:
             return "zig cc"
         return " ".join([Path(self.command[0]).name, *self.command[1:]])
 
+    @property
+    def chosen(self) -> bool:
+        """Whether the user asked for it by $CC."""
+        return self.command == _wanted()
+
     def run(self, arguments: Sequence[str], cwd: Path | None = None) -> subprocess.CompletedProcess[str]:
         """Run it; the caller looks at the return code."""
         return subprocess.run(

@@ -8,9 +8,10 @@ import numpy as np
 
 from symstiff.codegen.text import context_names
 from symstiff.errors import UserError
-from symstiff.model import WRENCH, StiffnessModel
+from symstiff.model import StiffnessModel
 from symstiff.reduction.physical import Parameter
 from symstiff.symbolic.program import Program
+from symstiff.symbolic.terms import WRENCH
 
 LOADS_MEANING = {
     "wrench": "any force and moment at the tool centre point",

@@ -18,19 +18,19 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from symstiff.arguments import reals, whole
+from symstiff.arguments import whole
 from symstiff.codegen.compiler import find_compiler, why_none
 from symstiff.codegen.library import is_built, library
 from symstiff.codegen.names import moments
 from symstiff.errors import UserError
 from symstiff.slopes import derivative
-from symstiff.symbolic.algebras import context_columns, evaluate_numpy
+from symstiff.states import Context, moment, number_of_poses, rows
+from symstiff.symbolic.algebras import evaluate_numpy
 from symstiff.symbolic.program import Program
 
 if TYPE_CHECKING:
     from symstiff.model import StiffnessModel
 
-Context = Mapping[str, np.ndarray]
 _SLICE = 2048  # poses worth a thread
 _LOADING = 25_000  # poses at which a library that is there is quicker than NumPy, loading included
 _BUILDING = 100_000  # poses for which one is built: its second use repays it
@@ -95,7 +95,7 @@ class Evaluator:
         found = derivative(model, lambda x: self._deflection(q, w, x, context), model.vector(values))
         if out is None:
             return found
-        out[:] = found
+        _result(out, found.shape)[:] = found.reshape(len(found), -1)
         return out
 
     def _deflection(
@@ -124,7 +124,7 @@ class Evaluator:
     ) -> np.ndarray:
         """Evaluate a program on (N or 1, size) arrays by input name; poses that the loops refuse go through NumPy."""
         program = programs(self.model)[function]
-        n = _poses(inputs)
+        n = number_of_poses(inputs)
         name, shape = program.outputs[0]
         out = _result(into, (n, *shape))
         if self.library is None or not program.size(name):
@@ -141,10 +141,10 @@ class Evaluator:
             call(ctypes.c_size_t(part.stop - part.start), pointer(p), *strided, *_strided(out[part]), poses)
 
         self._share(run, n)
-        rows = np.flatnonzero(refused)
-        if len(rows):
-            few = {k: a[rows] for k, a in arrays.items()}
-            out[rows] = _numpy(program, few, p, len(rows)).reshape(len(rows), -1)
+        left = np.flatnonzero(refused)
+        if len(left):
+            few = {k: a[left] for k, a in arrays.items()}
+            out[left] = _numpy(program, few, p, len(left)).reshape(len(left), -1)
         return out.reshape(n, *shape)
 
     def _share(self, run: Callable[[slice], None], n: int) -> None:
@@ -224,32 +224,10 @@ def programs(model: StiffnessModel) -> dict[str, Program]:
 
 def _arrays(program: Program, q: np.ndarray, w: np.ndarray, context: Context | None) -> dict[str, np.ndarray]:
     """The arrays (N or 1, size) of a program's inputs, in its order."""
-    found: dict[str, np.ndarray] = {}
     sizes = {vector.name: len(vector.symbols) for vector in program.inputs}
-    q, w = (reals(a, name, f"(N, {sizes.get(name, 6)})") for name, a in (("q", q), ("w", w)))
-    for vector in program.inputs:
-        if vector.name == "p":
-            continue
-        if vector.name == "context":
-            n = max(len(np.atleast_2d(a)) for a in (q, w))
-            value = np.stack([context_columns(context, n, s.name)[s.name] for s in vector.symbols], -1)
-        else:
-            value = q if vector.name == "q" else w
-        array = np.atleast_2d(value)
-        if array.ndim != 2 or array.shape[1] != len(vector.symbols):
-            raise UserError(
-                f"{vector.name}: expected an array of shape (N, {len(vector.symbols)}), found {array.shape}"
-            )
-        found[vector.name] = array
-    lengths = {len(a) for a in found.values()} - {1}
-    if len(lengths) > 1:
-        raise UserError(f"q and w differ in their numbers of poses: {sorted(lengths)}")
-    return found
-
-
-def _poses(arrays: Mapping[str, np.ndarray]) -> int:
-    lengths = {len(a) for a in arrays.values()}
-    return min(lengths) if 0 in lengths else max(lengths)
+    given = {name: rows(name, array, sizes.get(name, 6)) for name, array in (("q", q), ("w", w))}
+    found = given | moment(program, context, number_of_poses(given))
+    return {name: found[name] for name in sizes if name in found}
 
 
 def _result(into: np.ndarray | None, shape: tuple[int, ...]) -> np.ndarray:

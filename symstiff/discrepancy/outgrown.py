@@ -12,9 +12,11 @@ from dataclasses import replace
 import numpy as np
 
 from symstiff.arrays import Index
+from symstiff.calibration.experiment.situation import View
 from symstiff.calibration.tables.measurements import Measurements
 from symstiff.discrepancy.bridge.assemble import assemble
 from symstiff.discrepancy.bridge.growth import grow
+from symstiff.discrepancy.bridge.ranges import at_size, extent_of
 from symstiff.discrepancy.climb import squares_left
 from symstiff.discrepancy.findings.result import Diagnosis
 from symstiff.discrepancy.problem import Candidate, Parameter, key_of
@@ -83,7 +85,7 @@ def _asks(model: StiffnessModel, instance: EffectInstance, table: Measurements) 
     candidate = next((c for c in assembly.candidates if c.key == key and not c.unavailable), None)
     if candidate is None or candidate.shapes == (dict(instance.shape),):
         return False
-    ready = prepare(assembly.problem, (_with_own(candidate, instance, model),))
+    ready = prepare(assembly.problem, (_with_own(candidate, instance, assembly.situation.view),))
     bank, entry = ready.scan.bank, evidence(ready.scan).entry
     if key not in bank.named:
         return False
@@ -93,13 +95,14 @@ def _asks(model: StiffnessModel, instance: EffectInstance, table: Measurements) 
     return float(max(entry[e] for e in entries) - own) > _ASKED
 
 
-def _with_own(candidate: Candidate, instance: EffectInstance, model: StiffnessModel) -> Candidate:
+def _with_own(candidate: Candidate, instance: EffectInstance, view: View) -> Candidate:
     """A candidate with the shape that the model gives its effect among those of the catalogue."""
     shape: Shape = dict(instance.shape)
     if shape in candidate.shapes:
         return candidate
     own = tuple(
-        Parameter(p.name, p.unit, p.low, p.high, p.typical) for p in instance.realise(model.robot).parameters
+        Parameter(p.name, p.unit, p.low, p.high, p.typical)
+        for p in at_size(instance.realise(view.robot).parameters, extent_of(view))
     )
     return replace(
         candidate,

@@ -72,7 +72,7 @@ def diagnose(task: Task, tell: Tell | None = None) -> Finding:
     whole(task.max_effects, "max_effects", 1)
     whole(task.seed, "seed")
     if task.max_poses is not None:
-        whole(task.max_poses, "max_poses", 1)
+        whole(task.max_poses, "max_poses", 2)
     warnings = check_robot(task.table, task.robot)
     warnings = [
         w for w in warnings if w not in of_units(task.table, task.robot)

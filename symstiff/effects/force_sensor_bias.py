@@ -12,17 +12,16 @@ import sympy as sp
 from symstiff.effects.base import Effect, Realisation, Scales, Shape, Where
 from symstiff.effects.common import BOTH, parameter, under_load
 from symstiff.robot.schema import Robot
-from symstiff.symbolic.terms import AXES, Term, VirtualJoint
+from symstiff.symbolic.terms import AXES, WRENCH, Term, VirtualJoint
 
 NAME = "force_sensor_bias"
-WHAT = ("fx", "fy", "fz", "mx", "my", "mz")
 
 
 def _realise(robot: Robot, where: Where, shape: Shape) -> Realisation:
     kind, body = ("body", robot.dof) if shape.get("tool") else ("load", 0)
     there = under_load() if shape.get("loaded") else sp.S.One
     parameters, terms = [], []
-    for what, axis in zip(WHAT, AXES, strict=True):
+    for what, axis in zip(WRENCH, AXES, strict=True):
         unit, high, typical = ("N", 500.0, 10.0) if axis <= 3 else ("N*m", 200.0, 2.0)
         p = parameter(NAME, where, what, unit, -high, high, typical)
         parameters.append(p)

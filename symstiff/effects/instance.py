@@ -11,7 +11,7 @@ from symstiff.effects.lawful import check_realised
 from symstiff.effects.places import plain, site
 from symstiff.effects.registry import find
 from symstiff.errors import UserError
-from symstiff.robot.frozen import FrozenDict, frozen_numbers
+from symstiff.robot.frozen import FrozenDict, FrozenList, frozen_numbers
 from symstiff.robot.schema import Robot
 from symstiff.symbolic.terms import Term
 
@@ -36,7 +36,8 @@ class EffectInstance:
     def __post_init__(self) -> None:
         require(self.effect, str, "an effect's identifier", "'backlash' is one")
         require(self.where, Mapping, f"where {self.effect} is", "{'joint': 2} is a place")
-        object.__setattr__(self, "where", FrozenDict(plain(self.where)))
+        where = {k: FrozenList(v) if isinstance(v, list) else v for k, v in plain(self.where).items()}
+        object.__setattr__(self, "where", FrozenDict(where))
         shape = frozen_numbers(self.shape, f"shape of {self.effect}")
         for key, value in shape.items():
             if value and not 1.0 / _FAR <= abs(value) <= _FAR:

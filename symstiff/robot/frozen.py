@@ -1,4 +1,4 @@
-"""A dictionary that stays as it is: values of robots and models are shared, by the library's cache among others."""
+"""Dictionaries and lists that stay as they are: values of robots and models are shared, by caches among others."""
 
 from __future__ import annotations
 
@@ -12,13 +12,14 @@ from symstiff.errors import UserError
 
 K = TypeVar("K")
 V = TypeVar("V")
+_READ_ONLY = "these values are read-only: make another robot or model with others"
 
 
 class FrozenDict(dict[K, V]):
     """A read-only dict; it equals, copies, pickles and serialises as a dict does. Changing it raises TypeError."""
 
     def _refuse(self, *args: Any, **kwargs: Any) -> NoReturn:
-        raise TypeError("these values are read-only: make another robot or model with others")
+        raise TypeError(_READ_ONLY)
 
     __setitem__ = __delitem__ = __ior__ = _refuse
     clear = pop = popitem = setdefault = update = _refuse
@@ -33,6 +34,28 @@ class FrozenDict(dict[K, V]):
         return self
 
     def __deepcopy__(self, memo: Any) -> FrozenDict[K, V]:
+        return self
+
+
+class FrozenList(list[V]):
+    """A read-only list; it equals, copies, pickles and serialises as a list does. Changing it raises TypeError."""
+
+    def _refuse(self, *args: Any, **kwargs: Any) -> NoReturn:
+        raise TypeError(_READ_ONLY)
+
+    __setitem__ = __delitem__ = __iadd__ = __imul__ = _refuse
+    append = clear = extend = insert = pop = remove = reverse = sort = _refuse
+
+    def __hash__(self) -> int:  # type: ignore[override]
+        return hash(tuple(self))
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        return (type(self), (list(self),))
+
+    def __copy__(self) -> FrozenList[V]:
+        return self
+
+    def __deepcopy__(self, memo: Any) -> FrozenList[V]:
         return self
 
 

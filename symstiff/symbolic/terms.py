@@ -12,6 +12,8 @@ from functools import cache
 import sympy as sp
 
 AXES = (1, 2, 3, 4, 5, 6)
+WRENCH = ("fx", "fy", "fz", "mx", "my", "mz")
+"""Names of a wrench's components."""
 
 
 @dataclass(frozen=True, order=True)

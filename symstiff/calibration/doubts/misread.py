@@ -15,10 +15,11 @@ from symstiff.calibration.doubts.slips import some_poses
 from symstiff.calibration.experiment.placement import closest
 from symstiff.calibration.fits.decomposition import unit_columns
 from symstiff.calibration.rows import equations
-from symstiff.calibration.tables.measurements import Measurements
+from symstiff.calibration.tables.measurements import COMPONENTS, Measurements
 from symstiff.model import StiffnessModel
 from symstiff.reduction.svd import svd
 from symstiff.symbolic.numeric import forward
+from symstiff.symbolic.terms import WRENCH
 
 _THROUGHOUT, _PARTLY = 0.3, 0.15
 """Part of the squares left as told up to which another reading of all poses, and of those from one on, is spoken of."""
@@ -34,8 +35,7 @@ _RIDGE, _ROUNDING = 1e-10, 1e-10
 """Square of a direction of unit columns that is nothing; singular value, against the largest, that is rounding."""
 _TURNED, _ROUNDS = 0.1, 40
 """Angle [rad] from which a measured frame is no small one out, and rounds in which it is found."""
-_LOADS = ("fx", "fy", "fz", "mx", "my", "mz")
-_DEFLECTIONS = ("dx", "dy", "dz", "drx", "dry", "drz")
+_DEFLECTIONS = tuple(f"d{c}" for c in COMPONENTS)
 _AXES = "xyz"
 
 
@@ -142,7 +142,7 @@ def _readings(model: StiffnessModel, table: Measurements) -> Iterator[_Reading]:
     yield _Reading("the loads", how, replace(table, w=loads))
     yield _Reading("the deflections", how, replace(table, values=rows))
     yield _Reading("loads and deflections", how, replace(table, w=loads, values=rows))
-    for how, read in _changed(table.w, _LOADS):
+    for how, read in _changed(table.w, WRENCH):
         yield _Reading("the loads", how, replace(table, w=read))
     for how, read in _changed(table.values, _DEFLECTIONS):
         yield _Reading("the deflections", how, replace(table, values=read))

@@ -16,6 +16,7 @@ from symstiff.errors import UserError
 from symstiff.reduction.admissible import JOINT, LINK
 from symstiff.robot.tool import tool_of, with_tool
 from symstiff.symbolic.numeric import forward
+from symstiff.symbolic.terms import WRENCH
 
 if TYPE_CHECKING:
     from symstiff.model import StiffnessModel
@@ -114,9 +115,8 @@ def check_bends(model: StiffnessModel, origin: str = "the model") -> None:
 
 def outside_class(w: Array, loads: str) -> list[str]:
     """A remark where wrenches (N, 6) have components that a model's class of loads leaves out."""
-    names = ("fx", "fy", "fz", "mx", "my", "mz")
-    within = {"gravity": ("fz",), "force": names[:3]}.get(loads, names)
-    found = [n for n, used in zip(names, np.any(np.asarray(w) != 0, axis=0), strict=True) if used]
+    within = {"gravity": ("fz",), "force": WRENCH[:3]}.get(loads, WRENCH)
+    found = [n for n, used in zip(WRENCH, np.any(np.asarray(w) != 0, axis=0), strict=True) if used]
     beyond = [n for n in found if n not in within]
     if not beyond:
         return []

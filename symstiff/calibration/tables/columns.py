@@ -11,8 +11,9 @@ from typing import Literal
 from symstiff.calibration.tables.measurements import COMPONENTS, CONTEXT, Kind
 from symstiff.calibration.tables.units import FACTORS, LARGEST_LOAD, dimensions, parse_header
 from symstiff.errors import UserError, printable
+from symstiff.symbolic.terms import WRENCH
 
-_LOADS = {"fx": "force", "fy": "force", "fz": "force", "mx": "moment", "my": "moment", "mz": "moment"}
+_LOADS = {c: "force" if c.startswith("f") else "moment" for c in WRENCH}
 _MEASURED = {c: ("angle" if c.startswith("r") else "length") for c in COMPONENTS}
 _DEFLECTIONS = {f"d{c}": kind for c, kind in _MEASURED.items()}
 _SIGMAS = {f"sigma_{c}": kind for c, kind in _MEASURED.items()}

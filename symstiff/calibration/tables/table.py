@@ -33,6 +33,7 @@ from symstiff.calibration.tables.units import KELVIN
 from symstiff.calibration.tables.writing import columns as columns_of
 from symstiff.calibration.tables.writing import write_table
 from symstiff.errors import UserError, printable
+from symstiff.symbolic.terms import WRENCH
 
 __all__ = ["read_poses", "read_table", "write_table"]
 
@@ -210,7 +211,7 @@ class _Reader:
         for k, name in enumerate(self.columns.joints):
             q[:, k] = self._numbers(name)
         w = np.zeros((rows, 6))
-        for k, name in enumerate(("fx", "fy", "fz", "mx", "my", "mz")):
+        for k, name in enumerate(WRENCH):
             if name in self.columns.named:
                 w[:, k] = self._numbers(name)
         kind: Kind = self.columns.kind

@@ -26,7 +26,8 @@ _PLAIN = (("time", "time[s]"), ("temperature", "temperature[degC]"))
 def write_table(table: Measurements, path: str | Path, angle: Literal["rad", "deg"] = "rad") -> None:
     """Write a table that ``read_table`` or ``read_poses`` reads back; ``angle`` is the unit of q.
 
-    Raises UserError where the file cannot be written, or where a component is measured in some rows only.
+    Raises UserError where the file cannot be written, or where a component is measured, or its sigma told, in
+    some rows only.
     """
     require(table, Measurements, *A_TABLE)
     content = columns(table, angle)
@@ -65,7 +66,13 @@ def columns(table: Measurements, angle: Literal["rad", "deg"] = "rad") -> dict[s
             result[f"{prefix}{component}[{unit}]"] = table.values[:, k] * scale
     for k, component in enumerate(COMPONENTS):
         unit, scale = ("rad", 1.0) if k >= 3 else ("mm", 1e3)
-        if np.isfinite(table.sigma[:, k]).all() and len(table):
+        told = np.isfinite(table.sigma[:, k])
+        if told.any():
+            if not told.all():
+                raise UserError(
+                    f"{table.place(int(np.argmin(told)))}: sigma_{component} is told in other rows only: write "
+                    "tables with and without it separately"
+                )
             result[f"sigma_{component}[{unit}]"] = table.sigma[:, k] * scale
     for name, header in (*_PLAIN, *_CONTEXT):
         if np.isfinite(getattr(table, name)).any():

@@ -55,7 +55,7 @@ class Wish:
 
     def __post_init__(self) -> None:
         if self.poses < 1:
-            raise UserError(f"--poses {self.poses}: 1 or more")
+            raise UserError(f"poses: expected 1 or more, found {self.poses}")
         self.load()
         Measurement(sigma_t=Measurement.sigma_t if self.sigma is None else self.sigma)
 

@@ -17,6 +17,7 @@ from symstiff.calibration.experiment.situation import (
     under_weights,
 )
 from symstiff.calibration.fits.decomposition import column_space
+from symstiff.calibration.levels import levels_of
 from symstiff.calibration.tables.measurements import Measurements
 from symstiff.discrepancy.bridge.ranges import Extent, at_size, extent_of
 from symstiff.discrepancy.noise.scales import Noise
@@ -40,8 +41,6 @@ UNLOADED = 1e-9
 """Load on a virtual joint, against the largest, that is rounding."""
 _KEPT = 4096
 """Shapes of effects at their places whose laws are kept."""
-_SAME_ANGLE = 2e-3
-"""Distance of two values of a joint variable [rad, m] up to which they are one level."""
 
 
 def candidates(
@@ -290,10 +289,8 @@ def scales_of(view: View) -> Scales:
     angles = []
     poses = len(np.unique(table.pose))
     for j in range(table.dof):
-        values = np.sort(np.unique(table.q[:, j]))
-        start = np.concatenate([[True], np.diff(values) > _SAME_ANGLE])
-        levels = [float(np.mean(part)) for part in np.split(values, np.flatnonzero(start)[1:])]
-        angles.append(tuple(levels) if 2 * len(levels) <= poses else ())
+        levels = levels_of(table.q[:, j])
+        angles.append(tuple(levels.tolist()) if 2 * len(levels) <= poses else ())
     context, lowest = {}, {}
     for name, values in (("time", table.time), ("temperature", table.temperature)):
         if np.isfinite(values).any():

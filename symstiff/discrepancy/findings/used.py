@@ -10,7 +10,6 @@ import numpy as np
 from symstiff.calibration.tables.checks import without_copies, without_zeros
 from symstiff.calibration.tables.measurements import Measurements
 from symstiff.discrepancy.findings.numbers import milli
-from symstiff.errors import UserError
 
 MOST_POSES, MOST_ROWS, LEAST_POSES = 200, 7200, 30
 """Poses, and readings of one component, that are used unless more poses are asked for: time and room grow with both.
@@ -40,8 +39,6 @@ def thinned(table: Measurements, max_poses: int | None) -> tuple[Measurements, l
     most = most if max_poses is None else max_poses
     if len(poses) <= most:
         return table, []
-    if most < 2:
-        raise UserError(f"--max-poses {most}: 2 or more")
     kept = poses[np.linspace(0, len(poses) - 1, most).round().astype(int)]
     return table.select(np.isin(table.pose, kept)), [
         f"{most} of {len(poses)} poses are used, evenly spread (--max-poses takes more)"

@@ -10,10 +10,9 @@ from symstiff.arrays import Array
 from symstiff.calibration.experiment.situation import Situation
 from symstiff.calibration.tables.loading import load_factor
 from symstiff.discrepancy.problem import DeviceLaw, Parameter
-from symstiff.symbolic.terms import AXES, Term, VirtualJoint, w
+from symstiff.symbolic.terms import AXES, WRENCH, Term, VirtualJoint, w
 
 SENSOR, FLANGE = "force sensor", "flange"
-_WRENCH = ("fx", "fy", "fz", "mx", "my", "mz")
 _PERCENT = 1e-2
 _PAIRS = tuple((a, b) for a in range(3) for b in range(a, 3))
 
@@ -79,8 +78,8 @@ def _crosstalk(situation: Situation) -> Iterator[DeviceLaw]:
     terms = [Term(f"{k}{c}", VirtualJoint("load", 0, c), w(k)) for k in loaded for c in AXES if c != k]
     block = situation.columns(terms, [t.parameter for t in terms])
     for n, k in enumerate(loaded):
-        source = _WRENCH[k - 1]
-        names = [_WRENCH[c - 1] for c in AXES if c != k]
+        source = WRENCH[k - 1]
+        names = [WRENCH[c - 1] for c in AXES if c != k]
         columns = tuple(Parameter(f"crosstalk: {source} in {name}", _ratio(name, source)) for name in names)
         unit = np.array([_PERCENT if c.unit == "%" else 1.0 for c in columns])
         yield DeviceLaw(SENSOR, f"crosstalk of {source}", columns, unit * block[:, 5 * n : 5 * n + 5])
@@ -97,7 +96,7 @@ def _pulls(situation: Situation) -> Iterator[DeviceLaw]:
     pull = np.hstack([-origin, np.zeros_like(origin)])
     columns: tuple[Parameter, ...] = (Parameter("pull towards a fixed point: spring", "N/m"),)
     columns += tuple(
-        Parameter(f"pull towards a fixed point: {n} at the base's origin", "N") for n in _WRENCH[:3]
+        Parameter(f"pull towards a fixed point: {n} at the base's origin", "N") for n in WRENCH[:3]
     )
     place = FLANGE if absolute else SENSOR
     yield DeviceLaw(place, "pull towards a fixed point", columns, _pushed(situation, [pull, *fixed]))
@@ -125,7 +124,7 @@ def _leans(situation: Situation) -> Iterator[DeviceLaw]:
         return
     tip, axes = view.found.T[:, :3, 3], np.eye(3)
     pure = [_PERCENT * size * axes[a] for a in range(3)]
-    always = [Parameter(f"lean of the load: {_WRENCH[a]}", "%") for a in range(3)]
+    always = [Parameter(f"lean of the load: {WRENCH[a]}", "%") for a in range(3)]
     moments = np.zeros_like(tip)
     rope = [-_PERCENT * size * tip, *pure]
     yield DeviceLaw(
@@ -135,7 +134,7 @@ def _leans(situation: Situation) -> Iterator[DeviceLaw]:
     for a, b in ((0, 1), (1, 2), (2, 0)):
         along = [(k, c) for k in (a, b) for c in (a, b)]
         forces = [*(pure[k] * tip[:, c, None] for k, c in along), pure[a], pure[b]]
-        by = [Parameter(f"lean of the load: {_WRENCH[k]} by {'xyz'[c]}", "%/m") for k, c in along]
+        by = [Parameter(f"lean of the load: {WRENCH[k]} by {'xyz'[c]}", "%/m") for k, c in along]
         yield DeviceLaw(
             SENSOR, "lean of the load", (*by, always[a], always[b]),
             _pushed(situation, [np.hstack([force, moments]) for force in forces]),

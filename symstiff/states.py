@@ -1,0 +1,54 @@
+"""What callers pass to evaluate a model, as arrays: joints, wrenches, and the moment that laws look at."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import numpy as np
+import numpy.typing as npt
+
+from symstiff.arguments import reals
+from symstiff.errors import UserError
+from symstiff.symbolic.algebras import context_columns
+from symstiff.symbolic.program import Program
+
+Context = Mapping[str, npt.ArrayLike]
+"""Columns (N,) or numbers by name: ``time`` [s], ``temperature`` [°C], ``branch``, ``turn``."""
+
+
+def rows(name: str, given: npt.ArrayLike, width: int) -> np.ndarray:
+    """An array (N, width); one row may come without its outer brackets. Raises UserError."""
+    array = np.atleast_2d(reals(given, name, f"(N, {width})"))
+    if array.ndim != 2 or array.shape[1] != width:
+        raise UserError(f"{name}: expected an array of shape (N, {width}), found {np.shape(given)}")
+    return array
+
+
+def number_of_poses(arrays: Mapping[str, np.ndarray]) -> int:
+    """How many poses arrays (N or 1, …) by name hold. Raises UserError where they differ."""
+    counts = {len(a) for a in arrays.values()}
+    if len(counts - {1}) > 1:
+        found = " and ".join(f"{len(a)} in {name}" for name, a in arrays.items())
+        raise UserError(f"{' and '.join(arrays)}: expected as many rows, or one, found {found}")
+    return min(counts) if 0 in counts else max(counts)
+
+
+def poses(q: npt.ArrayLike, w: npt.ArrayLike, dof: int) -> tuple[np.ndarray, np.ndarray]:
+    """q (N, n) and W (N, 6) with as many rows. Raises UserError for other shapes and what is no finite number."""
+    joints, wrenches = rows("q", q, dof), rows("w", w, 6)
+    for name, array in (("q", joints), ("w", wrenches)):
+        finite = np.isfinite(array).all(axis=1)
+        if not finite.all():
+            row = int(np.argmin(finite))
+            raise UserError(f"{name}: row {row} holds what is no finite number: correct it")
+    n = number_of_poses({"q": joints, "w": wrenches})
+    return np.broadcast_to(joints, (n, dof)), np.broadcast_to(wrenches, (n, 6))
+
+
+def moment(program: Program, context: Context | None, n: int) -> dict[str, np.ndarray]:
+    """The columns of ``context`` (n, k) that a program needs; none where it needs none. Raises UserError."""
+    for vector in program.inputs:
+        if vector.name == "context":
+            names = [s.name for s in vector.symbols]
+            return {"context": np.stack([context_columns(context, n, name)[name] for name in names], -1)}
+    return {}
