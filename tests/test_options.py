@@ -135,7 +135,7 @@ def test_unknown_choices_are_named():
 
 @pytest.mark.slow
 @pytest.mark.parametrize("target", TARGETS)
-def test_every_target_takes_a_model_that_depends_on_the_moment(target):
+def test_every_target_takes_a_model_that_depends_on_the_moment(target, tmp_path):
     """Time and temperature: in the C struct, in inputs, in the simulation's time."""
     m = model("kuka_kr270")
     entry = find("thermal_drift")
