@@ -289,7 +289,12 @@ def diagnose(
     measure: Annotated[
         str | None, typer.Option(help="pose or position; read from the data where not given.")
     ] = None,
-    max_effects: Annotated[int, typer.Option(help="At most so many effects are added.")] = 3,
+    max_effects: Annotated[
+        int,
+        typer.Option(
+            help="At most so many effects are added; with 1 no model of all links or frames is tried."
+        ),
+    ] = 3,
     max_poses: Annotated[
         int | None,
         typer.Option(

@@ -24,7 +24,8 @@ class Task:
     """What to diagnose; ``loads`` and ``measure`` are read from the data where None.
 
     ``start``: "complete" (joints and links, reduced for the data), "joints" (rigid links), the path of a model.toml, or
-    a model. ``max_effects`` are looked for together at most, on ``max_poses`` of the poses where given.
+    a model. ``max_effects`` are looked for together at most, and with one no model of all links or of all frames is
+    tried either; on ``max_poses`` of the poses where given.
     """
 
     robot: Robot
