@@ -38,6 +38,8 @@ if TYPE_CHECKING:
 
 _COMPLIANCES = "the parameters of a reduction's stage"
 _AN_EFFECT = "[EffectInstance('backlash', {'joint': 2})]"
+_USUAL = 1e-7
+"""Size from which a parameter's step is found, where no unit and no effect tells one."""
 _WITHOUT_VALUES = {
     "realisations", "units", "terms", "linear_parameters", "steps", "deflection_program", "observation_program",
     "linear_program", "compliance_program", "structure_hash",
@@ -167,9 +169,11 @@ class StiffnessModel:
     @cached_property
     def steps(self) -> dict[str, float]:
         """A usual size of every parameter, from which the steps of a central difference are found."""
-        unit = {"m/N": 1e-8, "rad/N": 1e-8}
-        steps = {p.name: unit.get(p.unit, 1e-7) for p in self.compliances}
-        return FrozenDict(steps | {p.name: p.typical for p in self.effect_parameters})
+        usual = {"m/N": 1e-8, "rad/N": 1e-8}
+        steps = {p.name: usual.get(p.unit, _USUAL) for p in self.compliances}
+        return FrozenDict(
+            steps | {p.name: p.typical or usual.get(p.unit, _USUAL) for p in self.effect_parameters}
+        )
 
     @property
     def is_linear(self) -> bool:

@@ -108,6 +108,17 @@ def test_a_plugin_whose_law_is_none_is_named_with_its_place(path: Path, new: str
         assert "\n" not in str(refused.value)
 
 
+def test_where_nobody_knows_what_is_usual_columns_are_numbers(path: Path) -> None:
+    faulty_belt(path, ('"rad/(N*m)", 0.0, 1e-4, 1e-6)', '"rad/(N*m)", 0.0, 1e-4, 0.0)'))
+    model = StiffnessModel.of(reduce(load(ROBOT), "force", "pose"))
+    model = model.with_effect(EffectInstance("soft_belt", {"joint": 1}))
+    model = model.with_effect(EffectInstance("force_sensor_bias", {"load": "force_sensor"}))
+    assert not model.is_linear
+    A = model.observation(np.zeros(model.robot.dof), [100.0, 50.0, -20.0, 0, 0, 0])
+    assert np.isfinite(A).all()
+    assert A[:, :, model.parameters.index("soft_belt_1_c")].any()
+
+
 @pytest.mark.parametrize(
     ("low", "high", "typical", "says"),
     [

@@ -23,7 +23,6 @@ from symstiff.calibration.doubts.soundness import (
     outside_class,
     outside_fixed,
     unlike_file,
-    usable_model,
 )
 from symstiff.calibration.doubts.stations import check_stations
 from symstiff.calibration.experiment.readings import ExperimentClass, experiment_of
@@ -56,7 +55,7 @@ from symstiff.calibration.tables.sessions import by_session
 from symstiff.display import counted, few
 from symstiff.effects.registry import find
 from symstiff.errors import UserError, printable
-from symstiff.model import StiffnessModel, joints_only
+from symstiff.model import StiffnessModel, joints_only, load_model
 from symstiff.reduction import Reduction, reduce
 from symstiff.reduction.complete import complete_map
 from symstiff.reduction.remarks import reduction_remarks
@@ -130,7 +129,7 @@ def start_model(
         raise UserError(
             f"start: {printable(str(start))}: no such model file: give complete, joints, or the path of a model.toml"
         )
-    model = usable_model(start)
+    model = load_model(start)
     check_same_robot(model, robot, str(start))
     return model, None
 

@@ -82,7 +82,7 @@ def run_simulate(
 
 def run_compensate(model_file: Path, trajectory: Path, output: Path, json: str | None) -> None:
     """Correct a trajectory."""
-    from symstiff.calibration.doubts.soundness import check_bends, of_levers, of_tool, usable_model
+    from symstiff.calibration.doubts.soundness import check_bends, of_levers, of_tool
     from symstiff.calibration.remarks import of_sag
     from symstiff.calibration.rows import context_of
     from symstiff.calibration.tables.checks import check_robot
@@ -91,9 +91,10 @@ def run_compensate(model_file: Path, trajectory: Path, output: Path, json: str |
     from symstiff.calibration.tables.table import read_trajectory
     from symstiff.compensation import compensate
     from symstiff.effects.places import named
+    from symstiff.model import load_model
 
     check_targets({"-o": output, "--json": json}, [model_file, trajectory])
-    model = usable_model(model_file)
+    model = load_model(model_file)
     check_bends(model, str(model_file))
     table, cells = read_trajectory(trajectory)
     out = console(json)

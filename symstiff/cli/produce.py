@@ -67,9 +67,10 @@ def run_generate(
 
 
 def _identified(robot: str, model_file: Path, loads: str | None, measure: str | None) -> StiffnessModel:
-    from symstiff.calibration.doubts.soundness import check_same_robot, usable_model
+    from symstiff.calibration.doubts.soundness import check_same_robot
+    from symstiff.model import load_model
 
-    model = usable_model(model_file)
+    model = load_model(model_file)
     check_same_robot(model, load(robot), str(model_file))
     for key, wanted, has in (("loads", loads, model.loads), ("measure", measure, model.measure)):
         if wanted is not None and wanted != has:

@@ -155,20 +155,16 @@ def _print_couplings(out: Console, couplings: dict[str, dict[str, Any]]) -> None
         return
     from rich.table import Table
 
+    from symstiff.reduction.reading import combination
+
     table = Table(
         title="couplings: column of the eliminated = Σ coefficient × column of the kept", title_justify="left"
     )
     table.add_column("eliminated")
     table.add_column("= Σ over kept")
     for eliminated, row in couplings.items():
-        table.add_row(eliminated, _combination(row))
+        table.add_row(eliminated, combination(row))
     print_table(out, table, ["= Σ over kept"])
-
-
-def _combination(row: dict[str, Any]) -> str:
-    from symstiff.reduction.reading import combination
-
-    return combination(row)
 
 
 def show_targets(json: str | None) -> None:

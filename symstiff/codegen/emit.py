@@ -20,7 +20,6 @@ from symstiff.codegen.names import (
     check_single,
     fixed_joints,
     limits,
-    meaning,
     moments,
     seen_between,
 )
@@ -211,7 +210,7 @@ def _parameters(functions: Functions, options: Options) -> dict[str, Any]:
     values, by_name = _defaults(model), {p.name: p for p in model.compliances}
     return {
         "parameters": [
-            {"name": n, "unit": model.units[n], "default": literal(values[n]), "meaning": meaning(by_name[n])}
+            {"name": n, "unit": model.units[n], "default": literal(values[n]), "meaning": by_name[n].meaning}
             for n in model.stiffness_parameters
         ],
         "effect_parameters": [
@@ -399,7 +398,6 @@ def _example(functions: Functions, literal: Any) -> dict[str, Any]:
 
 
 __all__ = [
-    "Case",
     "base_context",
     "emit_c",
     "environment",

@@ -9,7 +9,6 @@ import numpy as np
 from symstiff.codegen.text import context_names
 from symstiff.errors import UserError
 from symstiff.model import StiffnessModel
-from symstiff.reduction.physical import Parameter
 from symstiff.symbolic.program import Program
 from symstiff.symbolic.terms import WRENCH
 
@@ -132,8 +131,3 @@ def check_single(model: StiffnessModel) -> None:
             f"the model's clock begins at {start:.15g} s, where single precision has no fractions of a second: use "
             "double precision, or count the time of the measurements from their start and diagnose again"
         )
-
-
-def meaning(p: Parameter) -> str:
-    """What a compliance is, in the axes of its link's elastic frame (1 along the beam)."""
-    return p.meaning

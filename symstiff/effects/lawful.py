@@ -48,10 +48,8 @@ def check_parameters(found: Realisation) -> None:
         low, high = number(p.low, f"{p.name}: low"), number(p.high, f"{p.name}: high")
         if low > high:
             raise UserError(f"{p.name}: low {low:g} is above high {high:g}: give the plausible range")
-        if not number(p.typical, f"{p.name}: typical") > 0.0:
-            raise UserError(
-                f"{p.name}: typical {p.typical:g} is no size: give the one that is usual, above zero"
-            )
+        if number(p.typical, f"{p.name}: typical") < 0.0:
+            raise UserError(f"{p.name}: typical {p.typical:g} is below zero: give the size that is usual")
     for p in found.parameters if found.terms else ():
         if not NAME.fullmatch(p.name) or p.name in C_WORDS | _MEMBERS:
             raise UserError(

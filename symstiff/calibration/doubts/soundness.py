@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Collection, Sequence
-from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -88,20 +87,6 @@ def check_poses(q: Array, w: Array, labels: Sequence[str]) -> list[str]:
         f"{len(copies)} pose(s) repeat another's joints and load ({some}{' …' if len(copies) > 5 else ''}): "
         "they lower the noise, and determine no further parameter"
     ]
-
-
-def usable_model(path: str | Path) -> StiffnessModel:
-    """Read a model whose laws have values; UserError where a shape divides by zero."""
-    import sympy
-
-    from symstiff.model import load_model
-
-    model = load_model(path)
-    for effect, realisation in zip(model.effects, model.realisations, strict=True):
-        if any(sympy.sympify(term.factor).has(sympy.zoo, sympy.nan, sympy.oo) for term in realisation.terms):
-            zeros = " with " + ", ".join(f"{key} = 0" for key, value in effect.shape.items() if value == 0)
-            raise UserError(f"{path}: effect {effect.effect}: its law has no value{zeros}: correct the shape")
-    return model
 
 
 def check_bends(model: StiffnessModel, origin: str = "the model") -> None:
