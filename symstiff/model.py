@@ -204,6 +204,11 @@ class StiffnessModel:
         """K_C⁻¹(q; π) at small load."""
         return compliance_program(self.chain, self.terms, self.parameters)
 
+    @property
+    def known(self) -> dict[str, float]:
+        """The value of every parameter, in order; what is not known is zero."""
+        return {n: float(self.values.get(n, 0.0)) for n in self.parameters}
+
     def vector(self, values: Mapping[str, float] | None = None) -> np.ndarray:
         """Parameter values in order (missing ones zero). Raises UserError for a name that the model does not have."""
         source = self.values if values is None else self._known(values)

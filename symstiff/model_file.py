@@ -84,7 +84,7 @@ def to_model_table(model: StiffnessModel) -> dict[str, Any]:
         "loads": model.loads,
         "measure": model.measure,
         "parameters": [p.name for p in model.compliances],
-        "values": {n: float(model.values.get(n, 0.0)) for n in model.parameters},
+        "values": model.known,
         "deviations": {n: float(model.deviations[n]) for n in model.parameters if n in model.deviations},
         "effect": [
             {"effect": e.effect, "where": dict(e.where), "shape": dict(e.shape)} for e in model.effects

@@ -14,10 +14,11 @@ def model_html(model: StiffnessModel) -> str:
     """One row a parameter."""
     meanings = {p.name: p.meaning for p in model.compliances}
     meanings |= {p.name: p.meaning for p in model.effect_parameters}
+    known = model.known
     rows = [
         (
             n,
-            f"{model.values.get(n, 0.0):.4g}",
+            f"{known[n]:.4g}",
             f"{model.deviations[n]:.2g}" if n in model.deviations else "–",
             unit_text(model.units[n]),
             meanings[n] or "effect",

@@ -171,7 +171,7 @@ def _of_rows(found: Compensated, beyond: np.ndarray, table: Measurements) -> lis
 
 def _beyond(model: StiffnessModel, q: np.ndarray) -> np.ndarray:
     """Rows (N,) of commands (N, n) [rad, m] that leave the joint limits."""
-    low, high = np.array([[float(x) for x in joint.range] for joint in model.robot.joint]).T
+    low, high = model.robot.ranges.T
     return np.asarray(((q < low - _TOUCH) | (q > high + _TOUCH)).any(axis=1))
 
 

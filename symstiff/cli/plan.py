@@ -195,7 +195,7 @@ def _note_limits(out: Console, plan: Plan, robot: Robot, margin: float) -> None:
     """Say how many poses stand where a controller may refuse them."""
     import numpy as np
 
-    low, high = np.array([joint.range for joint in robot.joint], dtype=float).T
+    low, high = robot.ranges.T
     near = _AT_LIMIT * (high - low)
     count = int(np.sum(np.any((plan.q < low + near) | (plan.q > high - near), axis=1)))
     if count and not margin:

@@ -4,8 +4,7 @@ A column of J_v is a pair of vectors, (axis, 0) or (axis × lever, axis); equal 
 τ_v = J_vᵀ·W, and every term π·τ_by at virtual joint ``at`` adds J_at·τ_by to a column of A (seed eq. 5, 12) and
 π·J_at·J_byᵀ to the compliance (seed eq. 2).
 
-KR 270 with 26 parameters, Cortex-M7, double, -O2: the observation matrix takes 2568 bytes instead of 4800 and 3934
-instructions instead of 2171, the stiffness 3228 instead of 4936 and 12607 instead of 8015.
+Less code for more instructions: the README has the figures.
 """
 
 from __future__ import annotations

@@ -139,7 +139,7 @@ def _identity(functions: Functions, options: Options) -> dict[str, Any]:
         **{key: _triple(value) for key, value in _places(robot).items()},
         "options": [("loads", model.loads), ("measure", model.measure), *options.table().items()],
         "structure_hash": model.structure_hash,
-        "model_hash": options.model_hash(model.structure_hash, _defaults(model)),
+        "model_hash": options.model_hash(model.structure_hash, model.known),
         "casadi": "casadi" in options.targets,
         "targets": options.targets,
         "headers": [
@@ -207,7 +207,7 @@ def _effect_meaning(model: StiffnessModel, name: str) -> str:
 def _parameters(functions: Functions, options: Options) -> dict[str, Any]:
     """The fields of the struct of parameters: compliances, effects, and what holds at the call."""
     model, literal = functions.model, CAlgebra(options.single).literal
-    values, by_name = _defaults(model), {p.name: p for p in model.compliances}
+    values, by_name = model.known, {p.name: p for p in model.compliances}
     return {
         "parameters": [
             {"name": n, "unit": model.units[n], "default": literal(values[n]), "meaning": by_name[n].meaning}
@@ -236,11 +236,6 @@ def _parameters(functions: Functions, options: Options) -> dict[str, Any]:
             for m in moments(model, functions.deflection)
         ],
     }
-
-
-def _defaults(model: StiffnessModel) -> dict[str, float]:
-    """Every parameter's default; what is not known is zero."""
-    return {n: float(model.values.get(n, 0.0)) for n in model.parameters}
 
 
 def _compliances_propagate(functions: Functions) -> bool:

@@ -96,8 +96,7 @@ def fmu_context(functions: Functions, options: Options, version: int) -> dict[st
     literal = CAlgebra(False).literal
     meanings = {p["name"]: p["meaning"] for p in (*base["parameters"], *base["effect_parameters"])}
     values = [
-        {"name": n, "start": literal(float(model.values.get(n, 0.0))), "meaning": meanings[n]}
-        for n in model.parameters
+        {"name": n, "start": literal(value), "meaning": meanings[n]} for n, value in model.known.items()
     ]
     every = moments(model, functions.deflection)
     moment = [m for m in every if m.name != "time"]

@@ -86,7 +86,7 @@ def generate(
 def manifest_of(functions: Functions, options: Options, proof: Verification) -> dict[str, Any]:
     """manifest.json: everything but ``verified`` is the same on every machine."""
     model = functions.model
-    values = {n: float(model.values.get(n, 0.0)) for n in model.parameters}
+    values = model.known
     names = model.stiffness_parameters
     return {
         "generator": __version__,

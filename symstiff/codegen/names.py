@@ -122,7 +122,8 @@ def limits(model: StiffnessModel) -> list[str]:
 
 def check_single(model: StiffnessModel) -> None:
     """Raise UserError for a value or a clock that single precision does not hold."""
-    large = [n for n in model.parameters if abs(model.values.get(n, 0.0)) > float(np.finfo(np.float32).max)]
+    known = model.known
+    large = [n for n in model.parameters if abs(known[n]) > float(np.finfo(np.float32).max)]
     if large:
         raise UserError(f"{large[0]} = {model.values[large[0]]:g} does not fit single precision: use double")
     start = max((r.rest.get("time", 0.0) for r in model.realisations), key=abs, default=0.0)

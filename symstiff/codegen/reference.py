@@ -133,7 +133,7 @@ def cases(
         _check_finite(model, values, found)
         rounding = tolerance(single) / float(np.finfo(np.float32 if single else float).eps) / 20
         found = found + bending(model, values, found, configurations(functions, 48, seed + 1), rounding)
-    known = {name: float(model.values.get(name, 0.0)) for name in model.parameters}
+    known = model.known
     known = {name: float(np.float32(x)) for name, x in known.items()} if single else known
     with mpmath.workdps(DIGITS):
         inputs = {

@@ -125,7 +125,7 @@ def st_context(functions: Functions, options: Options) -> dict[str, Any]:
     most = float(np.finfo(np.float32).max) if options.single else float(np.finfo(np.float64).max)
     return {
         "type": "REAL" if options.single else "LREAL",
-        "starts": [algebra.number(sp.Float(float(model.values.get(n, 0.0)), 30)).code for n in order],
+        "starts": [algebra.number(sp.Float(x, 30)).code for x in model.known.values()],
         "moment": moment,
         "deflection": deflection,
         "jacobian": jacobian,

@@ -136,8 +136,8 @@ def _of_table(task: Task, table: Measurements, remarks: Sequence[str], tell: Tel
     context_of(model, table)  # refuses a table without the time or the branch that the model follows
     model, of_point = find_point(model, table, task.robot)
     remarks += [of_point] if of_point else []
-    whole = _with_links(model, task, table, experiment)
-    assembly, first = _diagnosed(model, table, _options(task), tell, doubted(model, table, whole))
+    linked = _with_links(model, task, table, experiment)
+    assembly, first = _diagnosed(model, table, _options(task), tell, doubted(model, table, linked))
     course = _shaped_anew(Course(task, table, told, Ladder(model), assembly, first, first), tell)
     course = _at_the_top(course, experiment, tell)
     return finding_of(course, remarks, tell, lambda course, found: _without(course, found, experiment, tell))

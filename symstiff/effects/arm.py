@@ -270,7 +270,7 @@ def _most_arm_load(robot: Robot, joint: int, taper: float) -> float:
 def _in_poses(robot: Robot, load: sp.Expr) -> np.ndarray:
     """A load in random poses within the joints' limits."""
     names = [q(i + 1) for i in range(robot.dof)]
-    low, high = np.array([j.range for j in robot.joint], dtype=float).T
+    low, high = robot.ranges.T
     poses = np.random.default_rng(0).uniform(low, high, (_POSES, robot.dof))
     return np.asarray(sp.lambdify(names, load, "numpy")(*poses.T))
 

@@ -181,19 +181,19 @@ def _no_shape(robot: Robot, where: Where, scales: Scales) -> tuple[Shape, ...]:
     return ({},)
 
 
-def _alike(robot: Robot, shape: Shape) -> float:
+def _as_usual(robot: Robot, shape: Shape) -> float:
     return 1.0
 
 
-def _nothing(robot: Robot, where: Where, shape: Shape) -> str:
+def _like_nothing(robot: Robot, where: Where, shape: Shape) -> str:
     return ""
 
 
-def _likely(robot: Robot, where: Where, rigid: bool) -> str:
+def _not_unlikely(robot: Robot, where: Where, rigid: bool) -> str:
     return ""
 
 
-def _fixed(robot: Robot, shape: Shape) -> Mapping[str, Move]:
+def _no_moves(robot: Robot, shape: Shape) -> Mapping[str, Move]:
     return {}
 
 
@@ -233,17 +233,17 @@ class Effect:
 
     Keys are alternatives: their shapes share the prior weight of one.
     """
-    moves: Callable[[Robot, Shape], Mapping[str, Move]] = _fixed
+    moves: Callable[[Robot, Shape], Mapping[str, Move]] = _no_moves
     """How a shape's values, by key, are moved: what lies between those that are profiled."""
-    odds: Callable[[Robot, Shape], float] = _alike
+    odds: Callable[[Robot, Shape], float] = _as_usual
     """Prior weight of a shape; below one where it is rarer than the others, or the robot file tells otherwise."""
     weights: float | None = None
     """The shape's entry ``weights`` where it is left out: 1, its law counts the links' weight by itself, or 0, it takes
     the load as it comes. None: its shapes have no such entry."""
-    unlikely: Callable[[Robot, Where, bool], str] = _likely
+    unlikely: Callable[[Robot, Where, bool], str] = _not_unlikely
     """Why it is not looked for at one of its places, by what the robot file tells, and by whether the model takes all
     links for rigid; empty where it is."""
-    alike: Callable[[Robot, Where, Shape], str] = _nothing
+    alike: Callable[[Robot, Where, Shape], str] = _like_nothing
     """What outside of the catalogue looks like it, where the robot file does not speak for it; empty where nothing."""
     levels: Callable[[Sequence[float]], Shape] | None = None
     """The shape that is a compliance of the joint at each of its variable's values, ascending; None: it has none."""

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from itertools import combinations
-from typing import Annotated, Literal
+from typing import TYPE_CHECKING, Annotated, Literal
 
 from pydantic import AfterValidator, BaseModel, ConfigDict, Field, field_validator, model_validator
 
@@ -31,6 +31,9 @@ from symstiff.robot.quantities import (
     Text,
     Triple,
 )
+
+if TYPE_CHECKING:
+    import numpy as np
 
 MAX_JOINTS = 64
 _MAX_ROWS = 100  # markers, templates
@@ -227,6 +230,13 @@ class Robot(_Frozen):
     def links(self) -> tuple[Link, ...]:
         """Links 0 (the pedestal) to n."""
         return (self.base.link, *(joint.link for joint in self.joint))
+
+    @property
+    def ranges(self) -> np.ndarray:
+        """(n, 2) every joint's least and greatest value [rad, m]."""
+        import numpy as np
+
+        return np.array([joint.range for joint in self.joint], dtype=float)
 
     @property
     def reach(self) -> float:

@@ -15,7 +15,7 @@ def any_poses(
     robot: Robot, rng: np.random.Generator, count: int, held: Mapping[int, float] | None = None
 ) -> Array:
     """(count, n) joint variables within the limits [rad, m]; those ``held``, by joint from one on, at their values."""
-    low, high = np.array([j.range for j in robot.joint], dtype=float).T
+    low, high = robot.ranges.T
     q = rng.uniform(low, high, (count, robot.dof))
     for joint, value in (held or {}).items():
         q[:, joint - 1] = value

@@ -56,7 +56,7 @@ def geometry(robot: Robot) -> Geometry:
         base=tuple((str(m.kind), float(m.value)) for m in chain.base),
         rows=tuple((r.prismatic, float(r.theta), float(r.d), float(r.a), float(r.alpha)) for r in chain.rows),
         tool=tuple((str(m.kind), float(m.value)) for m in chain.tool),
-        limits=tuple((float(j.range[0]), float(j.range[1])) for j in robot.joint),
+        limits=tuple((low, high) for low, high in robot.ranges.tolist()),
     )
 
 

@@ -147,7 +147,7 @@ def _length(chain: Chain, link: int) -> float:
 def _balance(chain: Chain, joints: dict[str, float], links: dict[str, float]) -> float:
     """Return the factor that gives the links their share of the deflection."""
     rng = np.random.default_rng(270)
-    limits = np.array([j.range for j in chain.robot.joint])
+    limits = chain.robot.ranges
     q = rng.uniform(limits[:, 0], limits[:, 1], (_POSES, chain.dof))
     now = posture(chain, q, np.zeros((_POSES, chain.size)))
     tip = now.at(chain.tool)[:, None] - now.origin

@@ -9,7 +9,7 @@ from typing import overload
 
 import numpy as np
 
-from symstiff.arrays import Array
+from symstiff.arrays import TINY, Array, numbered
 from symstiff.calibration.experiment.situation import Situation, View, under_weights
 from symstiff.calibration.tables.loading import load_factor
 from symstiff.calibration.tables.measurements import Measurements, course
@@ -166,7 +166,7 @@ def _markers(view: View) -> Iterator[DeviceLaw]:
     moved = view.component < 3
     tool = view.turn @ view.found.R[:, -1]
     turned[moved] = tool[view.state[moved], view.component[moved]]
-    force = (_force(view) / max(float(np.max(np.abs(view.table.w[:, :3]), initial=0.0)), 1e-300))[view.state]
+    force = (_force(view) / max(float(np.max(np.abs(view.table.w[:, :3]), initial=0.0)), TINY))[view.state]
     in_tool = np.einsum("mrk,mr->mk", tool[view.state], force)
     axes, by_force, by_gravity = (
         list("xyz"),
@@ -215,7 +215,7 @@ def _late(situation: Situation) -> Iterator[DeviceLaw]:
             rows = rows[np.argsort(clock[rows], kind="stable")]
             before[rows[1:]] = made[rows[:-1]]
     change = before - made
-    group = np.unique(np.column_stack([table.pose, table.point]), axis=0, return_inverse=True)[1].reshape(-1)
+    group = numbered(table.pose, table.point)
     constant = np.stack([np.bincount(group, c) / np.bincount(group) for c in change.T], axis=1)[group]
     if np.sum((change - constant) ** 2) > _VARIES * np.sum(change**2):
         yield DeviceLaw(ORDER, "late", (Parameter("late", "%"),), _PERCENT * view.read(change)[:, None])
@@ -227,12 +227,12 @@ def _foot(view: View) -> Iterator[DeviceLaw]:
     own = view.table.kind == "deflection" and view.robot.has_weights
     total = ((under_weights(view).tau if own else view.tau) + view.more)[:, across]
     before = total - (view.tau + view.more)[:, across] if own else np.zeros_like(total)
-    largest = max(float(np.max(np.linalg.norm(total, axis=1), initial=0.0)), 1e-300)
+    largest = max(float(np.max(np.linalg.norm(total, axis=1), initial=0.0)), TINY)
 
     def lifted(moment: Array, lift: float) -> Array:
         size = np.linalg.norm(moment, axis=1, keepdims=True)
         beyond = np.maximum(size - lift * largest, 0.0) / ((1.0 - lift) * largest)
-        return np.asarray(beyond * moment / np.maximum(size, 1e-300))
+        return np.asarray(beyond * moment / np.maximum(size, TINY))
 
     for lift in _LIFTS:
         tilt = lifted(total, lift) - lifted(before, lift)
@@ -246,7 +246,7 @@ def _slips(view: View) -> Iterator[DeviceLaw]:
     force = _force(view)
     size = np.linalg.norm(force, axis=1, keepdims=True)
     for share in _LIFTS:
-        slipped = (size > share * np.max(size, initial=0.0)) * force / np.maximum(size, 1e-300)
+        slipped = (size > share * np.max(size, initial=0.0)) * force / np.maximum(size, TINY)
         title = f"slip beyond {100 * share:.0f} % of the largest force"
         yield DeviceLaw(FLANGE, title, (Parameter(title, "m"),), _read(view, slipped)[:, None])
 

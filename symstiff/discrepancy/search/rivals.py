@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from symstiff.arrays import Array
+from symstiff.arrays import TINY, Array
 from symstiff.discrepancy.search.workshop import Proposal, Workshop
 from symstiff.discrepancy.statistics.scan import Scan, basis_of
 from symstiff.reduction.svd import svd
@@ -142,5 +142,5 @@ def _inside(scan: Scan, law: int, entries: tuple[int, ...]) -> tuple[float, bool
     U, s, _ = svd(np.hstack([basis_of(scan, layer, e) for e in entries]))
     U = U[:, s > 1e-7]
     inside = U.T @ signal
-    share = float(inside @ inside) / max(float(signal @ signal), 1e-300)
+    share = float(inside @ inside) / max(float(signal @ signal), TINY)
     return share, bool(U.shape[1] <= layer.bases.rank[law] + 2)

@@ -8,7 +8,7 @@ from itertools import product
 
 import numpy as np
 
-from symstiff.arrays import Array, Index
+from symstiff.arrays import TINY, Array, Index
 from symstiff.calibration.fits.decomposition import column_space
 from symstiff.discrepancy.problem import Candidate, Problem
 from symstiff.discrepancy.statistics.bank import Bank, build
@@ -143,4 +143,4 @@ class _View:
             white = white - known @ (known.T @ white)
         found = np.hstack([self.beside, column_space(white, 1e-7)])
         left = layer.rss - float(np.sum((found.T @ layer.y) ** 2))
-        return -0.5 * self.scan.freedom * float(np.log(max(left, 1e-300)))
+        return -0.5 * self.scan.freedom * float(np.log(max(left, TINY)))
