@@ -209,10 +209,10 @@ def plan(
 
     run_plan(
         PlanRequest(
-            robot, poses, output, loads, measure, criterion, test_poses, force, moment, steps, candidates,
-            sigma, levels,
-            _list(markers), fixed, keep_out, floor, margin, separate, seed, refine,
-            cluster, plot, json,
+            robot=robot, poses=poses, output=output, loads=loads, measure=measure, criterion=criterion,
+            test_poses=test_poses, force=force, moment=moment, steps=steps, candidates=candidates, sigma=sigma,
+            levels=levels, markers=_list(markers), fixed=fixed, keep_out=keep_out, floor=floor, margin=margin,
+            separate=separate, seed=seed, refine=refine, cluster=cluster, plot=plot, json=json,
         )
     )  # fmt: skip
 
@@ -269,8 +269,9 @@ def identify(
 
     run_identify(
         IdentifyRequest(
-            robot, tuple(data), output, start, loads, measure, robust, physical, held_out, per_level, reconstruct,
-            plot, seed, json,
+            robot=robot, data=tuple(data), output=output, start=start, loads=loads, measure=measure, robust=robust,
+            physical=physical, held_out=held_out, per_level=per_level, reconstruct=reconstruct, plot=plot, seed=seed,
+            json=json,
         )
     )  # fmt: skip
 
@@ -308,8 +309,11 @@ def diagnose(
     from symstiff.cli.diagnose import DiagnoseRequest, run_diagnose
 
     run_diagnose(
-        DiagnoseRequest(robot, tuple(data), output, start, loads, measure, max_effects, seed, json, max_poses)
-    )
+        DiagnoseRequest(
+            robot=robot, data=tuple(data), output=output, start=start, loads=loads, measure=measure,
+            max_effects=max_effects, max_poses=max_poses, seed=seed, json=json,
+        )
+    )  # fmt: skip
 
 
 @app.command(epilog="Example: symstiff compensate model.toml trajectory.csv -o corrected.csv")

@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from symstiff.discrepancy.findings.finding import Finding
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class DiagnoseRequest:
     """The options of ``symstiff diagnose``."""
 
@@ -28,9 +28,9 @@ class DiagnoseRequest:
     loads: str | None
     measure: str | None
     max_effects: int
+    max_poses: int | None
     seed: int
     json: str | None
-    max_poses: int | None = None
 
 
 def run_diagnose(request: DiagnoseRequest) -> None:

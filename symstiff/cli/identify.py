@@ -25,7 +25,7 @@ _CONTRADICTED = 1e-3
 """Probability of what physical bounds cost below which the data speak against them."""
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class IdentifyRequest:
     """The options of ``symstiff identify``."""
 

@@ -33,7 +33,7 @@ _AT_LIMIT = 1e-3
 """Share of its range within which a joint is at its limit."""
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class PlanRequest:
     """The options of ``symstiff plan``."""
 
