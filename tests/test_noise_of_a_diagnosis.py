@@ -13,7 +13,7 @@ from symstiff.discrepancy.findings.finding import Task
 from symstiff.discrepancy.findings.remarks import _of_approach
 from symstiff.discrepancy.noise.sharing import AXES, JOINTS
 from symstiff.discrepancy.workflow import diagnose
-from symstiff.report import words
+from symstiff.report import sizes, words
 from symstiff.robot import load
 from tests.diagnosis_data import HARDENING, ROBOT, measured
 
@@ -98,7 +98,7 @@ def test_a_sigma_that_counts_the_reading_without_load_is_right(stated: float, wr
     assert found.last.noise.misstated == wrong
     assert any("times the stated sigma" in r for r in found.remarks) == wrong
     assert ("times the stated sigma" in words.sentence(found)) == (stated == 1.4e-5)
-    told = " ".join(words.noise_lines(found))
+    told = " ".join(sizes.noise_lines(found))
     assert ("if the stated one counts the reading without load" in told) == (stated == 2.83e-5)
 
 

@@ -10,7 +10,7 @@ import pytest
 from symstiff.discrepancy.findings.finding import Finding, Task
 from symstiff.discrepancy.findings.result import Rms
 from symstiff.discrepancy.workflow import diagnose
-from symstiff.report import naming, words
+from symstiff.report import naming, sizes
 from symstiff.report.html import render
 from symstiff.robot import load
 from tests.diagnosis_data import HARDENING, ROBOT, measured
@@ -37,7 +37,7 @@ def test_a_residual_is_told_in_the_unit_of_what_was_measured(
 ) -> None:
     values = np.full(found.table.values.shape, np.nan)
     values[:, axes] = 1e-4
-    assert words.size(1.44e-4, replace(found, table=replace(found.table, values=values))) == told
+    assert sizes.size(1.44e-4, replace(found, table=replace(found.table, values=values))) == told
 
 
 def test_the_confidence_of_a_group_is_that_of_its_weakest_member(found: Finding) -> None:

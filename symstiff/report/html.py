@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from typing import Any
 
 from markupsafe import Markup, escape
@@ -13,21 +13,18 @@ from symstiff import __version__
 from symstiff.codegen.emit import environment
 from symstiff.discrepancy.findings import numbers
 from symstiff.discrepancy.findings.finding import Finding
-from symstiff.discrepancy.findings.result import CandidateResult, Found, Name, Quantity
+from symstiff.discrepancy.findings.result import Quantity
 from symstiff.discrepancy.laws.speech import law_place
 from symstiff.discrepancy.reasons import Why
-from symstiff.discrepancy.search.verdict import AMBIGUOUS, INSUFFICIENT, NOTHING, UNEXPLAINED, UNTESTABLE
-from symstiff.display import few, sentence_case, unit_text
-from symstiff.effects.places import named, spoken
-from symstiff.effects.registry import catalogue
-from symstiff.report import law_plots, naming, plots, unnamed, where, words
+from symstiff.discrepancy.search.verdict import AMBIGUOUS, INSUFFICIENT, UNEXPLAINED, UNTESTABLE
+from symstiff.display import sentence_case, unit_text
+from symstiff.effects.places import named
+from symstiff.report import candidates, cards, law_plots, naming, plots, sizes, unnamed, where, words
 from symstiff.report.code import Line, formulas
 from symstiff.report.deciding import NOWHERE, OTHERWISE, decides, load_axes, reached, separation_text
 from symstiff.report.tables import StepRow, moved, rotates, shift, step_rows
 
-_MOST_CANDIDATES, _MOST_LAWS = 20, 5
-_MOST_PLACES, _SEEN_AT = 8, 6
-"""Places of an effect from which on their number, or the best of them, stands for all, and those shown else."""
+_MOST_LAWS = 5
 _LONG = 26
 """Letters of a name from which it may break."""
 _ROOM = 6
@@ -76,17 +73,17 @@ def _context(finding: Finding, files: dict[str, Any], changes: list[Line]) -> di
         "remarks": finding.remarks,
         "facts": _facts(finding),
         "effects": words.what(finding),
-        "explanations": _explanations(finding),
-        "alternatives": _effects(finding, finding.alternatives),
+        "explanations": cards.explanations(finding),
+        "alternatives": cards.cards_of(finding, finding.alternatives),
         "steps": _steps(finding),
         "strata": _strata(finding),
         "pictures": _pictures(finding),
         "parts": where.parts(finding) if finding.testable else [],
         "laws": _laws(finding),
         "unnamed": _unnamed(finding),
-        "candidates": _candidates(finding),
-        "untested": _untested(finding),
-        "sensitivity": _sensitivity(finding),
+        "candidates": candidates.candidates(finding),
+        "untested": candidates.untested(finding),
+        "sensitivity": candidates.sensitivity(finding),
         "moved": _moved(finding),
         "told": finding.as_told is not None,
         "absorbed": finding.grown.absorbed,
@@ -98,7 +95,7 @@ def _context(finding: Finding, files: dict[str, Any], changes: list[Line]) -> di
         "axes": _AXES,
         "names": [t for start, t in _NAMES.items() if any(re.match(start, m.name) for m in moved(finding))],
         "changed": f"{_CHANGED:g}",
-        "noise": words.noise_lines(finding),
+        "noise": sizes.noise_lines(finding),
     }
 
 
@@ -128,7 +125,7 @@ def _facts(finding: Finding) -> list[tuple[str, str]]:
         ),
         ("start model", f"{len(finding.start.model.parameters)} parameters"),
         ("residual, rms per coordinate", _fall(finding, r.before, r.after)),
-        ("noise", words.noise(finding, numbers.decimals_between(r.before, r.after))),
+        ("noise", sizes.noise(finding, numbers.decimals_between(r.before, r.after))),
     ]
     held = finding.last.held_out
     if held is not None:
@@ -141,55 +138,9 @@ def _facts(finding: Finding) -> list[tuple[str, str]]:
 def _fall(finding: Finding, before: float | None, after: float | None) -> str:
     """Before and after; one of them where nothing was added."""
     if len(finding.steps) < 2 or before is None or after is None:
-        return words.size(before, finding)
+        return sizes.size(before, finding)
     decimals = numbers.decimals_between(before, after)
-    return f"{words.size(before, finding, decimals)} → {words.size(after, finding, decimals)}"
-
-
-def _explanations(finding: Finding) -> list[dict[str, Any]]:
-    """Cards of the effects; those of an ambiguous verdict by what all explanations share, then by explanation."""
-    if finding.verdict != AMBIGUOUS:
-        return [{"title": "", "cards": _effects(finding, finding.effects)}] if finding.effects else []
-    common, own = words.explanations(finding)
-    out = [{"title": "In every explanation", "cards": _effects(finding, common)}] if common else []
-    for k, members in enumerate(own, start=1):
-        sure = f": {naming.confidence(finding, members)}" if members else ": nothing more"
-        out.append({"title": f"Explanation {k}{sure}", "cards": _effects(finding, members)})
-    return out
-
-
-def _effects(finding: Finding, effects: Sequence[Found]) -> list[dict[str, Any]]:
-    """A card an effect; one for all places of an effect that is at many."""
-    groups: dict[tuple[int, str], list[Found]] = {}
-    for e in effects:
-        groups.setdefault((e.set_number, e.effect), []).append(e)
-    cards = [
-        part
-        for group in groups.values()
-        for part in ([group] if len(group) > naming.MANY else [[e] for e in group])
-    ]
-    return [_card(finding, group) for group in cards]
-
-
-def _card(finding: Finding, group: list[Found]) -> dict[str, Any]:
-    e = group[0]
-    entry = catalogue().get(e.effect)
-    confounded = _names(n for g in group for n in g.confounded_with)
-    sizes = {n: size for g in group for n, size in g.parameters.items()}
-    zero = [n for n, size in sizes.items() if size.value == 0.0 and not math.isfinite(size.std)]
-    return {
-        "set": e.set_number + 1,
-        "name": naming.names(group) if len(group) > 1 else named(e.effect, e.where),
-        "wide": len(group) > 1,
-        "description": entry.description if entry else "",
-        "separated_by": entry.separated_by if entry else "",
-        "parameters": [(n, numbers.quantity(size)) for n, size in sizes.items() if n not in zero],
-        "zero": zero,
-        "p": numbers.p_equals(max(g.p_value for g in group)),
-        "confidence": naming.confidence(finding, group),
-        "confounded": few(confounded, 6),
-        "shape": naming.shape_text(finding, e),
-    }
+    return f"{sizes.size(before, finding, decimals)} → {sizes.size(after, finding, decimals)}"
 
 
 def _decide(record: dict[str, Any] | None) -> dict[str, Any] | None:
@@ -330,81 +281,6 @@ def _unnamed(finding: Finding) -> dict[str, Any] | None:
         },
         "top": top,
     }
-
-
-def _best(c: CandidateResult) -> tuple[str, str]:
-    """The parameter that is known best, where there are several, and its size."""
-    known = {n: e for n, e in c.parameters.items() if math.isfinite(e.std) and e.std > 0}
-    if not known:
-        return "", "not determined one by one" if c.parameters else "–"
-    name = max(known, key=lambda n: abs(known[n].value) / known[n].std)
-    return name if len(c.parameters) > 1 else "", numbers.quantity(known[name])
-
-
-def _smallest(c: CandidateResult) -> tuple[str, str]:
-    """The smallest size that would be seen, and of which parameter where there are several."""
-    finite = {n: e for n, e in c.smallest_detectable.items() if math.isfinite(e.value)}
-    if not finite:
-        return "–", ""
-    name = next(iter(finite))
-    return numbers.size_text(finite[name]), name if len(c.smallest_detectable) > 1 else ""
-
-
-def _candidates(finding: Finding) -> list[dict[str, str]]:
-    answer = {True: "yes", False: "no", None: "–"}
-    return [
-        {
-            "name": named(c.effect, c.where),
-            "parameter": _best(c)[0],
-            "size": _best(c)[1],
-            "p": numbers.p_text(c.p_value),
-            "sufficient": answer[c.sufficient],
-            "plausible": answer[c.plausible],
-            "testable": f"yes, {numbers.percent(c.share_left)} left",
-            "confused": few(_names([n for n in c.confused_with if n != Name(c.effect, c.where)]), 3),
-        }
-        for c in [c for c in finding.candidates if c.testable][:_MOST_CANDIDATES]
-    ]
-
-
-def _untested(finding: Finding) -> list[tuple[str, str]]:
-    """Reasons why candidates could not be tested, with those that they hold for."""
-    reasons: dict[str, dict[str, list[CandidateResult]]] = {}
-    for c in finding.candidates:
-        if not c.testable:
-            reasons.setdefault(c.reason or "not testable", {}).setdefault(c.effect, []).append(c)
-    return [(reason, "; ".join(_together(group) for group in by.values())) for reason, by in reasons.items()]
-
-
-def _together(group: list[CandidateResult]) -> str:
-    """One effect at its places; only their number where there are many."""
-    if len(group) > _MOST_PLACES:
-        return f"{spoken(group[0].effect)} ({len(group)} places)"
-    return f"{spoken(group[0].effect)} {naming.places([c.where for c in group])}".strip()
-
-
-def _names(found: Iterable[Name]) -> list[str]:
-    """Effects at their places in words, each once."""
-    return list(dict.fromkeys(naming.name_text(n) for n in found))
-
-
-def _sensitivity(finding: Finding) -> list[tuple[str, str, str, str]]:
-    """Per effect the place where it would have been seen best, and how large it had to be there."""
-    source = finding.last.candidates if finding.verdict == NOTHING else finding.candidates
-    best: dict[str, list[CandidateResult]] = {}
-    for c in source:
-        if any(math.isfinite(e.value) for e in c.smallest_detectable.values()):
-            best.setdefault(c.effect, []).append(c)
-    out = []
-    for group in best.values():
-        rows = sorted(group, key=_smallest_value)
-        for c in rows[:1] if len(rows) > _MOST_PLACES else rows[:_SEEN_AT]:
-            out.append((named(c.effect, c.where), *_smallest(c), "yes" if c.testable else "no"))
-    return out
-
-
-def _smallest_value(c: CandidateResult) -> float:
-    return next(e.value for e in c.smallest_detectable.values() if math.isfinite(e.value))
 
 
 def _moved(finding: Finding) -> list[dict[str, str]]:

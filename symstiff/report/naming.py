@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -166,3 +166,8 @@ def _or_else(effect: Found) -> str:
     if not effect.twins:
         return ""
     return f" (or {' or '.join(name_text(n) for n in effect.twins[:3])}: the same columns, no data tell them apart)"
+
+
+def each_name(found: Iterable[Name]) -> list[str]:
+    """Effects at their places in words, each once."""
+    return list(dict.fromkeys(name_text(n) for n in found))

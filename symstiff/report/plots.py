@@ -17,7 +17,7 @@ from symstiff.arrays import Array, Index
 from symstiff.calibration.tables.measurements import COMPONENTS
 from symstiff.discrepancy.findings.finding import Finding
 from symstiff.discrepancy.findings.numbers import decimals_between, milli
-from symstiff.report import words
+from symstiff.report import sizes
 from symstiff.report.tables import by_state, standardised
 
 BEFORE, AFTER, NOISE, LAW = "#9aa7b4", "#1f6f8b", "#8f6a09", "#c0392b"
@@ -92,22 +92,22 @@ def draw_gap(finding: Finding) -> Picture:
                 axes.barh(k + shift, 1e3 * value, 0.34, color=colour)
                 right = max(value, r.noise) if 0.8 * r.noise < value < 1.15 * r.noise else value
                 axes.annotate(
-                    words.size(value, finding, decimals), (1e3 * right, k + shift), va="center", fontsize=8,
+                    sizes.size(value, finding, decimals), (1e3 * right, k + shift), va="center", fontsize=8,
                     xytext=(4, 0), textcoords="offset points",
                 )  # fmt: skip
         axes.axvline(1e3 * r.noise, color=NOISE, linewidth=1.4, linestyle="--")
-        noise = words.size(r.noise, finding, decimals_between(r.before, r.after))
+        noise = sizes.size(r.noise, finding, decimals_between(r.before, r.after))
         axes.annotate(
             f"noise {noise}", (1e3 * r.noise, -0.62), color=NOISE, fontsize=8,
             xytext=(3, 0), textcoords="offset points",
         )  # fmt: skip
         axes.set_yticks(range(len(rows)), [name for name, *_ in rows])
         axes.set(
-            xlabel=f"root mean square of a coordinate [{words.unit(finding)}]", ylim=(len(rows) - 0.45, -0.8)
+            xlabel=f"root mean square of a coordinate [{sizes.unit(finding)}]", ylim=(len(rows) - 0.45, -0.8)
         )
         axes.margins(x=0.16)
     who = "Grey: the start model; blue: with what was added." if grown else "Bars: the start model."
-    shares = ", what a pose's rows share included" if words.shares(finding) else ""
+    shares = ", what a pose's rows share included" if sizes.shares(finding) else ""
     return Picture(out[0], f"{who} Dashed: the noise{shares}.")
 
 

@@ -7,51 +7,35 @@ from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 from symstiff.calibration.tables.checks import of_units
-from symstiff.calibration.tables.measurements import COMPONENTS
 from symstiff.discrepancy.findings.finding import Finding
-from symstiff.discrepancy.findings.numbers import decimals_between, milli, p_equals
+from symstiff.discrepancy.findings.numbers import decimals_between, p_equals
 from symstiff.discrepancy.findings.remarks import FEW, hiding
 from symstiff.discrepancy.findings.result import Found, RivalLaw
 from symstiff.discrepancy.findings.since import worse
 from symstiff.discrepancy.laws.speech import law_at, law_place
-from symstiff.discrepancy.noise.scales import NoiseReport, off
-from symstiff.discrepancy.noise.sharing import JOINTS
 from symstiff.discrepancy.problem import Options
 from symstiff.discrepancy.reasons import Why
 from symstiff.discrepancy.search.rivals import AS_MUCH
 from symstiff.discrepancy.search.verdict import AMBIGUOUS, INSUFFICIENT, NAMED, NOTHING, UNEXPLAINED
-from symstiff.display import listing, sentence_case, times
+from symstiff.display import listing, sentence_case
 from symstiff.effects.places import named, place
 from symstiff.effects.registry import find
 from symstiff.report.deciding import deciding
 from symstiff.report.instead import as_well
 from symstiff.report.naming import confidence, each_told, names
+from symstiff.report.sizes import louder, of_noise, size
 from symstiff.report.tables import shift
 from symstiff.report.unnamed import device_text, explained, law_in_short
 
 _OTHER = 3.0
 """Standard deviations by which a size in another set is another one."""
-_TWO_DIGITS = 10.0
-"""Units of the last digit from which a size has two."""
-LOUDER = 1.08
-"""Least residual over the stated sigma that is spoken of where nothing is missing."""
-_SEEN = 0.01
-"""p-value below which something is said of the noise."""
-_GROWS = 0.25
-"""Power of a quantity from which the noise is said to change with it."""
-
-
-def _louder(noise: NoiseReport) -> str:
-    """How much larger the noise is than stated; empty where it is not."""
-    larger = noise.misstated and noise.ratio is not None and noise.ratio > LOUDER
-    return f"{times(noise.ratio or 1.0)} times the stated sigma" if larger else ""
 
 
 def _nothing_missing(finding: Finding) -> str:
     noise = finding.last.noise
     if not finding.last.growth:
         return "Nothing is missing"
-    if _louder(noise):
+    if louder(noise):
         return "Nothing found missing; the noise is larger than stated"
     if noise.mostly_shared:
         return "Nothing found missing; what a pose's rows share is more than noise"
@@ -62,24 +46,6 @@ def _nothing_missing(finding: Finding) -> str:
     if worse(finding.as_told, finding.rms.after):
         return "Nothing is missing, but values of the start model do not hold any more"
     return "Nothing is missing"
-
-
-def size(value: float | None, finding: Finding, decimals: int | None = None) -> str:
-    """A residual as millimetres, with so many decimals; as milliradians where rotations alone were measured."""
-    if value is None:
-        return "–"
-    rough = decimals is None or 1e3 * value * 10**decimals < _TWO_DIGITS
-    return f"{milli(value) if rough else f'{1e3 * value:.{decimals}f}'} {unit(finding)}"
-
-
-def unit(finding: Finding) -> str:
-    """The unit of residuals that count together."""
-    return "mm" if finding.table.measured[:, :3].any() else "mrad"
-
-
-def shares(finding: Finding) -> bool:
-    """Whether a pose's rows are said to share an error."""
-    return finding.last.noise.mostly_shared or finding.last.noise.approach_p < _SEEN
 
 
 def headline(finding: Finding) -> str:
@@ -179,7 +145,7 @@ def gap(finding: Finding) -> str:
     if r.held_out_before is not None and r.held_out_after is not None:
         text += f", on poses that were not used it {_goes(r.held_out_before, r.held_out_after, finding)}"
         text += ", which does not confirm it" if r.unconfirmed else ""
-    return f"{text} ({_noise(finding, decimals_between(r.before, r.after))})"
+    return f"{text} ({of_noise(finding, decimals_between(r.before, r.after))})"
 
 
 def _goes(before: float, after: float, finding: Finding) -> str:
@@ -189,19 +155,6 @@ def _goes(before: float, after: float, finding: Finding) -> str:
     if first == last:
         return f"stays at {first}"
     return f"{'falls' if after < before else 'rises'} from {first} to {last}"
-
-
-def _noise(finding: Finding, decimals: int | None = None) -> str:
-    return f"noise {noise(finding, decimals)}"
-
-
-def noise(finding: Finding, decimals: int | None = None) -> str:
-    """The noise of a coordinate; where a pose's rows share more than that, which may be something missing, both."""
-    report = finding.last.noise
-    if not report.mostly_shared:
-        return size(finding.rms.noise, finding, decimals)
-    own, shared = size(report.sigma, finding, decimals), size(report.approach, finding, decimals)
-    return f"{own}, and {shared} that a pose's rows share"
 
 
 def _named(finding: Finding) -> str:
@@ -238,7 +191,7 @@ def _nothing_but_poses(finding: Finding) -> str:
     return (
         f"What is missing comes with {finding.accused}{there}: unlike all others, and nothing of the catalogue. Look "
         f"at labels, loads and joint readings there, or measure {them} again. Without {them} the model accounts for "
-        f"the data: {size(finding.rms.after, finding)} rms per coordinate is left, {_noise(finding)}."
+        f"the data: {size(finding.rms.after, finding)} rms per coordinate is left, {of_noise(finding)}."
     )
 
 
@@ -248,7 +201,7 @@ def _nothing(finding: Finding) -> str:
     shown = [
         c for c in finding.candidates if kind in find(c.effect).seen_in and find(c.effect).places_in is None
     ]
-    louder = _louder(finding.last.noise)
+    larger = louder(finding.last.noise)
     fitted, own = "", ""
     if worse(finding.as_told, r.after):
         fitted = " once its values are fitted anew to them"
@@ -256,7 +209,7 @@ def _nothing(finding: Finding) -> str:
         own = f" With the values that it was told it leaves {told}: they do not hold any more."
     return (
         f"The model accounts for the data{fitted}: {size(r.after, finding)} rms per coordinate is left, the noise is "
-        f"{size(r.noise, finding)}{f', {louder}' if louder else ''} (no effect of the catalogue stands out from it: "
+        f"{size(r.noise, finding)}{f', {larger}' if larger else ''} (no effect of the catalogue stands out from it: "
         f"{p_equals(finding.first.p_missing)}, where {Options.alpha:g} would; {sum(c.testable for c in shown)} of "
         f"{len(shown)} effects at their places that {data} can show could be tested).{own}"
     )
@@ -365,7 +318,7 @@ def _unexplained(finding: Finding) -> str:
         return (
             f"One part of the residual alone holds more than noise ({alone.name}: {p}), and no law at any "
             "place is seen there: it may be noise that follows itself from reading to reading (residual "
-            f"{size(finding.rms.after, finding)} rms per coordinate, {_noise(finding)})."
+            f"{size(finding.rms.after, finding)} rms per coordinate, {of_noise(finding)})."
         )
     if finding.because.why is Why.POSES:
         return _nothing_but_poses(finding)
@@ -391,7 +344,7 @@ def _unexplained(finding: Finding) -> str:
         )
     seen = f"; noise alone shows as much: {p_equals(min(finding.last.p_missing, finding.last.p_unnamed))}"
     return (
-        f"{text} (residual {size(finding.rms.after, finding)} rms per coordinate, {_noise(finding)}{seen})."
+        f"{text} (residual {size(finding.rms.after, finding)} rms per coordinate, {of_noise(finding)}{seen})."
         f"{_to_do(accused)}"
     )
 
@@ -406,36 +359,3 @@ def _to_do(accused: str) -> str:
     if accused:
         return f" Check {law_place(accused)}, and measure again, before anything else."
     return " More poses and load steps would tell where it sits."
-
-
-def noise_lines(finding: Finding) -> list[str]:
-    """What was found out about the noise, a line each."""
-    n = finding.last.noise
-    found = finding.testable and finding.named
-    left = "what is left after everything found" if found else "what the model leaves"
-    source = {"repeats": "repeated readings", "residual": f"{left}, as too little was measured twice"}
-    lines = [
-        f"standard deviation {size(n.sigma, finding)} from {source.get(n.source, n.source)} "
-        f"({n.degrees_of_freedom:.0f} degrees of freedom)"
-    ]
-    if n.stated is not None and n.ratio is not None:
-        text = f"stated {size(n.stated, finding)}: found/stated = {n.ratio:.2f}"
-        counts = n.ratio_interval is not None and off(n.ratio_interval)
-        agrees = (
-            ", which agree if the stated one counts the reading without load" if counts else ", which agree"
-        )
-        lines.append(text + (", which contradicts the stated one" if n.misstated else agrees))
-    if n.approach_p < _SEEN:
-        how = ", as if the joints had stopped beside their targets" if n.shared == JOINTS else ""
-        lines.append(f"a pose's rows share an error of {size(n.approach, finding)}{how}")
-    if n.reading > 0:
-        lines.append(f"the markers of one reading share {100 * n.reading:.0f} % of its variance")
-    lines += [str(joint) for joint in n.settling]
-    if n.homogeneity_p < _SEEN:
-        units = ("mm", "mrad")
-        by = ", ".join(f"{COMPONENTS[a]} {milli(s)} {units[a > 2]}" for a, s in n.by_axis.items())
-        lines.append(f"the noise differs between axes: {by}")
-    for what, power in n.growth.items():
-        if abs(power) > _GROWS:
-            lines.append(f"the noise changes with the {what} (power {power:+.2f})".replace("-", "−"))
-    return lines

@@ -21,7 +21,7 @@ from symstiff.calibration.levels import levels_of
 from symstiff.calibration.tables.measurements import Measurements
 from symstiff.discrepancy.bridge.ranges import Extent, at_size, extent_of
 from symstiff.discrepancy.noise.scales import Noise
-from symstiff.discrepancy.problem import ANGLE, CLOCK, HISTORY, Candidate, Parameter, Problem
+from symstiff.discrepancy.problem import ANGLE, CLOCK, HISTORY, Candidate, Parameter, Problem, key_of
 from symstiff.effects.base import Effect, Move, Realisation, Scales, Shape, Where
 from symstiff.effects.lawful import check_laws
 from symstiff.effects.places import site
@@ -55,13 +55,13 @@ def candidates(
     scales, extent = scales_of(situation.view), extent_of(situation.view)
     taken = frozenset(model.parameters)
     rigid = all(p.is_joint for p in model.compliances)
-    there = [(e.effect, dict(e.where)) for e in model.effects]
+    there = {key_of(e.effect, e.where) for e in model.effects}
     basis = column_space(problem.A / spread_of(situation.view)[:, None])
     for effect in effects:
         why = _missing(effect, table)
         places = effect.places(model.robot) if effect.places_in is None else effect.places_in(situation)
         for where in places:
-            reason = why or ("the model has it" if (effect.identifier, dict(where)) in there else "")
+            reason = why or ("the model has it" if key_of(effect.identifier, where) in there else "")
             grown = any(dict(e.where) == dict(where) for e in model.effects)
             reason = reason or ("" if grown else effect.unlikely(model.robot, where, rigid))
             shapes = () if reason else effect.shapes(model.robot, where, scales)

@@ -17,7 +17,7 @@ from symstiff.calibration.plausible import implausible
 from symstiff.calibration.tables.measurements import Measurements
 from symstiff.discrepancy.bridge.assemble import Assembly, assemble
 from symstiff.discrepancy.noise.scales import Noise
-from symstiff.discrepancy.problem import Problem
+from symstiff.discrepancy.problem import Problem, key_of
 from symstiff.discrepancy.statistics.bank import build
 from symstiff.discrepancy.statistics.prepare import at_first, prepare
 from symstiff.discrepancy.statistics.scan import Scan, coefficients, one_sharing, open_scan
@@ -54,9 +54,9 @@ class JointFit:
 
 def grow(model: StiffnessModel, instances: Iterable[EffectInstance]) -> StiffnessModel:
     """The model with effects added; those that it has already are left as they are."""
-    there = [(e.effect, dict(e.where)) for e in model.effects]
+    there = {key_of(e.effect, e.where) for e in model.effects}
     for instance in instances:
-        if (instance.effect, dict(instance.where)) not in there:
+        if key_of(instance.effect, instance.where) not in there:
             model = model.with_effect(instance)
     return model
 
