@@ -1,7 +1,7 @@
 """A tool or payload of another weight than believed: ΔW from Δm and Δ(m·c), behind all springs.
 
 In positions it is a tool, which is always there. With ``loaded = 1`` in the shape it is the load: there where a wrench
-is told, and not in the states without one, as deflections have it anyway; with ``at_tcp = 1`` its mass alone is
+is told, and not in the states without one, as deflections have it anyway; with ``at_tcp = 1`` the mass alone is
 another, and its place the tool centre point.
 """
 
@@ -25,9 +25,10 @@ def _realise(robot: Robot, where: Where, shape: Shape) -> Realisation:
 
 
 def _shapes(robot: Robot, where: Where, scales: Scales) -> tuple[Shape, ...]:
-    if scales.kind == "deflection" or not scales.mixed:
+    if scales.kind == "deflection":
         return ({},)
-    return {}, {"loaded": 1.0}, {"loaded": 1.0, "at_tcp": 1.0}
+    load = ({"loaded": 1.0}, {"loaded": 1.0, "at_tcp": 1.0}) if scales.mixed else ()
+    return {}, {"at_tcp": 1.0}, *load
 
 
 EFFECT = Effect(

@@ -9,6 +9,7 @@ from symstiff.discrepancy.findings.finding import Finding
 from symstiff.discrepancy.findings.result import CandidateResult, Name
 from symstiff.discrepancy.search.verdict import NOTHING
 from symstiff.display import few
+from symstiff.effects.instance import EffectInstance
 from symstiff.effects.places import named, spoken
 from symstiff.report import naming
 
@@ -82,8 +83,18 @@ def sensitivity(finding: Finding) -> list[tuple[str, str, str, str]]:
     for group in best.values():
         rows = sorted(group, key=_smallest_value)
         for c in rows[:1] if len(rows) > _MOST_PLACES else rows[:_SEEN_AT]:
-            out.append((named(c.effect, c.where), *_smallest(c), "yes" if c.testable else "no"))
+            out.append((named(c.effect, c.where), *_smallest(c), "yes" if _would_show(finding, c) else "no"))
     return out
+
+
+def _would_show(finding: Finding, c: CandidateResult) -> bool:
+    """Whether a believable size would be seen; of an effect whose size is known, that size."""
+    if not c.testable:
+        return False
+    known = EffectInstance(c.effect, c.where, c.shape).realise(finding.task.robot).nominal
+    return all(
+        c.smallest_detectable[n].value <= abs(v) for n, v in known.items() if n in c.smallest_detectable
+    )
 
 
 def _smallest_value(c: CandidateResult) -> float:

@@ -47,7 +47,8 @@ def noise(finding: Finding, decimals: int | None = None) -> str:
     """The noise of a coordinate; where a pose's rows share more than that, which may be something missing, both."""
     report = finding.last.noise
     if not report.mostly_shared:
-        return size(finding.rms.noise, finding, decimals)
+        whole = size(finding.rms.noise, finding, decimals)
+        return f"{whole}, what a pose's rows share included" if shares(finding) else whole
     own, shared = size(report.sigma, finding, decimals), size(report.approach, finding, decimals)
     return f"{own}, and {shared} that a pose's rows share"
 

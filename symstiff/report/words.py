@@ -6,6 +6,7 @@ import math
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
+from symstiff.calibration.doubts.soundness import outside_class
 from symstiff.calibration.tables.checks import of_units
 from symstiff.discrepancy.findings.finding import Finding
 from symstiff.discrepancy.findings.numbers import decimals_between, p_equals
@@ -27,6 +28,8 @@ from symstiff.report.sizes import louder, of_noise, size
 from symstiff.report.tables import shift
 from symstiff.report.unnamed import device_text, explained, law_in_short
 
+_REST = 0.25
+"""Probability that no explanation is left with, from which it is told."""
 _OTHER = 3.0
 """Standard deviations by which a size in another set is another one."""
 
@@ -53,9 +56,10 @@ def headline(finding: Finding) -> str:
     if not finding.testable:
         doubtful = finding.last.doubtful
         return "The table has to be corrected first" if doubtful else "Nothing can be tested with these data"
-    return _headline(finding) + (
-        ", if the units are right" if of_units(finding.table, finding.task.robot) else ""
-    )
+    if of_units(finding.table, finding.task.robot):
+        return f"{_headline(finding)}, if the units are right"
+    beyond = outside_class(finding.table.w, finding.start.model.loads)
+    return _headline(finding) + (", beside loads that the start model leaves out" if beyond else "")
 
 
 def _headline(finding: Finding) -> str:
@@ -121,9 +125,11 @@ def sentence(finding: Finding, decide: Mapping[str, Any] | None = None) -> str:
         INSUFFICIENT: _insufficient,
         UNEXPLAINED: _unexplained,
     }[finding.verdict](finding)
-    text = " ".join(
-        [*(f"{sentence_case(doubt)}." for doubt in of_units(finding.table, finding.task.robot)), text]
-    )
+    doubts = [
+        *of_units(finding.table, finding.task.robot),
+        *outside_class(finding.table.w, finding.start.model.loads),
+    ]
+    text = " ".join([*(f"{sentence_case(doubt)}." for doubt in doubts), text])
     if finding.reshaped and finding.verdict != NAMED:
         has = listing([named(e.effect, e.where) for e in finding.reshaped])
         text += f" The start model has {has} in another shape."
@@ -236,6 +242,9 @@ def _ambiguous(finding: Finding) -> str:
         for members in own
     ]
     beside = f"Beside {'; '.join(each_told(finding, common))}, " if common else ""
+    rest = 1.0 - sum(min(e.confidence for e in members) for members in own if members)
+    if rest > _REST and all(own):
+        texts.append(f"none of these ({100 * rest:.0f} %)")
     told = ", or ".join(texts)
     text = f"{beside}{len(own)} explanations account for the data: {told}; with the first, {gap(finding)}."
     if changing := [e for e in common if _otherwise_elsewhere(finding, e)]:
