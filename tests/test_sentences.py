@@ -14,14 +14,15 @@ from symstiff.calibration.simulation.experiment import simulate
 from symstiff.calibration.simulation.truth import truth_from_table
 from symstiff.discrepancy.conclusion import _beyond_code
 from symstiff.discrepancy.findings.finding import Finding, Task
-from symstiff.discrepancy.findings.result import Instead, Name
+from symstiff.discrepancy.findings.result import Instead, Name, Quantity
 from symstiff.discrepancy.laws.speech import law_at
+from symstiff.discrepancy.search.verdict import AMBIGUOUS
 from symstiff.discrepancy.statistics.strata import Stratum
 from symstiff.discrepancy.workflow import diagnose
 from symstiff.effects.instance import EffectInstance
 from symstiff.model import StiffnessModel
 from symstiff.reduction import reduce
-from symstiff.report import words
+from symstiff.report import candidates, sizes, words
 from symstiff.report.folder import write_report
 from symstiff.robot import load
 from tests.diagnosis_data import HARDENING, ROBOT, design, measured
@@ -159,3 +160,56 @@ def test_laws_of_loads_are_told_in_words_where_they_have_some() -> None:
         "a gain error that grows with the load (force sensor axis 3)"
     )
     assert law_at("order", "measurement axis 1") == "a term in the order of the rows (measurement axis 1)"
+
+
+def test_loads_that_the_start_model_was_not_reduced_for_are_in_the_first_words(found: Finding) -> None:
+    """What they do to the robot is nowhere in the model, and may be named instead."""
+    assert "leaves out" not in words.headline(found)
+    narrow = replace(found.start, model=replace(found.start.model, loads="gravity"))
+    beyond = replace(found, start=narrow)
+    assert words.headline(beyond) == f"{words.headline(found)}, beside loads that the start model leaves out"
+    assert words.sentence(beyond).startswith(
+        "The model is reduced for gravity loads (fz), and these have fx, fy too"
+    )
+
+
+def test_where_no_explanation_is_likely_that_is_told(found: Finding) -> None:
+    lead = found.named[0]
+    other = replace(lead, effect="backlash", set_number=1)
+
+    def told(first: float, second: float) -> str:
+        sets = (replace(lead, confidence=first), replace(other, confidence=second))
+        return words.sentence(replace(found, verdict=AMBIGUOUS, effects=sets, alternatives=()))
+
+    assert "backlash at joint 2 (confidence 24 %), or none of these (63 %); with the first" in told(
+        0.13, 0.24
+    )
+    assert "none of these" not in told(0.5, 0.4)
+
+
+def test_the_noise_says_where_it_holds_what_a_poses_rows_share(found: Finding) -> None:
+    noise = found.last.noise
+
+    def told(approach: float, p: float) -> str:
+        report = replace(noise, approach=approach, approach_p=p)
+        return sizes.noise(replace(found, last=replace(found.last, noise=report)))
+
+    assert "share" not in told(0.0, 0.9)
+    assert told(noise.sigma / 3, 1e-5).endswith(" mm, what a pose's rows share included")
+    assert told(2.0 * noise.sigma, 1e-5).endswith(" mm that a pose's rows share")
+
+
+def test_a_size_that_is_known_and_below_what_would_be_seen_is_no_testable_one(found: Finding) -> None:
+    """A share of a large deflection is 1: a limit of 2 says that it cannot be seen."""
+    known = next(c for c in found.candidates if c.testable)
+
+    def answer(least: float) -> str:
+        share = {"large_deflection_all_share": Quantity(least, 0.0, "1")}
+        one = replace(
+            known, effect="large_deflection", where={"robot": "all"}, shape={}, smallest_detectable=share
+        )
+        last, first = (replace(d, candidates=(one,)) for d in (found.last, found.first))
+        return candidates.sensitivity(replace(found, first=first, last=last))[0][-1]
+
+    assert answer(2.2) == "no"
+    assert answer(0.4) == "yes"
