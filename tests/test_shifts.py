@@ -66,3 +66,20 @@ def test_a_device_that_turns_slowly_is_accused_with_how_far(zero: float, words: 
     assert law.terms[2][0].endswith(f"{words}: z")
     assert law.terms[2][1] == pytest.approx(turn[2], rel=0.15)
     assert words in sentence(found)
+
+
+def test_a_device_that_goes_to_and_fro_is_accused_with_how_often() -> None:
+    """As the floor under it warms and cools: no drift, and no error of a pose."""
+    table = measured(poses=16)
+    waves = np.sin(2.0 * np.pi * 1.5 * np.linspace(0.0, 1.0, len(table)))
+    values = table.values.copy()
+    values[:, :3] += waves[:, None] * SHIFT
+    found = diagnose(Task(load(ROBOT), replace(table, values=values)))
+    assert found.verdict == "unexplained"
+    law = found.last.device_law
+    assert law is not None
+    assert law.place == "measuring device"
+    names, sizes = zip(*((name, value) for name, value, _, _ in law.terms), strict=True)
+    assert names[0] == "shift to and fro, 1.5 times in the session, sin: x"
+    assert sizes[:3] == pytest.approx(SHIFT, abs=1.5e-5)
+    assert "to and fro, 1.5 times in the session" in sentence(found)

@@ -31,6 +31,8 @@ _TURNS = (1, 2)
 
 _LEVELS = 8
 """Sizes of loads up to which one of them may be another weight than the table says."""
+_WAVES = (1.0, 1.5, 2.0)
+"""Times in a session that a device may move to and fro: a drift tells what is slower."""
 _CUTS = 20
 """Moments of a session at which something may have moved, at most."""
 
@@ -76,6 +78,7 @@ def _found(situation: Situation) -> tuple[DeviceLaw, ...]:
         *_always(view),
         *_moved_once(situation),
         *_turning(situation),
+        *_swaying(situation),
         *posture_laws(situation),
     ]
     found += _readings(view) if view.table.kind == "absolute" else drawing_laws(situation)
@@ -300,6 +303,32 @@ def _turning(situation: Situation) -> Iterator[DeviceLaw]:
         columns = tuple(Parameter(f"turn {when}: {axis}", "rad") for axis in "xyz")
         rows = (session - zero)[situation.view.state][:, None] * about
         yield DeviceLaw(DEVICE, "turn growing with the session", columns, rows)
+
+
+def _swaying(situation: Situation) -> Iterator[DeviceLaw]:
+    """A device that moves to and fro in the session, as the floor under it warms and cools."""
+    view = situation.view
+    session = view.table.session
+    if not np.any(session):
+        return
+    moves = [_read(view, np.tile(axis, (len(view.table), 1))) for axis in np.eye(3)]
+    block, names = np.column_stack(moves), [("shift", axis, "m") for axis in "xyz"]
+    if view.table.kind == "absolute":
+        block, names = (
+            np.hstack([block, _turns(situation)]),
+            [*names, *(("turn", axis, "rad") for axis in "xyz")],
+        )
+    for waves in _WAVES:
+        angle = (2.0 * np.pi * waves * session)[view.state, None]
+        parts = {"sin": np.sin(angle), "cos": np.cos(angle)}
+        columns = tuple(
+            Parameter(f"{what} to and fro, {waves:g} times in the session, {part}: {axis}", unit)
+            for part in parts
+            for what, axis, unit in names
+        )
+        yield DeviceLaw(
+            DEVICE, "to and fro in the session", columns, np.hstack([p * block for p in parts.values()])
+        )
 
 
 def _turns(situation: Situation) -> Array:
