@@ -68,6 +68,27 @@ def test_a_device_that_turns_slowly_is_accused_with_how_far(zero: float, words: 
     assert words in sentence(found)
 
 
+@pytest.mark.parametrize(("slowing", "how"), [(0.0, "steadily"), (4.0, "ever less in the session")])
+def test_a_device_that_drifts_from_each_reading_without_load_is_accused(slowing: float, how: str) -> None:
+    """As it warms up: what a deflection holds of it grows in a pose, and begins anew with the next."""
+    table = measured(poses=16)
+    step = np.arange(len(table)) // 3  # three markers are read at once
+    session = step / step.max()
+    since = (step % 5 + 1) / step.max() * np.exp(-slowing * session)
+    values = table.values.copy()
+    values[:, :3] += 20.0 * since[:, None] * SHIFT
+    timed = replace(table, values=values, time=60.0 * step)
+    found = diagnose(Task(load(ROBOT), timed))
+    assert found.verdict == "unexplained"
+    law = found.last.device_law
+    assert law is not None
+    assert law.place == "measuring device"
+    assert law.terms[0][0] == f"shift since the reading without load, {how}: x"
+    assert [value for _, value, _, _ in law.terms] == pytest.approx(20.0 * SHIFT, abs=4e-4)
+    untimed = assemble(joints_only(load(ROBOT)), replace(table, values=values), effects=()).problem.devices
+    assert not any("since the reading" in law.title for law in untimed)
+
+
 def test_a_device_that_goes_to_and_fro_is_accused_with_how_often() -> None:
     """As the floor under it warms and cools: no drift, and no error of a pose."""
     table = measured(poses=16)

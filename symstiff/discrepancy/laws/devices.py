@@ -33,6 +33,8 @@ _LEVELS = 8
 """Sizes of loads up to which one of them may be another weight than the table says."""
 _WAVES = (1.0, 1.5, 2.0)
 """Times in a session that a device may move to and fro: a drift tells what is slower."""
+_SETTLES = 4.0
+"""Time constants in a session of a device that warms up."""
 _CUTS = 20
 """Moments of a session at which something may have moved, at most."""
 
@@ -79,6 +81,7 @@ def _found(situation: Situation) -> tuple[DeviceLaw, ...]:
         *_moved_once(situation),
         *_turning(situation),
         *_swaying(situation),
+        *_since_unloaded(view),
         *posture_laws(situation),
     ]
     found += _readings(view) if view.table.kind == "absolute" else drawing_laws(situation)
@@ -329,6 +332,29 @@ def _swaying(situation: Situation) -> Iterator[DeviceLaw]:
         yield DeviceLaw(
             DEVICE, "to and fro in the session", columns, np.hstack([p * block for p in parts.values()])
         )
+
+
+def _since_unloaded(view: View) -> Iterator[DeviceLaw]:
+    """A device that drifts between a pose's reading without load and the others, steadily or ever less in the session.
+
+    The reading without load is taken to come as long before the first load as the next loads follow it.
+    """
+    session, told = view.table.session, np.isfinite(view.table.time).all()
+    if view.table.kind == "absolute" or not told or not np.any(session):
+        return
+    waited = np.zeros(len(view.table))
+    for pose in np.unique(view.table.pose):
+        own = view.table.pose == pose
+        moments = np.unique(session[own])
+        if len(moments) > 1:
+            waited[own] = session[own] - moments[0] + float(np.median(np.diff(moments)))
+    for slowing, how in ((0.0, "steadily"), (_SETTLES, "ever less in the session")):
+        gone = waited * np.exp(-slowing * session)
+        columns = tuple(
+            Parameter(f"shift since the reading without load, {how}: {axis}", "m") for axis in "xyz"
+        )
+        block = [_read(view, gone[:, None] * np.tile(axis, (len(gone), 1))) for axis in np.eye(3)]
+        yield DeviceLaw(DEVICE, "shift since the reading without load", columns, np.column_stack(block))
 
 
 def _turns(situation: Situation) -> Array:
