@@ -17,8 +17,8 @@ INSIDE = {
     "calibration": [
         {"plausible"}, {"tables"}, {"fits"}, {"residuals", "rows"}, {"experiment"}, {"doubts"},
         {"simulation"}, {"planning"},
-        {"absolute", "complete", "fitting", "foreseen", "identify", "kept", "levels", "plan", "reading", "redundant",
-         "remarks", "seed_tables"},
+        {"absolute", "complete", "counted", "fitting", "foreseen", "identify", "kept", "levels", "plan", "reading",
+         "redundant", "remarks", "seed_tables"},
     ],
     "discrepancy": [
         {"problem", "reasons"}, {"noise"}, {"laws"}, {"statistics"}, {"search", "bridge"}, {"apart"}, {"findings"},

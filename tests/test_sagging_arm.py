@@ -8,13 +8,17 @@ import numpy as np
 import pytest
 import sympy as sp
 
+from symstiff.calibration.identify import identify
 from symstiff.calibration.simulation import Truth, clean_response, nominal_truth
 from symstiff.calibration.tables.measurements import Measurements, measurements
 from symstiff.discrepancy.findings.finding import Task
 from symstiff.discrepancy.workflow import diagnose
 from symstiff.effects.arm import arm_load, under_arm, weight_load
 from symstiff.effects.base import Scales, Shape
+from symstiff.effects.instance import EffectInstance
 from symstiff.effects.registry import find
+from symstiff.model import StiffnessModel
+from symstiff.reduction import reduce
 from symstiff.robot import Robot, load
 from symstiff.symbolic.terms import actuated_joint, q
 from tests.test_unknown_weights import without_masses
@@ -53,6 +57,23 @@ def test_a_large_deflection_is_named_though_nobody_tells_what_the_arm_weighs(see
     weight = sum(link.mass for link in robot.links)
     assert weight / 3 < arm < 3 * weight
     assert any("the law was taken under an arm of" in remark for remark in found.remarks)
+
+
+def test_identify_takes_a_known_size_off_the_readings_and_says_so() -> None:
+    """Of an arm whose masses the file tells; without it the fit is some times the noise, and its values are others."""
+    robot = load("ur10")
+    table = deflections(robot, 110.0, 1)
+    plain = StiffnessModel.of(reduce(robot, "force", "position"))
+    bent = EffectInstance("large_deflection", {"robot": "all"})
+    found, alone = (identify(robot, table, start, held_out=0.2) for start in (plain.with_effect(bent), plain))
+    left, left_alone = (
+        i.validation.to_dict()["after"]["positional"]["rms"] for i in (found, alone) if i.validation
+    )
+    assert left < 1.25 * np.sqrt(3.0) * SIGMA
+    assert left_alone > 1.5 * left
+    assert found.model.effects == (bent,)
+    assert found.model.values["large_deflection_all_share"] == 1.0
+    assert any("has a known size, which was taken off the readings (up to" in r for r in found.remarks)
 
 
 def loads(robot: Robot, expressions: Sequence[sp.Expr]) -> np.ndarray:

@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 from command_line import Run, assert_users_mistake, run_command_line  # noqa: F401
 
+from symstiff.calibration.counted import left_out_of
 from symstiff.calibration.identify import identify
 from symstiff.calibration.rows import predict
 from symstiff.calibration.simulation import Effect, Noise, Truth, nominal_truth, simulate
@@ -221,14 +222,12 @@ def test_a_table_that_decides_holds_no_load_twice(levels: tuple[float, ...], wan
     assert {round(float(s), 6) for s in sizes} == wanted
 
 
-def test_identify_leaves_out_what_has_no_size_and_says_so() -> None:
-    table = measured()
-    plain = StiffnessModel.of(reduce(load(ROBOT), "force", "position"))
-    grown = plain.with_effect(EffectInstance("large_deflection", {"robot": "all"}))
-    found, alone = (identify(load(ROBOT), table, start) for start in (grown, plain))
-    assert any("large deflection: has no size to fit" in r for r in found.remarks)
-    assert not found.model.effects
-    assert found.fit.values == pytest.approx(alone.fit.values)
+def test_identify_leaves_out_a_known_size_beside_geometry_and_says_so() -> None:
+    counted = left_out_of([EffectInstance("large_deflection", {"robot": "all"})])
+    assert counted == [
+        "large deflection: has no size to fit and no code of its own: left out here, symstiff diagnose counts it"
+    ]
+    assert left_out_of([]) == []
 
 
 @pytest.mark.slow

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -11,6 +12,14 @@ import numpy as np
 
 from symstiff.arguments import real, require, whole
 from symstiff.calibration.absolute import fit_absolute
+from symstiff.calibration.counted import (
+    left_out_of,
+    of_known_size,
+    removed_of,
+    settled,
+    with_known,
+    without,
+)
 from symstiff.calibration.doubts.axes import AGAINST, against_loads
 from symstiff.calibration.doubts.misread import misread
 from symstiff.calibration.doubts.point import find_point, of_point
@@ -53,6 +62,7 @@ from symstiff.calibration.tables.loading import as_loading
 from symstiff.calibration.tables.measurements import Measurements
 from symstiff.calibration.tables.sessions import by_session
 from symstiff.display import counted, few
+from symstiff.effects.instance import EffectInstance
 from symstiff.effects.registry import find
 from symstiff.errors import UserError, printable
 from symstiff.model import StiffnessModel, joints_only, load_model
@@ -190,6 +200,8 @@ class _Begin:
     told: StiffnessModel
     reduction: Reduction | None
     experiment: ExperimentClass
+    counted: tuple[EffectInstance, ...]
+    """Effects of known size, which are taken off the readings."""
     doubts: list[str]
     """Those of the remarks that the reduction makes."""
     remarks: list[str]
@@ -215,7 +227,9 @@ def _begin(
         whole(per_level, "per_level", 1)
         model = by_level(model, table, per_level)
     _refuse_rows(model)
-    told, left_out = _of_laws(model)
+    counted = of_known_size(model)
+    told = model.with_effects([e for e in model.effects if e not in counted])
+    left_out = left_out_of(counted) if table.kind == "absolute" else []
     told, elapsed = on_the_clock(told, table)
     model, unseen = seen_in(told, table.kind)
     unseen += elapsed
@@ -224,7 +238,8 @@ def _begin(
         raise UserError("nothing to identify: " + "; ".join([*left_out, *unseen]))
     model, elsewhere = find_point(model, table, robot)
     remarks += [*left_out, *unseen, *([elsewhere] if elsewhere else [])]
-    return _Begin(model, told, reduction, experiment, doubts, remarks)
+    counted = counted if table.kind == "deflection" else ()
+    return _Begin(model, told, reduction, experiment, counted, doubts, remarks)
 
 
 def _from_deflections(
@@ -239,6 +254,11 @@ def _from_deflections(
 ) -> Identification:
     """The fit to deflections, judged by what it leaves of them and of those that are held out."""
     model, reduction = begin.model, begin.reduction
+    if begin.counted:
+        near = settled(begin.counted, train, partial(_fitted_to, begin, robust=robust, physical=physical))
+        train, removed = without(begin.counted, near, train), train
+        validation = None if validation is None else without(begin.counted, near, validation)
+        remarks = [*remarks, removed_of(begin.counted, removed, train)]
     found, held = _fit(model, train, robust=robust, physical=physical, reduced=reduction is not None)
     remarks = [*remarks, *([of_redundant(held, model)] if held else [])]
     fitted, e = found.estimate, found.equations
@@ -256,8 +276,9 @@ def _from_deflections(
     remarks += [*unsettled(found), *explained(training), *fits(fitted, e), *unlike_file(model, robot)]
     remarks += [] if physical or reduction is None or hints else below_zero(values, reduction)
     fresh = residual_table(validation.values, predict(model, validation)) if validation is not None else None
+    whole = with_known(completed(model, begin.told, train.kind), begin.counted)
     return Identification(
-        of_table(completed(model, begin.told, train.kind), train), reduction, fitted, e, training, fresh,
+        of_table(whole, train), reduction, fitted, e, training, fresh,
         found.robust, constrained, tuple(remarks), train, validation,
     )  # fmt: skip
 
@@ -327,15 +348,11 @@ def _refuse_rows(model: StiffnessModel) -> None:
             )
 
 
-def _of_laws(model: StiffnessModel) -> tuple[StiffnessModel, list[str]]:
-    """The model without effects whose size is known, which no equation holds, and a remark on each."""
-    known = [bool(r.nominal) and not r.terms for r in model.realisations]
-    if not any(known):
-        return model, []
-    names = ", ".join(e.effect.replace("_", " ") for e, k in zip(model.effects, known, strict=True) if k)
-    return model.with_effects([e for e, k in zip(model.effects, known, strict=True) if not k]), [
-        f"{names}: has no size to fit and no code of its own: left out here, symstiff diagnose counts it"
-    ]
+def _fitted_to(begin: _Begin, table: Measurements, *, robust: bool, physical: bool) -> StiffnessModel:
+    """The start model with what a table gives its parameters."""
+    reduced = begin.reduction is not None
+    fit = _fit(begin.model, table, robust=robust, physical=physical, reduced=reduced)[0].estimate
+    return begin.model.with_values(_finite(dict(zip(fit.names, fit.values.tolist(), strict=True))))
 
 
 def data_rank(model: StiffnessModel, table: Measurements) -> int:

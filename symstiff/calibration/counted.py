@@ -1,0 +1,91 @@
+"""Effects of known size, such as a large deflection: taken off the readings before a fit, which has no column of them.
+
+What they add follows from the compliances that are fitted: fit and correction take turns.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from symstiff.arrays import Array
+from symstiff.calibration.experiment.situation import Laws, Situation, look
+from symstiff.calibration.tables.measurements import Measurements
+from symstiff.effects.instance import EffectInstance
+from symstiff.effects.places import named
+from symstiff.effects.registry import find
+from symstiff.model import StiffnessModel
+
+_ROUNDS = 6
+_SETTLED = 1e-3
+"""Largest change of a correction, as a share of its largest, at which fit and correction agree."""
+
+
+def of_known_size(model: StiffnessModel) -> tuple[EffectInstance, ...]:
+    """The effects whose size is known, and which are no law at a virtual joint."""
+    realised = zip(model.effects, model.realisations, strict=True)
+    return tuple(e for e, r in realised if r.nominal and not r.terms)
+
+
+def added_by(effects: Sequence[EffectInstance], model: StiffnessModel, table: Measurements) -> Array:
+    """(N, 6) what effects of known size add to a table's deflections [m, rad], by the values of a model without them.
+
+    NaN where nothing is measured.
+    """
+    view = look(model.robot, table)
+    situation = Situation(view, Laws(view, model.terms, model.values))
+    added = np.where(table.measured, 0.0, np.nan)
+    for effect in effects:
+        columns, realised = find(effect.effect).columns, effect.realise(model.robot)
+        if columns is not None:
+            size = [realised.nominal[p.name] for p in realised.parameters]
+            added[view.state, view.component] += columns(situation, effect.where, effect.shape) @ size
+    return added
+
+
+def without(effects: Sequence[EffectInstance], model: StiffnessModel, table: Measurements) -> Measurements:
+    """The table less what effects of known size add by a model's values."""
+    return replace(table, values=table.values - added_by(effects, model, table)) if effects else table
+
+
+def settled(
+    effects: Sequence[EffectInstance], table: Measurements, fit: Callable[[Measurements], StiffnessModel]
+) -> StiffnessModel:
+    """The model of ``fit`` at which the table, less what effects of known size add by it, gives it again."""
+    model = fit(table)
+    before = np.zeros_like(table.values)
+    for _ in range(_ROUNDS if effects else 0):
+        added = np.nan_to_num(added_by(effects, model, table))
+        if np.max(np.abs(added - before)) <= _SETTLED * np.max(np.abs(added)):
+            break
+        model, before = fit(replace(table, values=table.values - added)), added
+    return model
+
+
+def with_known(model: StiffnessModel, counted: Sequence[EffectInstance]) -> StiffnessModel:
+    """The model with effects of known size, and that."""
+    if not counted:
+        return model
+    sizes = {n: size for e in counted for n, size in e.realise(model.robot).nominal.items()}
+    grown = model.with_effects((*model.effects, *counted))
+    return grown.with_values({**model.values, **sizes}, model.deviations)
+
+
+def left_out_of(counted: Sequence[EffectInstance]) -> list[str]:
+    """A remark on effects of known size beside geometry that is fitted."""
+    if not counted:
+        return []
+    names = ", ".join(named(e.effect, e.where) for e in counted)
+    return [f"{names}: has no size to fit and no code of its own: left out here, symstiff diagnose counts it"]
+
+
+def removed_of(counted: Sequence[EffectInstance], before: Measurements, after: Measurements) -> str:
+    """A remark on what was taken off the readings."""
+    most = 1e3 * float(np.nanmax(np.abs(before.values - after.values)[:, :3], initial=0.0))
+    names = ", ".join(named(e.effect, e.where) for e in counted)
+    return (
+        f"{names}: has a known size, which was taken off the readings (up to {most:.3f} mm) before the fit; model and "
+        "residuals are of the rest, and so is the code"
+    )
