@@ -199,6 +199,9 @@ def two_slopes(knee: float, size: float) -> Measurements:
 def test_a_gear_of_which_much_is_seen_is_named_though_no_shape_of_the_profile_is_near() -> None:
     found = diagnose(Task(load("kuka_kr270"), two_slopes(2900.0, 1e-7)))
     assert found.verdict == "named"
-    assert [(e.effect, e.where) for e in found.named] == [("nonlinear_stiffness", {"joint": 2})]
+    assert (found.named[0].effect, found.named[0].where) == ("nonlinear_stiffness", {"joint": 2})
+    assert {e.effect for e in found.named[1:]} <= {
+        "large_deflection"
+    }  # a ton that sags is in these data as well
     assert found.named[0].shape["load"] == pytest.approx(2900.0, rel=0.2)
     assert found.rms.noise == pytest.approx(SIGMA, rel=0.15)  # a third more by the profile alone

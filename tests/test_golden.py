@@ -38,6 +38,7 @@ for target in TARGETS:
         if name.endswith(".fmu"):  # the library inside is the compiler's
             archive = zipfile.ZipFile(BytesIO(data))
             parts = {n: archive.read(n) for n in archive.namelist() if not n.startswith("binaries/")}
+            parts[""] = repr([(i.filename, i.date_time, i.external_attr) for i in archive.infolist()]).encode()
         for part, what in parts.items():
             print(target, name, part, hashlib.sha256(what).hexdigest())
 """

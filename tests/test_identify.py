@@ -301,6 +301,8 @@ def test_levels_are_what_lies_together() -> None:
     around = np.repeat([-0.5, 0.1000005, 0.7], 9) + 2e-5 * rng.normal(size=27)
     np.testing.assert_allclose(levels_of(around), [-0.5, 0.1, 0.7], atol=5e-5)
     assert levels_of(np.array([0.3, 0.1, 0.3])).tolist() == [0.1, 0.3]
+    through = np.linspace(-2.0, 2.0, 3600)
+    assert levels_of(through).tolist() == through.tolist()
 
 
 def test_the_poses_left_to_fit_are_told_where_they_are_too_few() -> None:

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 import sympy as sp
 
+from symstiff.calibration.identify import identify
 from symstiff.calibration.simulation import Effect, Noise, Truth, nominal_truth, simulate
 from symstiff.calibration.simulation.truth import Device
 from symstiff.calibration.tables.measurements import Measurements, measurements
@@ -14,6 +15,8 @@ from symstiff.discrepancy.workflow import diagnose
 from symstiff.effects.base import Scales
 from symstiff.effects.instance import EffectInstance
 from symstiff.effects.registry import find
+from symstiff.model import StiffnessModel
+from symstiff.reduction import reduce
 from symstiff.robot import load
 from symstiff.symbolic.terms import AXES, w
 
@@ -58,6 +61,16 @@ def test_a_tool_that_is_heavier_than_told_is_there_without_the_load_too() -> Non
     payloads = [e.instance for e in found.effects if e.effect == "payload_error"]
     assert len(payloads) == 1
     assert "loaded" not in payloads[0].shape
+
+
+def test_identify_leaves_out_a_known_size_beside_geometry_and_says_so() -> None:
+    table = campaign((0.0, 1.0), heavier("tool"))
+    plain = StiffnessModel.of(reduce(ROBOT, "gravity", "position"))
+    bent = EffectInstance("large_deflection", {"robot": "all"})
+    found, alone = (identify(ROBOT, table, start) for start in (plain.with_effect(bent), plain))
+    assert any("large deflection: has no size to fit" in r for r in found.remarks)
+    assert not any("has no size to fit" in r for r in alone.remarks)
+    assert found.fit.values == pytest.approx(alone.fit.values)
 
 
 SENSOR = {

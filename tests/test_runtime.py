@@ -245,6 +245,8 @@ def test_columns_at_values_are_written_to_the_array_that_is_given_and_to_no_othe
     A = np.full((5, 6, len(m.parameters)), np.nan)
     assert evaluator.observation(q, w, out=A) is A
     close(A, m.observation(q, w))
+    none = np.empty((0, *A.shape[1:]))
+    assert evaluator.observation(q[:0], w[:0], out=none) is none
     for other in (A.astype(np.float32), A[:3], np.empty((2, *A.shape))):
         with pytest.raises(UserError, match="out: expected a contiguous array"):
             evaluator.observation(q, w, out=other)

@@ -3,11 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
 import sympy as sp
 
+from symstiff.calibration.counted import added_by
+from symstiff.calibration.experiment.situation import Laws, Situation, look, under_weights
 from symstiff.calibration.identify import identify
 from symstiff.calibration.simulation import Truth, clean_response, nominal_truth
 from symstiff.calibration.tables.measurements import Measurements, measurements
@@ -17,7 +21,7 @@ from symstiff.effects.arm import arm_load, under_arm, weight_load
 from symstiff.effects.base import Scales, Shape
 from symstiff.effects.instance import EffectInstance
 from symstiff.effects.registry import find
-from symstiff.model import StiffnessModel
+from symstiff.model import StiffnessModel, joints_only
 from symstiff.reduction import reduce
 from symstiff.robot import Robot, load
 from symstiff.symbolic.terms import actuated_joint, q
@@ -25,6 +29,7 @@ from tests.test_unknown_weights import without_masses
 
 SIGMA = 1e-5
 SOFTER = 4.0
+PARAMETERS = StiffnessModel.of(reduce(load("ur10"))).parameters
 
 
 def deflections(robot: Robot, force: float, seed: int) -> Measurements:
@@ -74,6 +79,73 @@ def test_identify_takes_a_known_size_off_the_readings_and_says_so() -> None:
     assert found.model.effects == (bent,)
     assert found.model.values["large_deflection_all_share"] == 1.0
     assert any("has a known size, which was taken off the readings (up to" in r for r in found.remarks)
+
+
+def test_a_known_size_is_that_under_all_loads_that_the_fit_finds() -> None:
+    """A sensor that reads 20 N too little is a table with 20 N less."""
+    robot = load("ur10")
+    table = deflections(robot, 110.0, 1)
+    bias = np.array([0.0, 20.0, 0.0, 0.0, 0.0, 0.0])
+    plain = StiffnessModel.of(reduce(robot, "force", "position"))
+    plain = plain.with_values(dict.fromkeys(plain.parameters, 1e-7))
+    sensor = EffectInstance("force_sensor_bias", {"load": "force_sensor"})
+    biased = plain.with_effect(sensor)
+    biased = biased.with_values({**plain.values, "force_sensor_bias_force_sensor_fy": 20.0})
+    bent = [EffectInstance("large_deflection", {"robot": "all"})]
+    found = added_by(bent, biased, table)
+    expected = added_by(bent, plain, replace(table, w=table.w + bias))
+    np.testing.assert_allclose(found, expected, atol=1e-9 * np.nanmax(np.abs(expected)))
+    assert np.nanmax(np.abs(found - added_by(bent, plain, table))) > 0.1 * np.nanmax(np.abs(expected))
+
+
+def test_compliances_that_nothing_tells_keep_their_values_while_a_known_size_is_taken_off(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    robot = load("ur10")
+    table = deflections(robot, 110.0, 1)
+    model = joints_only(robot)
+    for link in (2, 3):
+        model = model.with_effect(EffectInstance("link_compliance", {"link": link}))
+    model = model.with_effect(EffectInstance("large_deflection", {"robot": "all"}))
+    model = model.with_values({**dict.fromkeys(model.parameters, 2e-8), "large_deflection_all_share": 1.0})
+    tried: list[StiffnessModel] = []
+
+    def watched(effects: Any, table: Any, fit: Any) -> StiffnessModel:
+        tried.append(fit(table))
+        return tried[-1]
+
+    monkeypatch.setattr("symstiff.calibration.identify.settled", watched)
+    found = identify(robot, table, model)
+    held = set(tried[0].parameters) - set(found.fit.names)
+    assert held
+    assert all(tried[0].values[name] == 2e-8 for name in held)
+    assert [e.effect for e in found.model.effects] == [
+        "link_compliance",
+        "link_compliance",
+        "large_deflection",
+    ]
+
+
+@pytest.mark.parametrize("kind", ["deflection", "absolute"])
+def test_an_arm_that_is_taken_for_granted_is_as_one_that_the_file_tells(kind: str) -> None:
+    robot, shape = load("ur10"), {"mass": 20.0}
+    bare = without_masses(robot)
+    rng = np.random.default_rng(5)
+    q, w = rng.uniform(-2.0, 2.0, (8, 6)), rng.normal(size=(8, 6)) * [80, 80, 80, 0, 0, 0]
+    read = np.zeros((8, 6)) if kind == "deflection" else np.ones((8, 6))
+    table = measurements(q, w, kind=kind, values=read)
+
+    def column(of: Robot, shape: Shape) -> np.ndarray:
+        view = look(of, table)
+        view = under_weights(view) if kind == "absolute" else view
+        model = StiffnessModel.of(reduce(of)).with_values(dict.fromkeys(PARAMETERS, 1e-7))
+        effect = find("large_deflection")
+        assert effect.columns is not None
+        return effect.columns(Situation(view, Laws(view, model.terms, model.values)), {"robot": "all"}, shape)
+
+    told = column(under_arm(bare, shape), {})
+    np.testing.assert_allclose(column(bare, shape), told, atol=1e-9 * np.abs(told).max())
+    assert np.abs(column(bare, {}) - told).max() > 0.01 * np.abs(told).max()
 
 
 def loads(robot: Robot, expressions: Sequence[sp.Expr]) -> np.ndarray:

@@ -195,7 +195,12 @@ def test_what_the_start_model_holds_is_in_the_plan(tmp_path: Path, monkeypatch: 
         ({"noise": {"sigma_mm": "much"}}, "do not tell an experiment"),
         ({"decide": "x"}, "decide is no table"),
         ({"model": [1]}, "model is no table"),
-        ({"decide": {"components": [9]}}, "0 to 5 each"),
+        ({"decide": {"components": [9]}}, "decide.components"),
+        ({"decide": {"components": []}}, "decide.components"),
+        ({"decide": {"points": []}}, "decide.points"),
+        ({"decide": {"loads": "x"}}, "decide.loads is no list"),
+        ({"decide": {"kind": None}}, "decide.kind"),
+        ({"noise": {"sigma_mm": float("nan")}}, "do not tell an experiment"),
         ({"model": {"effects": [3]}}, "its effects or its model are not"),
         ({"model": {"loads": "all"}}, "use gravity, force or wrench"),
         (

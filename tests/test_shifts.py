@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from symstiff.calibration.tables.measurements import Measurements
+from symstiff.calibration.tables.measurements import Measurements, concatenate
 from symstiff.discrepancy.bridge.assemble import assemble
 from symstiff.discrepancy.findings.finding import Finding, Task
 from symstiff.discrepancy.workflow import diagnose
@@ -87,6 +87,18 @@ def test_a_device_that_drifts_from_each_reading_without_load_is_accused(slowing:
     assert [value for _, value, _, _ in law.terms] == pytest.approx(20.0 * SHIFT, abs=4e-4)
     untimed = assemble(joints_only(load(ROBOT)), replace(table, values=values), effects=()).problem.devices
     assert not any("since the reading" in law.title for law in untimed)
+
+
+def test_a_pose_that_is_visited_again_has_a_reading_without_load_of_its_own() -> None:
+    table = measured(poses=16)
+    again = table.select(table.pose == 0)
+    count = len(table) + len(again)
+    both = concatenate([replace(t, repeat=np.full(len(t), k)) for k, t in enumerate((table, again), 1)])
+    both = replace(both, time=60.0 * (np.arange(count) // 3))
+    devices = assemble(joints_only(load(ROBOT)), both, effects=()).problem.devices
+    law = next(law for law in devices if law.title == "shift since the reading without load")
+    size = np.abs(law.values).max(axis=1)
+    assert 0.0 < size.max() < 1.5 * np.quantile(size, 0.9)
 
 
 def test_a_device_that_goes_to_and_fro_is_accused_with_how_often() -> None:

@@ -10,7 +10,6 @@ import numpy as np
 import pytest
 from command_line import Run, assert_users_mistake, run_command_line  # noqa: F401
 
-from symstiff.calibration.counted import left_out_of
 from symstiff.calibration.identify import identify
 from symstiff.calibration.rows import predict
 from symstiff.calibration.simulation import Effect, Noise, Truth, nominal_truth, simulate
@@ -220,14 +219,6 @@ def test_a_table_that_decides_holds_no_load_twice(levels: tuple[float, ...], wan
     assert len(np.unique(np.round(loads, 6), axis=0)) == len(loads)
     sizes = np.linalg.norm(loads, axis=1) / np.linalg.norm(loads, axis=1).max()
     assert {round(float(s), 6) for s in sizes} == wanted
-
-
-def test_identify_leaves_out_a_known_size_beside_geometry_and_says_so() -> None:
-    counted = left_out_of([EffectInstance("large_deflection", {"robot": "all"})])
-    assert counted == [
-        "large deflection: has no size to fit and no code of its own: left out here, symstiff diagnose counts it"
-    ]
-    assert left_out_of([]) == []
 
 
 @pytest.mark.slow

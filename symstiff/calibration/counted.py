@@ -11,12 +11,14 @@ from dataclasses import replace
 import numpy as np
 
 from symstiff.arrays import Array
+from symstiff.calibration.experiment.current import under_effects
 from symstiff.calibration.experiment.situation import Laws, Situation, look
 from symstiff.calibration.tables.measurements import Measurements
 from symstiff.effects.instance import EffectInstance
 from symstiff.effects.places import named
 from symstiff.effects.registry import find
 from symstiff.model import StiffnessModel
+from symstiff.robot.schema import Robot
 
 _ROUNDS = 6
 _SETTLED = 1e-3
@@ -34,8 +36,10 @@ def added_by(effects: Sequence[EffectInstance], model: StiffnessModel, table: Me
 
     NaN where nothing is measured.
     """
-    view = look(model.robot, table)
-    situation = Situation(view, Laws(view, model.terms, model.values))
+    plain = look(model.robot, table)
+    laws = Laws(plain, model.terms, model.values)
+    view = under_effects(plain, laws)
+    situation = Situation(view, laws)
     added = np.where(table.measured, 0.0, np.nan)
     for effect in effects:
         columns, realised = find(effect.effect).columns, effect.realise(model.robot)
@@ -64,13 +68,17 @@ def settled(
     return model
 
 
-def with_known(model: StiffnessModel, counted: Sequence[EffectInstance]) -> StiffnessModel:
-    """The model with effects of known size, and that."""
+def with_known(model: StiffnessModel, start: StiffnessModel) -> StiffnessModel:
+    """The model with the effects of known size of a start model, in its order, and with their sizes."""
+    counted = of_known_size(start)
     if not counted:
         return model
+    effects = list(model.effects)
+    for place, effect in enumerate(start.effects):
+        if effect in counted:
+            effects.insert(place, effect)
     sizes = {n: size for e in counted for n, size in e.realise(model.robot).nominal.items()}
-    grown = model.with_effects((*model.effects, *counted))
-    return grown.with_values({**model.values, **sizes}, model.deviations)
+    return model.with_effects(effects).with_values({**model.values, **sizes}, model.deviations)
 
 
 def left_out_of(counted: Sequence[EffectInstance]) -> list[str]:
@@ -81,11 +89,19 @@ def left_out_of(counted: Sequence[EffectInstance]) -> list[str]:
     return [f"{names}: has no size to fit and no code of its own: left out here, symstiff diagnose counts it"]
 
 
-def removed_of(counted: Sequence[EffectInstance], before: Measurements, after: Measurements) -> str:
-    """A remark on what was taken off the readings."""
-    most = 1e3 * float(np.nanmax(np.abs(before.values - after.values)[:, :3], initial=0.0))
-    names = ", ".join(named(e.effect, e.where) for e in counted)
-    return (
-        f"{names}: has a known size, which was taken off the readings (up to {most:.3f} mm) before the fit; model and "
-        "residuals are of the rest, and so is the code"
+def removed_of(
+    counted: Sequence[EffectInstance], robot: Robot, before: Measurements, after: Measurements
+) -> list[str]:
+    """A remark on what was taken off the readings, and those on what was taken for granted."""
+    turned = not before.measured[:, :3].any()
+    gone = (
+        np.abs(before.values - after.values)[:, 3:] if turned else np.abs(before.values - after.values)[:, :3]
     )
+    most = f"{1e3 * float(np.nanmax(gone, initial=0.0)):.3f} {'mrad' if turned else 'mm'}"
+    names = ", ".join(named(e.effect, e.where) for e in counted)
+    told = (
+        f"{names}: has a known size, which was taken off the readings (up to {most}) before the fit: the residuals are "
+        "of the rest, and so is what code computes; the model keeps it"
+    )
+    granted = (f"{named(e.effect, e.where)}: {text}" for e in counted for text in e.assumptions(robot))
+    return [told, *granted]

@@ -65,10 +65,7 @@ def fit_model(
         moved = np.abs(step / np.where(fit.std > 0, fit.std, 1.0)).max(initial=0.0)
         if moved < _SETTLED or np.abs(e.A @ step).max() < _EXACT * np.abs(e.y).max():
             return found
-        nearer = _downhill(model, table, values, found)
-        if nearer is None:
-            break
-        values = nearer
+        values = _downhill(model, table, values, found)
     return replace(found, estimate=_at(fit, _of(fit, values)), settled=False)
 
 
@@ -140,8 +137,11 @@ def _without_load_errors(
 
 def _downhill(
     model: StiffnessModel, table: Measurements, values: Mapping[str, float], found: Fitted
-) -> dict[str, float] | None:
-    """The values after the whole step, or a half of it, a quarter, …: the first that fits no worse; None: none does."""
+) -> dict[str, float]:
+    """The values after the whole step, or a half of it, a quarter, …: the first that fits no worse.
+
+    Where none does that is rounding, and the shortest step goes on.
+    """
     e, fit = found.equations, found.estimate
     start = _of(fit, values)
     now = _loss(e.y - e.A @ start, found)
@@ -150,8 +150,8 @@ def _downhill(
         after = {**values, **dict(zip(fit.names, p.tolist(), strict=True))}
         left = table.values - predict(model, table, after)
         if _loss(left[e.row, e.component], found) <= now:
-            return after
-    return None
+            break
+    return after
 
 
 def _loss(residuals: np.ndarray, found: Fitted) -> float:

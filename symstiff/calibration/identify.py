@@ -62,7 +62,6 @@ from symstiff.calibration.tables.loading import as_loading
 from symstiff.calibration.tables.measurements import Measurements
 from symstiff.calibration.tables.sessions import by_session
 from symstiff.display import counted, few
-from symstiff.effects.instance import EffectInstance
 from symstiff.effects.registry import find
 from symstiff.errors import UserError, printable
 from symstiff.model import StiffnessModel, joints_only, load_model
@@ -79,6 +78,7 @@ class Identification:
     """An identified model with its uncertainty, residuals before and after, and what was remarked on the way.
 
     ``model`` also holds what the start model told and deflections do not show; fit and residuals are without it.
+    ``train`` and ``held_out`` are the readings less what effects of known size add.
     """
 
     model: StiffnessModel
@@ -200,8 +200,8 @@ class _Begin:
     told: StiffnessModel
     reduction: Reduction | None
     experiment: ExperimentClass
-    counted: tuple[EffectInstance, ...]
-    """Effects of known size, which are taken off the readings."""
+    whole: StiffnessModel
+    """With effects of known size, which are taken off deflections."""
     doubts: list[str]
     """Those of the remarks that the reduction makes."""
     remarks: list[str]
@@ -227,7 +227,7 @@ def _begin(
         whole(per_level, "per_level", 1)
         model = by_level(model, table, per_level)
     _refuse_rows(model)
-    counted = of_known_size(model)
+    counted, full = of_known_size(model), model
     told = model.with_effects([e for e in model.effects if e not in counted])
     left_out = left_out_of(counted) if table.kind == "absolute" else []
     told, elapsed = on_the_clock(told, table)
@@ -235,11 +235,10 @@ def _begin(
     unseen += elapsed
     context_of(model, table)  # refuses a table without the time or the branch that the model follows
     if not model.parameters:
-        raise UserError("nothing to identify: " + "; ".join([*left_out, *unseen]))
+        raise UserError("nothing to identify: " + "; ".join([*left_out_of(counted), *unseen]))
     model, elsewhere = find_point(model, table, robot)
     remarks += [*left_out, *unseen, *([elsewhere] if elsewhere else [])]
-    counted = counted if table.kind == "deflection" else ()
-    return _Begin(model, told, reduction, experiment, counted, doubts, remarks)
+    return _Begin(model, told, reduction, experiment, full, doubts, remarks)
 
 
 def _from_deflections(
@@ -254,11 +253,11 @@ def _from_deflections(
 ) -> Identification:
     """The fit to deflections, judged by what it leaves of them and of those that are held out."""
     model, reduction = begin.model, begin.reduction
-    if begin.counted:
-        near = settled(begin.counted, train, partial(_fitted_to, begin, robust=robust, physical=physical))
-        train, removed = without(begin.counted, near, train), train
-        validation = None if validation is None else without(begin.counted, near, validation)
-        remarks = [*remarks, removed_of(begin.counted, removed, train)]
+    if counted := of_known_size(begin.whole):
+        near = settled(counted, train, partial(_fitted_to, begin, robust=robust, physical=physical))
+        train, as_read = without(counted, near, train), train
+        validation = None if validation is None else without(counted, near, validation)
+        remarks = [*remarks, *removed_of(counted, robot, as_read, train)]
     found, held = _fit(model, train, robust=robust, physical=physical, reduced=reduction is not None)
     remarks = [*remarks, *([of_redundant(held, model)] if held else [])]
     fitted, e = found.estimate, found.equations
@@ -276,7 +275,7 @@ def _from_deflections(
     remarks += [*unsettled(found), *explained(training), *fits(fitted, e), *unlike_file(model, robot)]
     remarks += [] if physical or reduction is None or hints else below_zero(values, reduction)
     fresh = residual_table(validation.values, predict(model, validation)) if validation is not None else None
-    whole = with_known(completed(model, begin.told, train.kind), begin.counted)
+    whole = with_known(completed(model, begin.told, train.kind), begin.whole)
     return Identification(
         of_table(whole, train), reduction, fitted, e, training, fresh,
         found.robust, constrained, tuple(remarks), train, validation,
@@ -351,8 +350,10 @@ def _refuse_rows(model: StiffnessModel) -> None:
 def _fitted_to(begin: _Begin, table: Measurements, *, robust: bool, physical: bool) -> StiffnessModel:
     """The start model with what a table gives its parameters."""
     reduced = begin.reduction is not None
-    fit = _fit(begin.model, table, robust=robust, physical=physical, reduced=reduced)[0].estimate
-    return begin.model.with_values(_finite(dict(zip(fit.names, fit.values.tolist(), strict=True))))
+    found, held = _fit(begin.model, table, robust=robust, physical=physical, reduced=reduced)
+    kept = {n: begin.model.values.get(n, 0.0) for n in held}
+    fit = found.estimate
+    return begin.model.with_values(kept | _finite(dict(zip(fit.names, fit.values.tolist(), strict=True))))
 
 
 def data_rank(model: StiffnessModel, table: Measurements) -> int:

@@ -20,14 +20,20 @@ from symstiff.reduction.svd import numeric_rank, svd
 
 _SHARE = 1e-6  # of a compliance in a combination, below which it is rounding
 _SAME = 2e-3  # distance of two values of a joint [rad, m] up to which they are one level
+_WIDE = 5e-3  # what a level is not wider than
 _MOST = 20  # levels of a joint: each has to be measured in poses of its own
 
 
 def levels_of(values: Array) -> Array:
-    """The values (N,) of a joint [rad, m] that were measured at, ascending: those that lie together are one."""
+    """The values (N,) of a joint [rad, m] that were measured at, ascending: those that lie together are one.
+
+    A joint that moves through its range has no levels: every value is its own.
+    """
     ordered = np.unique(values)
-    apart = np.flatnonzero(np.diff(ordered) > _SAME) + 1
-    return np.array([np.mean(level) for level in np.split(ordered, apart)])
+    levels = np.split(ordered, np.flatnonzero(np.diff(ordered) > _SAME) + 1)
+    if any(np.ptp(level) > _WIDE for level in levels if len(level)):
+        return ordered
+    return np.array([np.mean(level) for level in levels])
 
 
 def by_level(model: StiffnessModel, table: Measurements, joint: int) -> StiffnessModel:

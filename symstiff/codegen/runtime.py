@@ -95,7 +95,7 @@ class Evaluator:
         found = derivative(model, lambda x: self._deflection(q, w, x, context), model.vector(values))
         if out is None:
             return found
-        _result(out, found.shape)[:] = found.reshape(len(found), -1)
+        _result(out, found.shape).reshape(found.shape)[...] = found
         return out
 
     def _deflection(

@@ -36,7 +36,8 @@ class Verification:
     """What was compiled and seen: greatest relative errors by function, against 50-digit values.
 
     reason: why nothing was compiled, "" where it was or nobody wanted it.
-    errors: CasADi's and C's greatest; bounds: C's by function over so many configurations, the stiffness matrix's
+    errors: CasADi's and C's greatest, of C without ``compensate``;
+    bounds: C's by function over so many configurations, the stiffness matrix's
     divided by its condition number, the compensated joint variables' absolute [rad, m]; footprint: code, stack,
     instructions by machine.
     """
@@ -52,7 +53,7 @@ class Verification:
 
     @property
     def max_relative_error(self) -> float | None:
-        """The greatest error seen anywhere."""
+        """The greatest relative error seen anywhere."""
         seen = [e for e in (*self.errors.values(), self.selftest) if e is not None]
         return max(seen) if seen else None
 
@@ -122,7 +123,7 @@ def _objects(folder: Path, scratch: Path, sources: Sequence[str], compiler: Comp
             [*STRICT, "-O2", "-fPIC", f"-I{folder}", "-c", str(folder / source), "-o", target]
         )
         if done.returncode != 0:
-            raise _wrong(compiler, f"the generated C does not compile:\n{done.stderr[:2000]}")
+            raise _refused(compiler, "C", done.stderr)
         objects.append(target)
     return objects
 
@@ -134,7 +135,7 @@ def _run_selftest(
     source = str(folder / f"test_{name}.c")
     done = compiler.run([*STRICT, f"-I{folder}", source, *objects, "-o", str(program), "-lm"])
     if done.returncode != 0:
-        raise _wrong(compiler, f"the generated self-test does not compile:\n{done.stderr[:2000]}")
+        raise _refused(compiler, "self-test", done.stderr)
     run = subprocess.run([str(program)], capture_output=True, text=True, check=False, timeout=60)
     match = re.search(r"error ([-+.0-9e]+)", run.stdout)
     if run.returncode != 0 or match is None:
@@ -143,13 +144,22 @@ def _run_selftest(
 
 
 def _wrong(compiler: Compiler, what: str) -> Exception:
-    """Whose fault it is that code is refused or wrong: the user's where the user chose compiler and flags."""
+    """Whose fault wrong numbers are: the user's where the user chose compiler and flags."""
     if compiler.chosen:
         return UserError(
-            f"$CC ({compiler.name}) does not take the generated C as {' '.join(STRICT)} has it: leave out what adds "
-            f"warnings or changes arithmetic: {what}"
+            f"$CC ({compiler.name}) makes code that fails its self-test: leave out what changes arithmetic"
         )
     return RuntimeError(what)
+
+
+def _refused(compiler: Compiler, what: str, told: str) -> Exception:
+    """Whose fault it is that code does not compile, in the same way."""
+    if compiler.chosen:
+        first = next((line for line in told.splitlines() if "error" in line), told.strip())[:200]
+        return UserError(
+            f"$CC ({compiler.name}) refuses the generated {what}: leave out what adds warnings: {first}"
+        )
+    return RuntimeError(f"the generated {what} does not compile:\n{told[:2000]}")
 
 
 def _check_batches(bounds: Mapping[str, float], single: bool, compiler: Compiler) -> None:

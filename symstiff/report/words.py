@@ -125,10 +125,7 @@ def sentence(finding: Finding, decide: Mapping[str, Any] | None = None) -> str:
         INSUFFICIENT: _insufficient,
         UNEXPLAINED: _unexplained,
     }[finding.verdict](finding)
-    doubts = [
-        *of_units(finding.table, finding.task.robot),
-        *outside_class(finding.table.w, finding.start.model.loads),
-    ]
+    doubts = of_units(finding.table, finding.task.robot)
     text = " ".join([*(f"{sentence_case(doubt)}." for doubt in doubts), text])
     if finding.reshaped and finding.verdict != NAMED:
         has = listing([named(e.effect, e.where) for e in finding.reshaped])

@@ -196,7 +196,7 @@ def _current(
     fit = dict(known)
     laws = Laws(view, terms, {**fit, **nominal})
     for _ in range(2):  # terms of loads and of the device lean on the fitted compliances
-        view = _under(view, laws)
+        view = under_effects(view, laws)
         situation = Situation(view, laws)
         A = situation.columns(terms, free)
         place = {n: k for k, n in enumerate(free)}
@@ -214,7 +214,7 @@ def _current(
         fit = dict(zip(free, solution, strict=True))
         own = [k for k, n in enumerate(free) if n in {p.name for p in model.effect_parameters}]
         laws = full_laws(model, view, np.hstack([A[:, own], extra]), {**fit, **nominal}, target, weighed)
-    situation = Situation(_under(view, laws), laws)
+    situation = Situation(under_effects(view, laws), laws)
     keep = np.any(A != 0, axis=0)
     kept = [n for n, k in zip(free, keep, strict=True) if k]
     names, beside = tuple(n for n in named if n in kept), tuple(p for p in hidden if p.name in kept)
@@ -226,7 +226,7 @@ def _sizes(model: StiffnessModel, names: Sequence[str]) -> Array:
     return np.array([model.steps.get(n, _COMPLIANCE) for n in names])
 
 
-def _under(view: View, laws: Laws) -> View:
+def under_effects(view: View, laws: Laws) -> View:
     """The view with the loads that the model's effects add by their values."""
     loads = loads_of(view, laws.terms)
     if not loads:

@@ -279,10 +279,15 @@ class Situation:
         """(N, 6, V) at the tool centre point, base axes."""
         return self.view.found.J_theta
 
-    @property
+    @cached_property
     def wrench(self) -> Array:
-        """(N, 6)"""
-        return self.view.table.w
+        """(N, 6) as the table tells it, with the errors of it that the model has."""
+        total = np.array(self.view.table.w)
+        for term in self.laws.terms:
+            if term.at.kind == "load":
+                number = self.laws.numbers.get(term.parameter, 0.0)
+                total[:, term.at.axis - 1] += number * self.view.factor(term.factor)
+        return total
 
     @property
     def offset(self) -> Array:
@@ -313,7 +318,13 @@ class Situation:
 
     def of(self, robot: Robot) -> Situation:
         """The same states of a robot whose links weigh something else, under the same loads of the experiment."""
-        return self if robot is self.robot else replace(self, view=replace(self.view, robot=robot))
+        if robot is self.robot:
+            return self
+        view = replace(self.view, robot=robot)
+        if view.table.kind == "absolute":  # whose loads hold the links' weight
+            other = under_weights(view).tau - under_weights(self.view).tau
+            view = replace(view, tau=self.view.tau + other)
+        return replace(self, view=view)
 
     def respond(self, loads: Array) -> Array:
         """(N, V) further deflections under further loads (N, V)."""

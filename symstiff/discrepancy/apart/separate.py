@@ -150,14 +150,19 @@ def _read(path: Path) -> Mapping[str, Any]:
     for name, part in parts.items():
         if not isinstance(part, dict):
             raise UserError(f"{path}: not a verdict.json: {name} is no table")
-    _check_components(parts["decide"].get("components", []), path)
+    _check_told(parts["decide"], path)
     return table | parts
 
 
-def _check_components(components: Any, path: Path) -> None:
-    """Raise UserError for components of a reading that none are."""
-    if not isinstance(components, list) or not all(c in range(6) for c in components):
-        raise UserError(f"{path}: not a verdict.json: components of decide are {components}: 0 to 5 each")
+def _check_told(decide: Mapping[str, Any], path: Path) -> None:
+    """Raise UserError for parts of an experiment that none are, where it is told."""
+    for name in ("components", "points", "loads"):
+        if name in decide and not (isinstance(decide[name], list) and decide[name]):
+            raise UserError(f"{path}: not a verdict.json: decide.{name} is no list of any")
+    if not all(c in range(6) for c in decide.get("components", ())):
+        raise UserError(f"{path}: not a verdict.json: decide.components are 0 to 5 each")
+    if decide.get("kind", "deflection") not in ("deflection", "absolute"):
+        raise UserError(f"{path}: not a verdict.json: decide.kind is deflection or absolute")
 
 
 def _rivals(robot: Robot, table: Mapping[str, Any], origin: str) -> list[Rival]:
@@ -255,6 +260,8 @@ def _noise(table: Mapping[str, Any]) -> float:
     """Standard deviation of a reading as the diagnosis found it, with what a pose's rows share [m]."""
     noise = table["noise"]
     found = 1e-3 * float(np.hypot(noise.get("sigma_mm") or 0.0, noise.get("approach_mm") or 0.0))
+    if not np.isfinite(found):
+        raise ValueError("a noise that is no number")
     return found or Measurement.sigma_t
 
 

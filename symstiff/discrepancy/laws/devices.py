@@ -335,7 +335,7 @@ def _swaying(situation: Situation) -> Iterator[DeviceLaw]:
 
 
 def _since_unloaded(view: View) -> Iterator[DeviceLaw]:
-    """A device that drifts between a pose's reading without load and the others, steadily or ever less in the session.
+    """A device that drifts between a visit's reading without load and the others, steadily or ever less in the session.
 
     The reading without load is taken to come as long before the first load as the next loads follow it.
     """
@@ -343,8 +343,8 @@ def _since_unloaded(view: View) -> Iterator[DeviceLaw]:
     if view.table.kind == "absolute" or not told or not np.any(session):
         return
     waited = np.zeros(len(view.table))
-    for pose in np.unique(view.table.pose):
-        own = view.table.pose == pose
+    for visit in np.unique(view.table.approach):
+        own = view.table.approach == visit
         moments = np.unique(session[own])
         if len(moments) > 1:
             waited[own] = session[own] - moments[0] + float(np.median(np.diff(moments)))
