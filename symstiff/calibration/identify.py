@@ -200,7 +200,7 @@ class _Begin:
     told: StiffnessModel
     reduction: Reduction | None
     experiment: ExperimentClass
-    whole: StiffnessModel
+    full: StiffnessModel
     """With effects of known size, which are taken off deflections."""
     doubts: list[str]
     """Those of the remarks that the reduction makes."""
@@ -227,15 +227,15 @@ def _begin(
         whole(per_level, "per_level", 1)
         model = by_level(model, table, per_level)
     _refuse_rows(model)
-    counted, full = of_known_size(model), model
-    told = model.with_effects([e for e in model.effects if e not in counted])
-    left_out = left_out_of(counted) if table.kind == "absolute" else []
+    known, full = of_known_size(model), model
+    told = model.with_effects([e for e in model.effects if e not in known])
+    left_out = left_out_of(known) if table.kind == "absolute" else []
     told, elapsed = on_the_clock(told, table)
     model, unseen = seen_in(told, table.kind)
     unseen += elapsed
     context_of(model, table)  # refuses a table without the time or the branch that the model follows
     if not model.parameters:
-        raise UserError("nothing to identify: " + "; ".join([*left_out_of(counted), *unseen]))
+        raise UserError("nothing to identify: " + "; ".join([*left_out_of(known), *unseen]))
     model, elsewhere = find_point(model, table, robot)
     remarks += [*left_out, *unseen, *([elsewhere] if elsewhere else [])]
     return _Begin(model, told, reduction, experiment, full, doubts, remarks)
@@ -253,11 +253,11 @@ def _from_deflections(
 ) -> Identification:
     """The fit to deflections, judged by what it leaves of them and of those that are held out."""
     model, reduction = begin.model, begin.reduction
-    if counted := of_known_size(begin.whole):
-        near = settled(counted, train, partial(_fitted_to, begin, robust=robust, physical=physical))
-        train, as_read = without(counted, near, train), train
-        validation = None if validation is None else without(counted, near, validation)
-        remarks = [*remarks, *removed_of(counted, robot, as_read, train)]
+    if known := of_known_size(begin.full):
+        near = settled(known, train, partial(_fitted_to, begin, robust=robust, physical=physical))
+        train, as_read = without(known, near, train), train
+        validation = None if validation is None else without(known, near, validation)
+        remarks = [*remarks, *removed_of(known, robot, as_read, train)]
     found, held = _fit(model, train, robust=robust, physical=physical, reduced=reduction is not None)
     remarks = [*remarks, *([of_redundant(held, model)] if held else [])]
     fitted, e = found.estimate, found.equations
@@ -275,9 +275,9 @@ def _from_deflections(
     remarks += [*unsettled(found), *explained(training), *fits(fitted, e), *unlike_file(model, robot)]
     remarks += [] if physical or reduction is None or hints else below_zero(values, reduction)
     fresh = residual_table(validation.values, predict(model, validation)) if validation is not None else None
-    whole = with_known(completed(model, begin.told, train.kind), begin.whole)
+    full = with_known(completed(model, begin.told, train.kind), begin.full)
     return Identification(
-        of_table(whole, train), reduction, fitted, e, training, fresh,
+        of_table(full, train), reduction, fitted, e, training, fresh,
         found.robust, constrained, tuple(remarks), train, validation,
     )  # fmt: skip
 
