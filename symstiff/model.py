@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import numpy.typing as npt
 
-from symstiff.arguments import A_ROBOT, reals, require, several
+from symstiff.arguments import A_ROBOT, require, several
 from symstiff.effects.base import EffectParameter, Realisation
 from symstiff.effects.instance import EffectInstance, realise_all
 from symstiff.errors import UserError, printable
@@ -25,13 +25,13 @@ from symstiff.robot.loading import from_table
 from symstiff.robot.schema import Robot
 from symstiff.robot.table import to_table
 from symstiff.slopes import derivative
-from symstiff.states import Context, moment, poses
+from symstiff.states import Context, moment, point, poses, ranges
 from symstiff.symbolic.algebras import evaluate_numpy
 from symstiff.symbolic.chain import ElasticChain
 from symstiff.symbolic.compliance import compliance_program
 from symstiff.symbolic.program import Program
 from symstiff.symbolic.programs import deflection_program, observation_program
-from symstiff.symbolic.terms import WRENCH, Term
+from symstiff.symbolic.terms import Term
 
 if TYPE_CHECKING:
     from symstiff.codegen.runtime import Evaluator
@@ -76,10 +76,10 @@ class StiffnessModel:
         ):  # fmt: skip
             object.__setattr__(self, name, several(getattr(self, name), kind, name, example))
         if self.file_tool is not None:
-            object.__setattr__(self, "file_tool", _point(self.file_tool))
+            object.__setattr__(self, "file_tool", point(self.file_tool))
         for name, least in (("values", -np.inf), ("deviations", 0.0), ("fixed", -np.inf)):
             object.__setattr__(self, name, frozen_numbers(getattr(self, name), name, least))
-        object.__setattr__(self, "seen", _ranges(self.seen, self.robot))
+        object.__setattr__(self, "seen", ranges(self.seen, self.robot))
 
     @classmethod
     def of(cls, reduction: Reduction, values: Mapping[str, float] | None = None) -> StiffnessModel:
@@ -355,31 +355,6 @@ class StiffnessModel:
         from symstiff.model_reading import model_html
 
         return model_html(self)
-
-
-def _point(given: Sequence[float]) -> tuple[float, float, float]:
-    """Three lengths [m]. Raises UserError."""
-    point = reals(given, "file_tool", "(3,)")
-    if point.shape != (3,) or not np.isfinite(point).all():
-        raise UserError(f"file_tool: expected three lengths [m], found {given!r:.40}")
-    x, y, z = point.tolist()
-    return x, y, z
-
-
-def _ranges(seen: Mapping[str, tuple[float, float]], robot: Robot) -> FrozenDict[str, tuple[float, float]]:
-    """Ranges by the names that a table has, read-only. Raises UserError."""
-    require(seen, Mapping, "seen by name", "give a dictionary")
-    names = (*(f"q{j}" for j in range(1, robot.dof + 1)), *WRENCH, "time", "temperature")
-    found = {}
-    for name, between in seen.items():
-        if name not in names:
-            known = f"{names[0]} to {names[robot.dof - 1]}, {', '.join(names[robot.dof :])}"
-            raise UserError(f"seen: {printable(str(name), 40)}: no such name: there are {known}")
-        ends = reals(between, f"seen: {name}", "(2,)").tolist()
-        if np.shape(ends) != (2,) or not -np.inf < ends[0] <= ends[1] < np.inf:
-            raise UserError(f"seen: {name}: expected the least and the greatest value, found {between!r:.40}")
-        found[name] = (ends[0], ends[1])
-    return FrozenDict(found)
 
 
 def bilinear(term: Term) -> bool:

@@ -1,16 +1,19 @@
-"""What callers pass to evaluate a model, as arrays: joints, wrenches, and the moment that laws look at."""
+"""What callers pass to make and evaluate a model: joints, wrenches, the moment that laws look at, points, ranges."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 import numpy.typing as npt
 
-from symstiff.arguments import reals
-from symstiff.errors import UserError
+from symstiff.arguments import reals, require
+from symstiff.errors import UserError, printable
+from symstiff.robot.frozen import FrozenDict
+from symstiff.robot.schema import Robot
 from symstiff.symbolic.algebras import context_columns
 from symstiff.symbolic.program import Program
+from symstiff.symbolic.terms import WRENCH
 
 Context = Mapping[str, npt.ArrayLike]
 """Columns (N,) or numbers by name: ``time`` [s], ``temperature`` [°C], ``branch``, ``turn``."""
@@ -52,3 +55,28 @@ def moment(program: Program, context: Context | None, n: int) -> dict[str, np.nd
             names = [s.name for s in vector.symbols]
             return {"context": np.stack([context_columns(context, n, name)[name] for name in names], -1)}
     return {}
+
+
+def point(given: Sequence[float]) -> tuple[float, float, float]:
+    """Three lengths [m]. Raises UserError."""
+    found = reals(given, "file_tool", "(3,)")
+    if found.shape != (3,) or not np.isfinite(found).all():
+        raise UserError(f"file_tool: expected three lengths [m], found {given!r:.40}")
+    x, y, z = found.tolist()
+    return x, y, z
+
+
+def ranges(seen: Mapping[str, tuple[float, float]], robot: Robot) -> FrozenDict[str, tuple[float, float]]:
+    """Ranges by the names that a table has, read-only. Raises UserError."""
+    require(seen, Mapping, "seen by name", "give a dictionary")
+    names = (*(f"q{j}" for j in range(1, robot.dof + 1)), *WRENCH, "time", "temperature")
+    found = {}
+    for name, between in seen.items():
+        if name not in names:
+            known = f"{names[0]} to {names[robot.dof - 1]}, {', '.join(names[robot.dof :])}"
+            raise UserError(f"seen: {printable(str(name), 40)}: no such name: there are {known}")
+        ends = reals(between, f"seen: {name}", "(2,)").tolist()
+        if np.shape(ends) != (2,) or not -np.inf < ends[0] <= ends[1] < np.inf:
+            raise UserError(f"seen: {name}: expected the least and the greatest value, found {between!r:.40}")
+        found[name] = (ends[0], ends[1])
+    return FrozenDict(found)

@@ -1,17 +1,17 @@
 """Effects of known size, such as a large deflection: taken off the readings before a fit, which has no column of them.
 
-What they add follows from the compliances that are fitted: fit and correction take turns.
+What they add follows from the compliances, which settle with them first, as in a diagnosis.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
 
 from symstiff.arrays import Array
-from symstiff.calibration.experiment.current import under_effects
+from symstiff.calibration.experiment.current import settled, under_effects
 from symstiff.calibration.experiment.situation import Laws, Situation, look
 from symstiff.calibration.tables.measurements import Measurements
 from symstiff.effects.instance import EffectInstance
@@ -19,10 +19,6 @@ from symstiff.effects.places import named
 from symstiff.effects.registry import find
 from symstiff.model import StiffnessModel
 from symstiff.robot.schema import Robot
-
-_ROUNDS = 6
-_SETTLED = 1e-3
-"""Largest change of a correction, as a share of its largest, at which fit and correction agree."""
 
 
 def of_known_size(model: StiffnessModel) -> tuple[EffectInstance, ...]:
@@ -49,23 +45,17 @@ def added_by(effects: Sequence[EffectInstance], model: StiffnessModel, table: Me
     return added
 
 
+def fitted_beside(
+    effects: Sequence[EffectInstance], model: StiffnessModel, table: Measurements
+) -> StiffnessModel:
+    """A model without effects of known size, with the values that a table gives it beside them."""
+    fitted = settled(model.with_effects((*model.effects, *effects)), table).fitted
+    return model.with_values({n: fitted.get(n, model.values.get(n, 0.0)) for n in model.parameters})
+
+
 def without(effects: Sequence[EffectInstance], model: StiffnessModel, table: Measurements) -> Measurements:
     """The table less what effects of known size add by a model's values."""
-    return replace(table, values=table.values - added_by(effects, model, table)) if effects else table
-
-
-def settled(
-    effects: Sequence[EffectInstance], table: Measurements, fit: Callable[[Measurements], StiffnessModel]
-) -> StiffnessModel:
-    """The model of ``fit`` at which the table, less what effects of known size add by it, gives it again."""
-    model = fit(table)
-    before = np.zeros_like(table.values)
-    for _ in range(_ROUNDS if effects else 0):
-        added = np.nan_to_num(added_by(effects, model, table))
-        if np.max(np.abs(added - before)) <= _SETTLED * np.max(np.abs(added)):
-            break
-        model, before = fit(replace(table, values=table.values - added)), added
-    return model
+    return replace(table, values=table.values - added_by(effects, model, table))
 
 
 def with_known(model: StiffnessModel, start: StiffnessModel) -> StiffnessModel:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -13,10 +12,10 @@ import numpy as np
 from symstiff.arguments import real, require, whole
 from symstiff.calibration.absolute import fit_absolute
 from symstiff.calibration.counted import (
+    fitted_beside,
     left_out_of,
     of_known_size,
     removed_of,
-    settled,
     with_known,
     without,
 )
@@ -254,7 +253,7 @@ def _from_deflections(
     """The fit to deflections, judged by what it leaves of them and of those that are held out."""
     model, reduction = begin.model, begin.reduction
     if known := of_known_size(begin.full):
-        near = settled(known, train, partial(_fitted_to, begin, robust=robust, physical=physical))
+        near = fitted_beside(known, model, train)
         train, as_read = without(known, near, train), train
         validation = None if validation is None else without(known, near, validation)
         remarks = [*remarks, *removed_of(known, robot, as_read, train)]
@@ -345,15 +344,6 @@ def _refuse_rows(model: StiffnessModel) -> None:
                 f"the start model holds {effect.effect} at {dict(effect.where)}, which belongs to the table it was "
                 "found in: leave these rows out of the table and that [[effect]] out of the model"
             )
-
-
-def _fitted_to(begin: _Begin, table: Measurements, *, robust: bool, physical: bool) -> StiffnessModel:
-    """The start model with what a table gives its parameters."""
-    reduced = begin.reduction is not None
-    found, held = _fit(begin.model, table, robust=robust, physical=physical, reduced=reduced)
-    kept = {n: begin.model.values.get(n, 0.0) for n in held}
-    fit = found.estimate
-    return begin.model.with_values(kept | _finite(dict(zip(fit.names, fit.values.tolist(), strict=True))))
 
 
 def data_rank(model: StiffnessModel, table: Measurements) -> int:
