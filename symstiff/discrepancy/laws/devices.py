@@ -1,4 +1,4 @@
-"""What has no name and no virtual joint: gains, device, markers, loads read late, what lifts, slips or moves."""
+"""What has no name and no virtual joint: gains, device, markers, loads read late, what lifts or slips."""
 
 from __future__ import annotations
 
@@ -14,13 +14,13 @@ from symstiff.calibration.experiment.situation import Situation, View, under_wei
 from symstiff.calibration.tables.loading import load_factor
 from symstiff.calibration.tables.measurements import Measurements, course
 from symstiff.discrepancy.laws.drawing import drawing_laws
+from symstiff.discrepancy.laws.moves import DEVICE, moving_laws, read_shifts
 from symstiff.discrepancy.laws.posture import posture_laws
 from symstiff.discrepancy.laws.sensors import FLANGE, SENSOR, sensor_laws
 from symstiff.discrepancy.problem import DeviceLaw, Parameter
-from symstiff.effects.common import XYZ, turned
 from symstiff.symbolic.terms import AXES, Term, VirtualJoint, deflection, link_joint, w
 
-DEVICE, ORDER, FOOT = "measuring device", "order of the loads", "foot of the base"
+ORDER, FOOT = "order of the loads", "foot of the base"
 _PERCENT, _MILLIONTH = 1e-2, 1e-6
 _VARIES = 0.3
 """Share of a law's square that must not be constant within a pose."""
@@ -31,12 +31,6 @@ _TURNS = (1, 2)
 
 _LEVELS = 8
 """Sizes of loads up to which one of them may be another weight than the table says."""
-_WAVES = (1.0, 1.5, 2.0)
-"""Times in a session that a device may move to and fro: a drift tells what is slower."""
-_SETTLES = 4.0
-"""Time constants in a session of a device that warms up."""
-_CUTS = 20
-"""Moments of a session at which something may have moved, at most."""
 
 _LIFTS = (0.3, 0.5, 0.7)
 """Shares of the largest tilting moment from which a foot lifts, and of the largest force from which a flange slips."""
@@ -77,11 +71,7 @@ def _found(situation: Situation) -> tuple[DeviceLaw, ...]:
         *_late(situation),
         *_foot(view),
         *_slips(view),
-        *_always(view),
-        *_moved_once(situation),
-        *_turning(situation),
-        *_swaying(situation),
-        *_since_unloaded(view),
+        *moving_laws(situation),
         *posture_laws(situation),
     ]
     found += _readings(view) if view.table.kind == "absolute" else drawing_laws(situation)
@@ -254,115 +244,7 @@ def _slips(view: View) -> Iterator[DeviceLaw]:
     for share in _LIFTS:
         slipped = (size > share * np.max(size, initial=0.0)) * force / np.maximum(size, TINY)
         title = f"slip beyond {100 * share:.0f} % of the largest force"
-        yield DeviceLaw(FLANGE, title, (Parameter(title, "m"),), _read(view, slipped)[:, None])
-
-
-def _shifted(view: View) -> tuple[tuple[str, Array, str], ...]:
-    """What may stand elsewhere: the place, its axes (N, 3, 3) in the device's, and whose they are."""
-    fixed = np.tile(np.eye(3), (len(view.table), 1, 1))
-    return (FLANGE, view.turn @ view.found.R[:, -1], "tool"), (DEVICE, fixed, "device")
-
-
-def _always(view: View) -> Iterator[DeviceLaw]:
-    """A shift that every load shows alike: the tool, or the device, stood elsewhere when nothing was on it."""
-    if view.table.kind == "absolute":
-        return
-    for place, frame, axes in _shifted(view):
-        title = f"shift under any load in the {axes}'s axes"
-        columns = tuple(Parameter(f"{title}: {axis}", "m") for axis in "xyz")
-        yield DeviceLaw(
-            place, title, columns, np.column_stack([_read(view, frame[:, :, k]) for k in range(3)])
-        )
-
-
-def _moved_once(situation: Situation) -> Iterator[DeviceLaw]:
-    """Targets, or the device, that moved once and stayed there; a device also that turned."""
-    view = situation.view
-    clock = view.table.clock
-    # where one pose stands alone, before or after, it is a bad pose
-    begin = np.sort([clock[view.table.pose == p].min() for p in np.unique(view.table.pose)])[2:-1]
-    about = _turns(situation)
-    for cut in begin[:: max(1, round(len(begin) / _CUTS))]:
-        since = (clock >= cut)[:, None]
-        when = f"from {100 * np.mean(clock < cut):.0f} % of the session on in the"
-        for place, frame, axes in _shifted(view):
-            columns = tuple(Parameter(f"shift {when} {axes}'s axes: {axis}", "m") for axis in "xyz")
-            block = np.column_stack([_read(view, since * frame[:, :, k]) for k in range(3)])
-            yield DeviceLaw(place, "shift from some time on", columns, block)
-            if place == DEVICE:
-                turns = tuple(Parameter(f"turn {when} {axes}'s axes: {axis}", "rad") for axis in "xyz")
-                rows = since[view.state] * about
-                if view.table.kind == "absolute":  # what turns about another point is shifted too
-                    turns, rows = (*columns, *turns), np.hstack([block, rows])
-                yield DeviceLaw(place, "turn from some time on", turns, rows)
-
-
-def _turning(situation: Situation) -> Iterator[DeviceLaw]:
-    """A device that turns slowly, about where it stands, as its tripod settles or the sun warms it."""
-    session, about = situation.view.table.session, _turns(situation)
-    if not np.any(session):
-        return
-    for zero, when in ((0.0, "since the session began"), (0.5, "through the session, none in its middle")):
-        columns = tuple(Parameter(f"turn {when}: {axis}", "rad") for axis in "xyz")
-        rows = (session - zero)[situation.view.state][:, None] * about
-        yield DeviceLaw(DEVICE, "turn growing with the session", columns, rows)
-
-
-def _swaying(situation: Situation) -> Iterator[DeviceLaw]:
-    """A device that moves to and fro in the session, as the floor under it warms and cools."""
-    view = situation.view
-    session = view.table.session
-    if not np.any(session):
-        return
-    moves = [_read(view, np.tile(axis, (len(view.table), 1))) for axis in np.eye(3)]
-    block, names = np.column_stack(moves), [("shift", axis, "m") for axis in "xyz"]
-    if view.table.kind == "absolute":
-        block, names = (
-            np.hstack([block, _turns(situation)]),
-            [*names, *(("turn", axis, "rad") for axis in "xyz")],
-        )
-    for waves in _WAVES:
-        angle = (2.0 * np.pi * waves * session)[view.state, None]
-        parts = {"sin": np.sin(angle), "cos": np.cos(angle)}
-        columns = tuple(
-            Parameter(f"{what} to and fro, {waves:g} times in the session, {part}: {axis}", unit)
-            for part in parts
-            for what, axis, unit in names
-        )
-        yield DeviceLaw(
-            DEVICE, "to and fro in the session", columns, np.hstack([p * block for p in parts.values()])
-        )
-
-
-def _since_unloaded(view: View) -> Iterator[DeviceLaw]:
-    """A device that drifts between a visit's reading without load and the others, steadily or ever less in the session.
-
-    The reading without load is taken to come as long before the first load as the next loads follow it.
-    """
-    session, told = view.table.session, np.isfinite(view.table.time).all()
-    if view.table.kind == "absolute" or not told or not np.any(session):
-        return
-    waited = np.zeros(len(view.table))
-    for visit in np.unique(view.table.approach):
-        own = view.table.approach == visit
-        moments = np.unique(session[own])
-        if len(moments) > 1:
-            waited[own] = session[own] - moments[0] + float(np.median(np.diff(moments)))
-    for slowing, how in ((0.0, "steadily"), (_SETTLES, "ever less in the session")):
-        gone = waited * np.exp(-slowing * session)
-        columns = tuple(
-            Parameter(f"shift since the reading without load, {how}: {axis}", "m") for axis in "xyz"
-        )
-        block = [_read(view, gone[:, None] * np.tile(axis, (len(gone), 1))) for axis in np.eye(3)]
-        yield DeviceLaw(DEVICE, "shift since the reading without load", columns, np.column_stack(block))
-
-
-def _turns(situation: Situation) -> Array:
-    """(M, 3) what turns of the device about its axes change of the readings."""
-    view = situation.view
-    if view.table.kind == "absolute":
-        return np.column_stack([_read(view, np.cross(axis, view.points)) for axis in np.eye(3)])
-    return situation.columns([term for k, name in enumerate(XYZ) for term in turned(name, k)], list(XYZ))
+        yield DeviceLaw(FLANGE, title, (Parameter(title, "m"),), read_shifts(view, slipped)[:, None])
 
 
 def _readings(view: View) -> Iterator[DeviceLaw]:
@@ -383,7 +265,7 @@ def _readings(view: View) -> Iterator[DeviceLaw]:
     def law(place: str, title: str, unit: str, *moves: Array) -> DeviceLaw:
         names = [title] if len(moves) == 1 else [f"{title}: {part}" for part in ("sin", "cos")]
         columns = tuple(Parameter(name, unit) for name in names)
-        return DeviceLaw(place, title, columns, np.column_stack([_read(view, move) for move in moves]))
+        return DeviceLaw(place, title, columns, np.column_stack([read_shifts(view, move) for move in moves]))
 
     yield law(DEVICE, "scale error", "ppm", _MILLIONTH * seen)
     for k in range(3):
@@ -410,21 +292,19 @@ def _bent(view: View) -> Iterator[DeviceLaw]:
     one = _MILLIONTH * np.eye(3)
     strains = (seen[:, [a]] * one[b] + (seen[:, [b]] * one[a] if a != b else 0.0) for a, b in pairs)
     yield DeviceLaw(
-        DEVICE, "scale error along a direction", names, np.column_stack([_read(view, s) for s in strains])
+        DEVICE,
+        "scale error along a direction",
+        names,
+        np.column_stack([read_shifts(view, s) for s in strains]),
     )
     seen = seen / max(float(np.linalg.norm(seen, axis=1).max()), 1e-9)
     ways = [*seen.T, np.sum(seen**2, axis=1)]
     names = tuple(Parameter(f"vertical error by the place: {name}", "m") for name in (*"xyz", "distance^2"))
     up = view.turn[:, :, 2]
-    columns = [_read(view, way[:, None] * up) for way in ways]
+    columns = [read_shifts(view, way[:, None] * up) for way in ways]
     yield DeviceLaw(DEVICE, "vertical error by the place", names, np.column_stack(columns))
 
 
 def _force(view: View) -> Array:
     """(N, 3) forces in the device's axes, in which shifts are read."""
     return view.in_device(view.table.w[:, :3])
-
-
-def _read(view: View, moves: Array) -> Array:
-    """Rows (M,) of shifts (N, 3) of the measured points; attitudes are not moved."""
-    return view.read(np.column_stack([moves, np.zeros_like(moves)]))
