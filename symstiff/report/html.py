@@ -125,7 +125,7 @@ def _facts(finding: Finding) -> list[tuple[str, str]]:
         ),
         ("start model", f"{len(finding.start.model.parameters)} parameters"),
         ("residual, rms per coordinate", _fall(finding, r.before, r.after)),
-        ("noise, a degree of freedom", sizes.noise(finding, numbers.decimals_between(r.before, r.after))),
+        ("noise, per degree of freedom", sizes.noise(finding, numbers.decimals_between(r.before, r.after))),
     ]
     held = finding.last.held_out
     if held is not None:
