@@ -13,7 +13,7 @@ from symstiff.calibration.simulation.experiment import simulate
 from symstiff.calibration.simulation.truth import truth_from_table
 from symstiff.calibration.tables.measurements import concatenate, measurements
 from symstiff.discrepancy.findings.finding import Finding, Task
-from symstiff.discrepancy.findings.remarks import _of_approach, _of_succession
+from symstiff.discrepancy.findings.remarks import _of_approach, _of_rows, _of_succession
 from symstiff.discrepancy.workflow import diagnose
 from symstiff.errors import UserError
 from symstiff.model import StiffnessModel, load_model
@@ -53,6 +53,26 @@ def test_what_would_have_been_seen_does_not_depend_on_what_was_named(
     assert len(both) >= 3
     for name in both:
         assert after[name] == pytest.approx(before[name], rel=0.3), name
+
+
+@pytest.mark.parametrize("parameters", [20, 270])
+def test_a_row_is_far_off_beside_the_noise_not_beside_residuals_that_many_parameters_make_small(
+    quiet: Finding, parameters: int
+) -> None:
+    """Normal errors of 450 readings that a model of so many parameters leaves; then the largest becomes a slip."""
+    view, rng = quiet.assembly.situation.view, np.random.default_rng(2)
+    model = np.linalg.qr(rng.normal(size=(450, parameters)) * rng.choice([0.3, 3.0], size=(450, 1)))[0]
+    errors = rng.normal(size=450)
+    left = errors - model @ (model.T @ errors)
+    noise = replace(quiet.last.noise, degrees_of_freedom=450.0 - parameters)
+
+    def said(residual: np.ndarray) -> list[str]:
+        step = replace(quiet.last.growth[-1], residual=2e-5 * residual)
+        return _of_rows(view, replace(quiet.last, growth=(step,), noise=noise))
+
+    slip = np.where(np.arange(450) == np.argmax(np.abs(left)), 10.0, left)
+    assert not said(left)
+    assert len(said(slip)) == 1
 
 
 @pytest.mark.parametrize("correlation", [0.0, 0.5])

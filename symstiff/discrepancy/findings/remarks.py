@@ -253,7 +253,9 @@ def _of_rows(view: View, last: Diagnosis) -> list[str]:
         return []
     if last.law is not None or last.device_law is not None:  # a law is told that still is in what is left
         return []
-    beside = in_usual(view, np.abs(last.growth[-1].residual))
+    residual = last.growth[-1].residual
+    # a model of many parameters passes through some readings, which makes the usual residual small
+    beside = in_usual(view, np.abs(residual)) * min(np.sqrt(last.noise.degrees_of_freedom / len(residual)), 1.0)
     rows = np.flatnonzero(beside > BESIDE)
     first = np.argsort(-beside)[:2]
     if len(first) == 2 and beside[first[0]] > max(BESIDE, _ALONE * beside[first[1]]):
