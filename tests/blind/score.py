@@ -84,81 +84,97 @@ def points(row: Row) -> float:
     return {"right": 1.0, "half": 0.5}.get(row["outcome"], 0.0)
 
 
+def named(row: Row) -> float:
+    """1 where one or several explanations have a name."""
+    return float(row["verdict"] in ("named", "ambiguous"))
+
+
+def listed(row: Row) -> float:
+    """1 where the right explanation is named or in the set."""
+    return float(row["outcome"] in ("right", "half"))
+
+
+def limit(row: Row) -> float:
+    """Points of a judge who knows the noise."""
+    return float(row["limit"])
+
+
+def spoke(row: Row) -> float:
+    """1 where something is said to be missing."""
+    return float(row["spoke"])
+
+
+def noticed(row: Row) -> float:
+    """1 where the stated sigma is called wrong."""
+    return float(row["noticed"])
+
+
+def of(kind: str, least: float = -math.inf, most: float = math.inf) -> Select:
+    """Cases of a class whose effects have such sizes."""
+    return lambda r: r["kind"] == kind and least <= r["wanted"] <= most
+
+
+def apart(cases: Select) -> Select:
+    """Those whose effects the data tell from all others."""
+    return lambda r: cases(r) and (r["apart"] or 0.0) > SEPARABLE
+
+
+def seen(cases: Select) -> Select:
+    """Those that are also seen in four of five tables."""
+    return lambda r: apart(cases)(r) and (r["needed"] or math.inf) <= r["wanted"]
+
+
+def judged(cases: Select) -> Select:
+    """Those that the judge has weighed."""
+    return lambda r: cases(r) and r.get("limit") is not None
+
+
+def stated(right: bool, freedom: int = 0) -> Select:
+    """Cases whose sigma is stated right, or is not: of several loads a pose.
+
+    Of one load what a pose's rows share is noise like any other, and none of the stated one.
+    """
+    return lambda r: (
+        (r["stated"] == 1.0) is right and r["design"]["levels"] > 1 and r["design"]["freedom"] > freedom
+    )
+
+
+_25, _60 = of("one", 25.0, 25.0), of("one", 60.0, 60.0)
+_TWO_60, _TWO_150 = of("two", 60.0, 60.0), of("two", 150.0)
+
+BARS: tuple[tuple[str, Select, Callable[[Row], float]], ...] = (
+    ("false alarms (nothing missing) <= 0.05", of("nothing"), spoke),
+    ("false alarms (untestable) <= 0.05", of("untestable"), spoke),
+    ("right name at lambda 10", of("one", 10.0, 10.0), points),
+    ("right name at lambda 25 >= 0.85", _25, points),
+    ("right name at lambda 60 >= 0.95", _60, points),
+    ("right name at lambda 25, told apart by the data", apart(_25), points),
+    ("right name at lambda 60, told apart by the data", apart(_60), points),
+    ("right name at lambda 25, apart and seen in 80 %", seen(_25), points),
+    ("right name at lambda 60, apart and seen in 80 %", seen(_60), points),
+    ("right name at lambda 25, by a judge who knows the noise", judged(_25), limit),
+    ("right name at lambda 60, by a judge who knows the noise", judged(_60), limit),
+    ("right name at lambda 150", of("one", 150.0, 150.0), points),
+    ("right name at lambda 600", of("one", 600.0, 600.0), points),
+    ("bad pose", of("bad_pose"), points),
+    ("wrong name outside the catalogue <= 0.05", of("outside"), named),
+    ("wrong name outside the catalogue, told apart by the data", apart(of("outside")), named),
+    ("two right at lambda 60 >= 0.85", _TWO_60, points),
+    ("two right at lambda 150 and more >= 0.93", _TWO_150, points),
+    ("two right at lambda 60, told apart by the data", apart(_TWO_60), points),
+    ("two right at lambda 150 and more, told apart", apart(_TWO_150), points),
+    ("two right at lambda 60, by a judge who is told one", judged(_TWO_60), limit),
+    ("two right at lambda 150 and more, by such a judge", judged(_TWO_150), limit),
+    ("confounded: named or in the set", of("confounded"), listed),
+    ("sigma misstated: noticed", stated(False, 150), noticed),
+    ("sigma stated right: called misstated", stated(True), noticed),
+)
+"""The promises of the diagnosis: of which cases, and what counts."""
+
+
 def bars(rows: Sequence[Row]) -> dict[str, dict[str, Any]]:
     """The promises of the diagnosis, measured."""
-
-    def one(lam: float) -> Select:
-        return lambda r: r["kind"] == "one" and r["wanted"] == lam
-
-    def apart(lam: float) -> Select:
-        return lambda r: one(lam)(r) and (r["apart"] or 0.0) > SEPARABLE
-
-    def testable(lam: float) -> Select:
-        return lambda r: apart(lam)(r) and (r["needed"] or math.inf) <= lam
-
-    def judged(cases: Select) -> Select:
-        return lambda r: cases(r) and r.get("limit") is not None
-
-    def limit(row: Row) -> float:
-        return float(row["limit"])
-
-    def two(least: float, most: float = math.inf) -> Select:
-        return lambda r: r["kind"] == "two" and least <= r["wanted"] <= most
-
-    def two_apart(least: float, most: float = math.inf) -> Select:
-        return lambda r: two(least, most)(r) and (r["apart"] or 0.0) > SEPARABLE
-
-    def of(kind: str) -> Select:
-        return lambda r: r["kind"] == kind
-
-    def repeated(row: Row) -> bool:
-        """Of one load a pose, what a pose's rows share is noise like any other, and none of the stated one."""
-        return bool(row["design"]["levels"] > 1)
-
-    def spoke(row: Row) -> float:
-        return float(row["spoke"])
-
-    table = {
-        "false alarms (nothing missing) <= 0.05": share(rows, of("nothing"), spoke),
-        "false alarms (untestable) <= 0.05": share(rows, of("untestable"), spoke),
-        "right name at lambda 10": share(rows, one(10.0), points),
-        "right name at lambda 25 >= 0.85": share(rows, one(25.0), points),
-        "right name at lambda 60 >= 0.95": share(rows, one(60.0), points),
-        "right name at lambda 25, told apart by the data": share(rows, apart(25.0), points),
-        "right name at lambda 60, told apart by the data": share(rows, apart(60.0), points),
-        "right name at lambda 25, apart and seen in 80 %": share(rows, testable(25.0), points),
-        "right name at lambda 60, apart and seen in 80 %": share(rows, testable(60.0), points),
-        "right name at lambda 25, by a judge who knows the noise": share(rows, judged(one(25.0)), limit),
-        "right name at lambda 60, by a judge who knows the noise": share(rows, judged(one(60.0)), limit),
-        "right name at lambda 150": share(rows, one(150.0), points),
-        "right name at lambda 600": share(rows, one(600.0), points),
-        "bad pose": share(rows, lambda r: r["kind"] == "bad_pose", points),
-        "wrong name outside the catalogue <= 0.05": share(
-            rows, lambda r: r["kind"] == "outside", lambda r: float(r["verdict"] in ("named", "ambiguous"))
-        ),
-        "wrong name outside the catalogue, told apart by the data": share(
-            rows,
-            lambda r: r["kind"] == "outside" and (r["apart"] or 0.0) > SEPARABLE,
-            lambda r: float(r["verdict"] in ("named", "ambiguous")),
-        ),
-        "two right at lambda 60 >= 0.85": share(rows, two(60.0, 60.0), points),
-        "two right at lambda 150 and more >= 0.93": share(rows, two(150.0), points),
-        "two right at lambda 60, told apart by the data": share(rows, two_apart(60.0, 60.0), points),
-        "two right at lambda 150 and more, told apart": share(rows, two_apart(150.0), points),
-        "two right at lambda 60, by a judge who is told one": share(rows, judged(two(60.0, 60.0)), limit),
-        "two right at lambda 150 and more, by such a judge": share(rows, judged(two(150.0)), limit),
-        "confounded: named or in the set": share(
-            rows, lambda r: r["kind"] == "confounded", lambda r: float(r["outcome"] in ("right", "half"))
-        ),
-        "sigma misstated: noticed": share(
-            rows,
-            lambda r: r["stated"] != 1.0 and r["design"]["freedom"] > 150 and repeated(r),
-            lambda r: float(r["noticed"]),
-        ),
-        "sigma stated right: called misstated": share(
-            rows, lambda r: r["stated"] == 1.0 and repeated(r), lambda r: float(r["noticed"])
-        ),
-    }  # fmt: skip
+    table = {title: share(rows, cases, good) for title, cases, good in BARS}
     closures = sorted(r["closure"] for r in rows if r["closure"] is not None and r["outcome"] == "right")
     if closures:
         table["closure of the oracle's, median >= 0.97"] = {

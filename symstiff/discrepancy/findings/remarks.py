@@ -255,7 +255,9 @@ def _of_rows(view: View, last: Diagnosis) -> list[str]:
         return []
     residual = last.growth[-1].residual
     # a model of many parameters passes through some readings, which makes the usual residual small
-    beside = in_usual(view, np.abs(residual)) * min(np.sqrt(last.noise.degrees_of_freedom / len(residual)), 1.0)
+    beside = in_usual(view, np.abs(residual)) * min(
+        np.sqrt(last.noise.degrees_of_freedom / len(residual)), 1.0
+    )
     rows = np.flatnonzero(beside > BESIDE)
     first = np.argsort(-beside)[:2]
     if len(first) == 2 and beside[first[0]] > max(BESIDE, _ALONE * beside[first[1]]):
