@@ -138,4 +138,4 @@ def test_one_reading_that_slipped_is_no_habit_of_a_joint() -> None:
         np.full(problem.rows, 2e-5),
     )
     assert np.abs(z).max() > 10 * 2e-5
-    assert learned(problem, z / spread, spread).joints == ()
+    assert learned(problem, z / spread, spread, problem.pose).joints == ()

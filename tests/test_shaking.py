@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from symstiff.calibration.simulation import Effect, Truth, nominal_truth
-from symstiff.calibration.tables.measurements import Measurements
+from symstiff.calibration.tables.measurements import Measurements, concatenate
 from symstiff.discrepancy.bridge.assemble import assemble
 from symstiff.discrepancy.findings.finding import Task
 from symstiff.discrepancy.noise import scales as noises
@@ -17,6 +17,7 @@ from symstiff.discrepancy.noise.sharing import AXES, JOINTS, Sharing, Split
 from symstiff.discrepancy.workflow import diagnose
 from symstiff.report.verdict import verdict_table
 from symstiff.robot import load
+from tests.diagnosis_data import measured as small
 from tests.test_assemble import complete, design, measured, truth_of
 
 SIGMA = 3e-5
@@ -69,6 +70,29 @@ def test_markers_that_read_alone_share_nothing() -> None:
     found = diagnose(Task(load("ur10"), shaken(laboratory(16), truth_of("ur10"), 5, 0.0)))
     assert found.first.noise.reading == 0.0
     assert not any("the markers of one reading" in remark for remark in found.remarks)
+
+
+@pytest.mark.parametrize("markers", [0.0, 0.5])
+def test_a_robot_that_comes_back_to_its_poses_for_every_repeat_does_not_shake(markers: float) -> None:
+    """Five loads, three markers, three repeats: what a repeat's readings share is how the robot missed its pose.
+
+    The markers of a reading share half of the noise's variance or none.
+    """
+    rng, tables = np.random.default_rng(70), []
+    for k in range(3):
+        table = small(poses=12, stated=1.0 / np.sqrt(1.0 - markers), seed=20 + k)
+        reading = np.unique(np.column_stack([table.pose, table.w]), axis=0, return_inverse=True)[1]
+        values = table.values.copy()
+        values[:, :3] += 3e-5 * rng.normal(size=(12, 3))[table.pose]
+        values[:, :3] += 2e-5 * np.sqrt(markers / (1.0 - markers)) * rng.normal(size=(60, 3))[reading]
+        tables.append(replace(table, values=values, repeat=np.full(len(table), k + 1)))
+    noise = diagnose(Task(load("planar2r"), concatenate(tables))).first.noise
+    assert noise.reading == pytest.approx(markers, abs=0.1)
+    assert noise.anew == pytest.approx(1.0, abs=0.15)
+    assert noise.approach == pytest.approx(3e-5, rel=0.25)
+    assert noise.ratio == pytest.approx(1.0, abs=0.06)
+    assert noise.settling == ()
+    assert not noise.misstated
 
 
 @pytest.mark.parametrize("joints", [(), ((1, 3e-7), (4, 5e-6))])

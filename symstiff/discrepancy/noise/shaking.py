@@ -65,6 +65,11 @@ def readings(problem: Problem) -> Index:
     return numbered(_at_once(problem), problem.axis)
 
 
+def repeats(problem: Problem) -> Index:
+    """(M,) a number for pose, repeat and axis together; for pose and axis where there are no repeats."""
+    return problem.lines if problem.turn is None else numbered(problem.lines, problem.turn)
+
+
 def common_size(problem: Problem, spread: Array) -> Array:
     """(M,) one size for the metres and one for the radians: a shared error has those units."""
     common = np.ones(problem.rows)
@@ -73,9 +78,12 @@ def common_size(problem: Problem, spread: Array) -> Array:
     return common
 
 
-def shaken(problem: Problem, z: Array, spread: Array) -> Shaken:
-    """What readings share, as far as it is beyond doubt, by the residual z (M,) in units of ``spread`` (M,)."""
-    joints, (common, *apart) = _of_joints(problem, z, spread)
+def shaken(problem: Problem, z: Array, spread: Array, approach: Index) -> Shaken:
+    """What readings share, as far as it is beyond doubt, by the residual z (M,) in units of ``spread`` (M,).
+
+    Rows of one ``approach`` (M,) share an error that is no reading's own.
+    """
+    joints, (common, *apart) = _of_joints(problem, z, spread, approach)
     if not joints:
         return Shaken(of_axes(problem, z))
     if not apart:
@@ -101,13 +109,14 @@ def _moved(problem: Problem, joint: int) -> Array:
 def of_axes(problem: Problem, z: Array) -> float:
     """Variance of an error that the markers of one reading share over that of each alone, 0 where it may be none.
 
-    By moments of the residual (M,): products of rows of one reading, less those of other readings of the pose.
+    By moments of the residual (M,): products of rows of one reading, less those of other readings of the pose and,
+    since the robot may have come to it anew, of its repeat.
     """
     together, pairs = products(z, readings(problem))
-    of_pose, all_pairs = products(z, problem.lines)
+    of_repeat, all_pairs = products(z, repeats(problem))
     if pairs < _PAIRS or all_pairs - pairs < _PAIRS:
         return 0.0
-    shared = together / pairs - (of_pose - together) / (all_pairs - pairs)
+    shared = together / pairs - (of_repeat - together) / (all_pairs - pairs)
     square = float(np.mean(z**2))
     # pairs are counted twice
     if shared < _SURE * square / np.sqrt(0.5 * pairs):
@@ -125,14 +134,16 @@ def products(z: Array, label: Index) -> tuple[float, float]:
     return float(np.sum(total**2 - square)), float(np.sum(count * (count - 1)))
 
 
-def _of_joints(problem: Problem, z: Array, spread: Array) -> tuple[list[tuple[int, float]], list[_Scatter]]:
-    """Joints along whose motion readings of one pose scatter beyond doubt, with the variances of their errors; and what
-    is left beside them of each scatter.
+def _of_joints(
+    problem: Problem, z: Array, spread: Array, approach: Index
+) -> tuple[list[tuple[int, float]], list[_Scatter]]:
+    """Joints along whose motion readings of one approach scatter beyond doubt, with the variances of their errors; and
+    what is left beside them of each scatter.
 
     One after the other, the largest first, and what the markers of a reading have in common, which a load that swings
     moves, apart from how they differ.
     """
-    whole = left = _scatters(problem, z)
+    whole = left = _scatters(problem, z, approach)
     joints = [] if problem.J is None else [j for j in problem.joint_of if j >= 0]
     moved = {j: _moved(problem, j) / spread for j in joints}
     found: list[int] = []
@@ -149,7 +160,7 @@ def _of_joints(problem: Problem, z: Array, spread: Array) -> tuple[list[tuple[in
 
 @dataclass(frozen=True)
 class _Scatter:
-    """Readings about the means of their poses: what the markers have in common, or how they differ."""
+    """Readings about the means of their approaches: what the markers have in common, or how they differ."""
 
     z: Array
     """(C,) by reading and axis, or (M,) of rows."""
@@ -223,19 +234,19 @@ class _Scatter:
         return replace(self, z=z, taken=(*self.taken, unit), beside=beside)
 
 
-def _scatters(problem: Problem, z: Array) -> list[_Scatter]:
+def _scatters(problem: Problem, z: Array, approach: Index) -> list[_Scatter]:
     """The scatter of a residual (M,): what the markers of a reading have in common, and of several how they differ."""
     cell, row = readings(problem), _at_once(problem)
     _, first = np.unique(cell, return_index=True)
-    reading, line = row[first], numbered(problem.lines[first])
+    reading, line = row[first], numbered(approach[first], problem.axis[first])
     pose = problem.pose[np.unique(row, return_index=True)[1]]
-    freedom = float(len(pose) - problem.poses)
+    freedom = float(len(pose) - len(np.unique(approach)))
     lines, cells = int(line.max()) + 1, len(first)
     common = _mean(z, cell)
     common = common - _mean(common, line)[line]
     out = [_Scatter(common, cell, reading, pose, False, freedom, float(cells - lines))]
     if len(z) > cells:
-        series = numbered(problem.pose, problem.channel)
+        series = numbered(approach, problem.channel)
         differ = z - _mean(z, cell)[cell]
         differ = differ - _mean(differ, series)[series]
         beside = float(len(z) - cells - series.max() - 1 + lines)

@@ -8,11 +8,11 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy import stats
 
-from symstiff.arrays import Array, Index, numbered
+from symstiff.arrays import Array, numbered
 from symstiff.calibration.fits.decomposition import column_space
 from symstiff.discrepancy.laws.unnamed import unnamed_laws
 from symstiff.discrepancy.noise import scales as noises
-from symstiff.discrepancy.noise.shaking import Shaken, of_axes, products, readings, shaken
+from symstiff.discrepancy.noise.shaking import Shaken, of_axes, products, readings, repeats, shaken
 from symstiff.discrepancy.noise.sharing import (
     JOINTS,
     LEARNED,
@@ -28,6 +28,7 @@ from symstiff.discrepancy.problem import Candidate, Problem
 from symstiff.discrepancy.statistics.bank import Bank, build
 from symstiff.discrepancy.statistics.between import between, with_shapes
 from symstiff.discrepancy.statistics.evidence import evidence
+from symstiff.discrepancy.statistics.ratios import with_likeliest
 from symstiff.discrepancy.statistics.scan import (
     Scan,
     at_sharing,
@@ -45,6 +46,9 @@ _MOST, _STANDS_OUT = 3, 4.0
 """Candidates that stand out beyond doubt, at most, and the score from which one does."""
 _LOOKS = _COARSE, _NEAR, _FINE = "coarse", "near", "fine"
 """How the size of the shared error is looked for."""
+
+Pairs = tuple[float, float]
+"""Sum of products of pairs of rows, and how many pairs there are."""
 
 
 @dataclass(frozen=True)
@@ -91,6 +95,9 @@ def prepare(problem: Problem, candidates: Sequence[Candidate], like: noises.Nois
         if look != _COARSE:
             kept = [layer.sharing for layer in clean.layers]
             noise = replace(noise, sharings=near(noise.sharings, kept, look == _FINE))
+        if look == _FINE:
+            found = [bank.columns[:, bank.slice(e)] for e in seen.obvious]
+            noise = with_likeliest(noise, problem.y, np.hstack([problem.A, *found]))
         seen = _opened(problem, bank, noise, by_way=look != _FINE)
         split = _split(problem, seen) if look != _FINE else split
     report = _report(problem, seen.scan, seen.clean, seen.obvious, growth, by_marker)
@@ -202,7 +209,8 @@ def _first_split(problem: Problem) -> Split:
 def _split(problem: Problem, seen: _Look) -> Split:
     clean = seen.clean
     z = _data_residual(clean) / clean.noise.spread
-    anew, reading = _anew_share(problem, z), shaken(problem, z, clean.noise.spread)
+    anew = _anew_share(problem, z)
+    reading = shaken(problem, z, clean.noise.spread, approaches(problem, anew))
     own = _own_share(problem, z, anew, bool(reading))
     ratio = clean.best.sharing.ratio
     if ratio == 0.0 or all(layer.sharing.way != JOINTS for layer in clean.layers):
@@ -231,10 +239,15 @@ def _with_one_more(seen: _Look) -> Scan:
 
 
 def _anew_share(problem: Problem, z: Array) -> float:
-    """Part of the shared error that each repeat of a pose has for itself, by moments of the residual (M,) in a pose."""
+    """Part of the shared error that each repeat of a pose has for itself, by moments of the residual (M,) in a pose.
+
+    Where a repeat has several loads the rows of one reading, which may share something else too, do not count.
+    """
     if not repeated(problem):
         return 0.0
-    return _alone(z, numbered(approaches(problem, 1.0), problem.axis), problem.lines)
+    each, whole = products(z, repeats(problem)), products(z, problem.lines)
+    other_loads = _less(each, products(z, readings(problem)))
+    return _alone(other_loads if other_loads[1] > 0 else each, _less(whole, each))
 
 
 def _own_share(problem: Problem, z: Array, anew: float, by_reading: bool) -> float:
@@ -242,18 +255,16 @@ def _own_share(problem: Problem, z: Array, anew: float, by_reading: bool) -> flo
     if not several_markers(problem):
         return 0.0
     label = approaches(problem, anew)
-    each, whole = (numbered(label, part) for part in (problem.channel, problem.axis))
-    return _alone(z, each, whole, readings(problem) if by_reading else None)
+    each, whole = (products(z, numbered(label, part)) for part in (problem.channel, problem.axis))
+    others = _less(whole, each)
+    return _alone(each, _less(others, products(z, readings(problem))) if by_reading else others)
 
 
-def _alone(z: Array, each: Index, whole: Index, apart: Index | None = None) -> float:
-    """Part of the error that rows of one label ``whole`` share which those of each label within it have alone.
+def _less(pairs: Pairs, some: Pairs) -> Pairs:
+    return pairs[0] - some[0], pairs[1] - some[1]
 
-    Rows of one label ``apart`` share something else too.
-    """
-    same, pairs = products(z, each)
-    every, all_pairs = products(z, whole)
-    other, other_pairs = (0.0, 0.0) if apart is None else products(z, apart)
-    alone = same / max(pairs, 1.0)
-    common = (every - same - other) / max(all_pairs - pairs - other_pairs, 1.0)
+
+def _alone(each: Pairs, whole: Pairs) -> float:
+    """Part of the error of pairs of rows that share ``each`` which those that share the ``whole`` alone do not have."""
+    common, alone = (total / max(count, 1.0) for total, count in (whole, each))
     return float(np.clip(1.0 - common / max(alone, 1e-12), 0.0, 1.0))
