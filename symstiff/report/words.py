@@ -73,7 +73,7 @@ def _headline(finding: Finding) -> str:
         return "More is left than the stated sigma allows, and no test finds anything missing"
     if finding.last.stratum_alone is not None:
         return "More is left than independent noise leaves, and no place stands out"
-    if finding.because.why in (Why.AS_WELL, Why.REFUTED):
+    if _perhaps(finding):
         return f"Something is missing, perhaps: {names(finding.named)}"
     return {
         NAMED: sentence_case(_told_apart(finding, names)),
@@ -82,6 +82,12 @@ def _headline(finding: Finding) -> str:
         INSUFFICIENT: "Missing, but not all of it: " + names(finding.named),
         UNEXPLAINED: "Something is missing that has no name in the catalogue",
     }[finding.verdict]
+
+
+def _perhaps(finding: Finding) -> bool:
+    """Whether something else does as well as what leads, or poses that were not used do not confirm it."""
+    unconfirmed = finding.verdict == NAMED and finding.rms.unconfirmed and not finding.reshaped
+    return unconfirmed or finding.because.why in (Why.AS_WELL, Why.REFUTED)
 
 
 def _told_apart(finding: Finding, tell: Callable[[list[Found]], str]) -> str:
@@ -99,7 +105,7 @@ def what(finding: Finding) -> str:
     """What the effects that a diagnosis tells of are: missing, perhaps, or in another shape than they were."""
     if finding.verdict == AMBIGUOUS:
         return "What could be missing"
-    if finding.because.why in (Why.AS_WELL, Why.REFUTED):
+    if _perhaps(finding):
         return "What is missing, perhaps"
     there = {named(e.effect, e.where) for e in finding.reshaped}
     other = {named(e.effect, e.where) in there for e in finding.named}
