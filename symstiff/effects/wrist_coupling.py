@@ -21,8 +21,8 @@ SATURATIONS = (0.2, 0.5)
 
 
 def _places(robot: Robot) -> tuple[Where, ...]:
-    last = range(max(1, robot.dof - 2), robot.dof + 1)
-    turning = [j for j in last if not robot.joint[j - 1].prismatic]
+    """Pairs of the last three joints that turn: a SCARA's arms may share belts as a wrist shares gears."""
+    turning = [j for j, joint in enumerate(robot.joint, start=1) if not joint.prismatic][-3:]
     return tuple({"joints": [j, k]} for j, k in combinations(turning, 2))
 
 
@@ -56,7 +56,7 @@ def _odds(robot: Robot, shape: Shape) -> float:
 EFFECT = Effect(
     identifier=NAME,
     title="Coupling of two wrist joints",
-    description="Bevel or spur gears that two wrist joints share make each turn under the other's load.",
+    description="Gears that two wrist joints share, or belts of a SCARA's arms, make each turn under the other's load.",
     seen_in=BOTH,
     places=_places,
     realise=_realise,

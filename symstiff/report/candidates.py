@@ -57,10 +57,10 @@ def candidates(finding: Finding) -> list[dict[str, str]]:
 
 
 def untested(finding: Finding) -> list[tuple[str, str]]:
-    """Reasons why candidates could not be tested, with those that they hold for."""
+    """Reasons why candidates could not be tested, or not in every shape, with those that they hold for."""
     reasons: dict[str, dict[str, list[CandidateResult]]] = {}
     for c in finding.candidates:
-        if not c.testable:
+        if c.reason or not c.testable:
             reasons.setdefault(c.reason or "not testable", {}).setdefault(c.effect, []).append(c)
     return [(reason, "; ".join(_together(group) for group in by.values())) for reason, by in reasons.items()]
 
@@ -83,8 +83,14 @@ def sensitivity(finding: Finding) -> list[tuple[str, str, str, str]]:
     for group in best.values():
         rows = sorted(group, key=_smallest_value)
         for c in rows[:1] if len(rows) > _MOST_PLACES else rows[:_SEEN_AT]:
-            out.append((named(c.effect, c.where), *_smallest(c), "yes" if _would_show(finding, c) else "no"))
+            out.append((_as_seen(finding, c), *_smallest(c), "yes" if _would_show(finding, c) else "no"))
     return out
+
+
+def _as_seen(finding: Finding, c: CandidateResult) -> str:
+    """The effect at its place, with the shape that its smallest size is of where another one is not seen."""
+    told = EffectInstance(c.effect, c.where, c.seen_as).shape_phrases(finding.task.robot) if c.reason else ()
+    return ", ".join([named(c.effect, c.where), *told])
 
 
 def _would_show(finding: Finding, c: CandidateResult) -> bool:

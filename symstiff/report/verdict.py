@@ -120,7 +120,12 @@ def _candidate(c: CandidateResult) -> dict[str, Any]:
     smallest: dict[str, Any] = {"value": None, "unit": ""}
     if sizes:
         name = next(iter(sizes))
-        smallest = {"value": finite(sizes[name].value), "unit": sizes[name].unit, "parameter": name}
+        smallest = {
+            "value": finite(sizes[name].value),
+            "unit": sizes[name].unit,
+            "parameter": name,
+            "shape": _json(c.seen_as),
+        }
     return {
         "effect": c.effect,
         "where": _json(c.where),

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any
 
 from symstiff.arrays import Array
@@ -84,7 +84,7 @@ class CandidateResult:
     p_value: float
     testable: bool
     reason: str
-    """Why not testable; empty if it is."""
+    """Why not testable, or not in its plainest form; empty if it is."""
     sufficient: bool | None
     """None where the question did not arise."""
     plausible: bool | None
@@ -97,6 +97,8 @@ class CandidateResult:
     confused_with: tuple[Name, ...]
     needed: float = float("inf")
     """Noncentrality from which it is seen in 80 % of cases."""
+    seen_as: Shape = field(default_factory=dict)
+    """The shape that the smallest sizes are of."""
 
 
 @dataclass(frozen=True)

@@ -32,7 +32,7 @@ from symstiff.discrepancy.statistics.scan import (
     sum_entries,
 )
 from symstiff.discrepancy.statistics.strata import lack_of_fit, strata
-from symstiff.discrepancy.statistics.testability import telling, why_untestable
+from symstiff.discrepancy.statistics.testability import plainly_absorbed, telling, why_untestable
 from symstiff.effects.base import Shape
 
 CONFUSED = 0.9
@@ -43,6 +43,8 @@ _TOLD = 0.2
 """p-value of a candidate up to which is told what it is confused with."""
 _DOUBTS = 2.0
 """Standard deviations by which a plausible size may be out of its physical range."""
+_PLAINLY = "in its plainest form the model absorbs it wholly: what is told is of another shape"
+"""Why some of what is testable is not in every shape."""
 _LEADERS = 8
 """Candidates among which confusion is told."""
 
@@ -194,11 +196,12 @@ def candidate_table(
         p = outcome.null.p_named(score)
         out.append(
             CandidateResult(
-                candidate.effect, candidate.where, score, p, True, "",
+                candidate.effect, candidate.where, score, p, True,
+                _PLAINLY if plainly_absorbed(ready, i) else "",
                 None if verdict is None else verdict.sufficient, _within(bank, entry, effects[0][1]),
                 bank.shape_of(entry), effects[0][1], left, smallest,
                 tuple(_name(bank.candidates[c]) for c in _confused(ready, entry)) if p < _TOLD else (),
-                seen[i].noncentrality,
+                seen[i].noncentrality, bank.shape_of(told[i]),
             )
         )  # fmt: skip
     return tuple(sorted(out, key=lambda c: -c.score))

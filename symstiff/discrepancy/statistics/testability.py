@@ -49,6 +49,13 @@ def why_untestable(problem: Problem, ready: Prepared, entry: int) -> str:
     return "a believable size is below what would be seen"
 
 
+def plainly_absorbed(ready: Prepared, candidate: int) -> bool:
+    """Whether the model holds all of a candidate that has no shape, and not of one that has."""
+    own = [int(e) for e in np.flatnonzero(ready.bank.owner == candidate)]
+    plain = [e for e in own if not ready.bank.shape_of(e)]
+    return any(_absorbed(ready.scan, e) for e in plain) and not all(_absorbed(ready.scan, e) for e in own)
+
+
 def telling(ready: Prepared, candidate: int, likeliest: int) -> int:
     """The entry of a candidate whose smallest size is told: the likeliest, or one that is seen at a believable size.
 
