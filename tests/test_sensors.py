@@ -113,18 +113,23 @@ def test_a_flanges_load_cell_that_reads_one_axis_too_small_is_accused_in_its_own
 
 
 @pytest.mark.slow
-def test_a_device_that_turned_half_way_is_no_frame_that_is_misaligned() -> None:
+@pytest.mark.parametrize("files", [(), ("first/a.csv", "second/b.csv")])
+def test_a_device_that_turned_half_way_is_no_frame_that_is_misaligned(files: tuple[str, ...]) -> None:
+    """Or that was turned before the second file: then that is told."""
     table = design("ur10", "deflection", poses=24)
     seen = read(table, truth_of("ur10"), 6)
     half = table.pose >= 12
     values = seen.values.copy()
     values[half, :3] += np.cross([0.0, 0.0, 0.12], values[half, :3])
-    found = diagnose(Task(load("ur10"), replace(seen, values=values)))
+    seen = replace(seen, values=values, files=files, file=half.astype(int) if files else seen.file)
+    found = diagnose(Task(load("ur10"), seen))
     assert found.verdict == "unexplained"
     device = found.last.device_law
     assert device is not None
     assert device.place == "measuring device"
-    assert device.terms[0][0].startswith("turn from 50 % of the session on")
+    since = "b.csv" if files else "50 % of the session"
+    assert device.terms[0][0].startswith(f"turn from {since} on in")
+    assert any("these are several files" in remark for remark in found.remarks) == bool(files)
 
 
 def leaning(table: Measurements, lean: np.ndarray, towards: np.ndarray) -> Measurements:

@@ -190,8 +190,8 @@ def _of_files(table: Measurements, last: Diagnosis) -> list[str]:
     if last.verdict not in (UNEXPLAINED, INSUFFICIENT) or len(np.unique(table.file)) < 2:
         return []
     return [
-        "these are several files, and nothing here looks for what changed between them: diagnose each by itself, a "
-        "later one also from the model of an earlier one (--start model.toml)"
+        "these are several files, and of what changed between them only a device or targets that moved are looked for: "
+        "diagnose each by itself, a later one also from the model of an earlier one (--start model.toml)"
     ]
 
 

@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from pathlib import PurePath
 
 import numpy as np
 
-from symstiff.arrays import Array
+from symstiff.arrays import Array, Mask
 from symstiff.calibration.experiment.situation import Situation, View
+from symstiff.calibration.tables.measurements import Measurements
 from symstiff.discrepancy.laws.sensors import FLANGE
 from symstiff.discrepancy.problem import DeviceLaw, Parameter
 from symstiff.effects.common import XYZ, turned
@@ -52,23 +54,32 @@ def _always(view: View) -> Iterator[DeviceLaw]:
 def _moved_once(situation: Situation) -> Iterator[DeviceLaw]:
     """Targets, or the device, that moved once and stayed there; a device also that turned."""
     view = situation.view
-    clock = view.table.clock
-    # where one pose stands alone, before or after, it is a bad pose
-    begin = np.sort([clock[view.table.pose == p].min() for p in np.unique(view.table.pose)])[2:-1]
     about = _turns(situation)
-    for cut in begin[:: max(1, round(len(begin) / _CUTS))]:
-        since = (clock >= cut)[:, None]
-        when = f"from {100 * np.mean(clock < cut):.0f} % of the session on in the"
+    for when, since in _moments(view.table):
         for place, frame, axes in _shifted(view):
-            columns = tuple(Parameter(f"shift {when} {axes}'s axes: {axis}", "m") for axis in "xyz")
-            block = np.column_stack([read_shifts(view, since * frame[:, :, k]) for k in range(3)])
+            columns = tuple(Parameter(f"shift {when} in the {axes}'s axes: {axis}", "m") for axis in "xyz")
+            block = np.column_stack([read_shifts(view, since[:, None] * frame[:, :, k]) for k in range(3)])
             yield DeviceLaw(place, "shift from some time on", columns, block)
             if place == DEVICE:
-                turns = tuple(Parameter(f"turn {when} {axes}'s axes: {axis}", "rad") for axis in "xyz")
-                rows = since[view.state] * about
+                turns = tuple(Parameter(f"turn {when} in the {axes}'s axes: {axis}", "rad") for axis in "xyz")
+                rows = since[view.state, None] * about
                 if view.table.kind == "absolute":  # what turns about another point is shifted too
                     turns, rows = (*columns, *turns), np.hstack([block, rows])
                 yield DeviceLaw(place, "turn from some time on", turns, rows)
+
+
+def _moments(table: Measurements) -> Iterator[tuple[str, Mask]]:
+    """Since when something may stand elsewhere, in words and as rows (N,): since a file, or a moment of the session."""
+    files = [k for k in np.unique(table.file) if k > np.min(table.file)] if len(table.files) > 1 else []
+    for k in files:
+        yield f"from {PurePath(table.files[k]).name} on", table.file >= k
+    clock = table.clock
+    # where one pose stands alone, before or after, it is a bad pose
+    begin = np.sort([clock[table.pose == p].min() for p in np.unique(table.pose)])[2:-1]
+    for cut in begin[:: max(1, round(len(begin) / _CUTS))]:
+        since = clock >= cut
+        if not any(np.array_equal(since, table.file >= k) for k in files):
+            yield f"from {100 * np.mean(~since):.0f} % of the session on", since
 
 
 def _turning(situation: Situation) -> Iterator[DeviceLaw]:
