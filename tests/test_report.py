@@ -269,6 +269,9 @@ def test_what_has_no_name_is_told_with_how_sure_it_is_and_what_to_do(unexplained
     ):  # fmt: skip
         at = replace(last, localisation=replace(where, accused=accused), device_law=None)
         assert told in sentence(replace(unexplained, last=at))
+    at = replace(last, localisation=replace(where, accused="joint 2"), device_law=None)
+    table = replace(unexplained.table, w=np.zeros_like(unexplained.table.w))
+    assert "for what moves or measures it so" in sentence(replace(unexplained, last=at, table=table))
     law = last.law
     assert law is not None
     for share in (0.5, -0.1):

@@ -241,8 +241,9 @@ def _lacking(fitted: JointFit, zero: Sequence[str], count: int, trusted: bool) -
         "is no model of the robot under loads" if len(zero) == count else f"lacks {their} part under loads"
     )
     of = f"{len(zero)} of the model's {count}" if len(zero) < count else f"all {count} of the model's"
+    which = "the model's one compliance" if count == 1 else f"{of} compliances"
     return [
-        f"{of} compliances ({few(zero, 4)}) {be} not determined by these positions"
+        f"{which} ({few(zero, 4)}) {be} not determined by these positions"
         f"{beside} and {be} zero: model.toml leaves {size} mm rms per coordinate, and {lacks} until loaded poses, or "
         "deflections, are measured"
     ]

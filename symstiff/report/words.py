@@ -357,12 +357,17 @@ def _unexplained(finding: Finding) -> str:
     seen = f"; noise alone shows as much: {p_equals(min(finding.last.p_missing, finding.last.p_unnamed))}"
     return (
         f"{text} (residual {size(finding.rms.after, finding)} rms per coordinate, {of_noise(finding)}{seen})."
-        f"{_to_do(accused)}"
+        f"{_to_do(accused, bool(finding.table.w.any()))}"
     )
 
 
-def _to_do(accused: str) -> str:
-    """What helps next where no name is given."""
+def _to_do(accused: str, loaded: bool) -> str:
+    """What helps next where no name is given, of rows of which some are ``loaded`` or none."""
+    if accused.startswith(("joint", "link")) and not loaded:
+        return (
+            f" Look at {accused} for what moves or measures it so, as a pitch or an encoder that is not true; poses "
+            "that take it through its range in finer steps tell its law better."
+        )
     if accused.startswith(("joint", "link")):
         return (
             f" Look at {accused} for what gives way so; more load steps, and poses that take it through its range, "
