@@ -13,7 +13,9 @@ from symstiff.calibration.simulation.experiment import simulate
 from symstiff.calibration.simulation.truth import truth_from_table
 from symstiff.calibration.tables.measurements import concatenate, measurements
 from symstiff.discrepancy.findings.finding import Finding, Task
+from symstiff.discrepancy.findings.otherwise import of_gain
 from symstiff.discrepancy.findings.remarks import _of_approach, _of_rows, _of_succession
+from symstiff.discrepancy.search.localise import FittedDevice
 from symstiff.discrepancy.workflow import diagnose
 from symstiff.errors import UserError
 from symstiff.model import StiffnessModel, load_model
@@ -73,6 +75,23 @@ def test_a_row_is_far_off_beside_the_noise_not_beside_residuals_that_many_parame
     slip = np.where(np.arange(450) == np.argmax(np.abs(left)), 10.0, left)
     assert not said(left)
     assert len(said(slip)) == 1
+
+
+@pytest.mark.parametrize(
+    ("place", "law", "told"),
+    [
+        ("force sensor", "gain*time", "all soften with the session"),
+        ("force sensor", "gain*temperature", "all soften with the temperature"),
+        ("force sensor axis 3", "gain", ""),
+        ("reading of axis 3", "gain*load", ""),
+    ],
+)
+def test_a_gain_of_all_loads_is_what_compliances_leave_that_change_alike(
+    quiet: Finding, place: str, law: str, told: str
+) -> None:
+    last = replace(quiet.last, device_law=FittedDevice(place, ((law, 3.7, 0.5, "%"),), 0.07))
+    assert [told in remark for remark in of_gain(measured(), last)] == [True] * bool(told)
+    assert not of_gain(replace(measured(), kind="absolute"), last)
 
 
 @pytest.mark.parametrize("correlation", [0.0, 0.5])

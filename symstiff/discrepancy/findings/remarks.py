@@ -11,15 +11,14 @@ from symstiff.calibration.tables.measurements import Measurements
 from symstiff.discrepancy.bridge.ranges import at_size, extent_of
 from symstiff.discrepancy.findings.gross import in_usual, unlike
 from symstiff.discrepancy.findings.numbers import p_equals, quantity
+from symstiff.discrepancy.findings.otherwise import of_alike, of_files, of_gain
 from symstiff.discrepancy.findings.out_of_range import beyond, outside
 from symstiff.discrepancy.findings.result import Diagnosis, Inconstancy
 from symstiff.discrepancy.laws.drawing import DRAWING
-from symstiff.discrepancy.laws.speech import law_at
 from symstiff.discrepancy.noise.scales import CONTRADICTED, NoiseReport
 from symstiff.discrepancy.noise.sharing import JOINTS
 from symstiff.discrepancy.problem import Options
 from symstiff.discrepancy.reasons import Why
-from symstiff.discrepancy.search.rivals import AS_MUCH
 from symstiff.discrepancy.search.verdict import INSUFFICIENT, NAMED, NOTHING, UNEXPLAINED, UNTESTABLE
 from symstiff.display import times
 from symstiff.effects.arm import ASSUMED, untold_weight
@@ -63,8 +62,8 @@ def remarked(view: View, last: Diagnosis) -> list[str]:
         *_of_sigma(noise), *_of_readings(noise), *_of_approach(view.table, last), *_of_markers(noise),
         *_of_poses(view.table, last), *_of_single(last), *_of_proof(last), *_of_rows(view, last),
         *_of_succession(view, last), *_of_drawing(view, last), *_of_weights(view, last), *_of_sizes(view, last),
-        *_of_settling(last), *_of_known(view.robot, last), *_of_further(last), *_of_alike(last),
-        *_of_files(view.table, last),
+        *_of_settling(last), *_of_known(view.robot, last), *_of_further(last), *of_alike(last),
+        *of_files(view.table, last), *of_gain(view.table, last),
         *(of_sag(view.robot) if view.table.kind == "absolute" else ()),
     ]  # fmt: skip
 
@@ -182,28 +181,6 @@ def _of_further(last: Diagnosis) -> list[str]:
         f"{named_at(step.further.effect, step.further.where)}: a diagnosis that starts from the grown model (--start "
         "model.toml) tests it as one effect more, and more poses would tell; else it is the shape of what was named, "
         "which is only close"
-    ]
-
-
-def _of_files(table: Measurements, last: Diagnosis) -> list[str]:
-    """What may have changed between the sessions that files are of, where no effect accounts for all of them."""
-    if last.verdict not in (UNEXPLAINED, INSUFFICIENT) or len(np.unique(table.file)) < 2:
-        return []
-    return [
-        "these are several files, and of what changed between them only a device or targets that moved are looked for: "
-        "diagnose each by itself, a later one also from the model of an earlier one (--start model.toml)"
-    ]
-
-
-def _of_alike(last: Diagnosis) -> list[str]:
-    """A law without a name elsewhere that describes what was named."""
-    if last.alike is None:
-        return []
-    told, lead = law_at(last.alike.law, last.alike.place), last.alike.lead
-    well = "better" if lead > AS_MUCH else "as well" if lead > -AS_MUCH else "nearly as well"
-    return [
-        f"what was named may be another thing: {told}, which the catalogue does not hold, explains these "
-        f"data {well}: look there before relying on the name"
     ]
 
 
