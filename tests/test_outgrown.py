@@ -27,6 +27,7 @@ from symstiff.discrepancy.workflow import diagnose
 from symstiff.effects import EffectInstance
 from symstiff.errors import UserError
 from symstiff.model import StiffnessModel, joints_only
+from symstiff.reduction.reduce import reduce
 from symstiff.report.tables import moved
 from symstiff.report.verdict import verdict_table
 from symstiff.report.words import headline, sentence
@@ -396,3 +397,16 @@ def test_a_size_of_which_the_start_model_does_not_tell_how_sure_it_is_is_not_rem
     told = start(LASH, {"backlash_3_gap": 5e-4})
     bare = told.with_values(told.values)
     assert since(bare, fit(bare, campaign()).model) == []
+
+
+def test_a_compliance_that_changed_may_be_one_that_was_eliminated() -> None:
+    """The base's block shares compliances with the reduced model, where they bear their part of others."""
+    complete = StiffnessModel.of(reduce(ROBOT)).with_effect(EffectInstance("base_compliance", {"link": 0}))
+    shared = next(
+        p.name for p in complete.realisations[0].parameters if p.name in complete.stiffness_parameters
+    )
+    before, after = (
+        complete.with_values({**complete.values, shared: v}, {shared: 1e-9}) for v in (1e-8, 9e-8)
+    )
+    (remark,) = since(before, after)
+    assert "its size, or that of compliances that it stands for, has changed" in remark

@@ -71,13 +71,19 @@ def since(start: StiffnessModel, fitted: StiffnessModel) -> list[str]:
             continue
         gone = all(abs(now.value) < _GONE * now.std for _, _, now in pairs)
         told = "; ".join(f"{name} {quantity(then)}, now {quantity(now)}" for name, then, now in changed)
+        # a compliance of a reduced model bears its part of those that were eliminated
+        whose = "size, or that of compliances that it stands for," if _stands(start, changed) else "size"
         meant = (
             "nothing is left of it: was the part mended or replaced?"
             if gone
-            else "its size has changed since the start model was made"
+            else f"its {whose} has changed since the start model was made"
         )
         found.append(f"{named_at(effect.effect, effect.where)}: {meant} ({told})")
     return found
+
+
+def _stands(start: StiffnessModel, changed: list[_Pair]) -> bool:
+    return any(name in start.stiffness_parameters for name, *_ in changed)
 
 
 def _pairs(names: list[str], start: StiffnessModel, fitted: StiffnessModel) -> Iterator[_Pair]:
