@@ -89,7 +89,9 @@ def sensitivity(finding: Finding) -> list[tuple[str, str, str, str]]:
 
 def _as_seen(finding: Finding, c: CandidateResult) -> str:
     """The effect at its place, with the shape that its smallest size is of where another one is not seen."""
-    told = EffectInstance(c.effect, c.where, c.seen_as).shape_phrases(finding.task.robot) if c.reason else ()
+    if not (c.testable and c.reason):
+        return named(c.effect, c.where)
+    told = EffectInstance(c.effect, c.where, c.seen_as).shape_phrases(finding.task.robot)
     return ", ".join([named(c.effect, c.where), *told])
 
 

@@ -182,13 +182,14 @@ def candidate_table(
         i = bank.named.get(candidate.key)
         if i is None:
             reason = candidate.unavailable or "its columns vanish for these data"
-            out.append(_untested(candidate, reason, 0.0, {}))
+            out.append(_untested(candidate, reason))
             continue
         entry = int(outcome.found.best_entry[i])
         smallest = _estimates(bank, told[i], seen[i].sizes, np.zeros_like(seen[i].sizes))
         left = share_left(scan, entry)
         if not allowed[i]:
-            out.append(_untested(candidate, why_untestable(problem, ready, entry), left, smallest))
+            why = why_untestable(problem, ready, entry)
+            out.append(_untested(candidate, why, left, smallest, bank.shape_of(told[i])))
             continue
         effects = _fitted(problem, ready, (entry,))[3]
         verdict = judged.get(i)
@@ -227,17 +228,18 @@ def _within(bank: Bank, entry: int, estimates: Mapping[str, Quantity]) -> bool:
 
 
 def _untested(
-    candidate: Candidate, reason: str, left: float, smallest: Mapping[str, Quantity]
-) -> CandidateResult:
+    candidate: Candidate, reason: str, left: float = 0.0, smallest: Mapping[str, Quantity] | None = None,
+    seen_as: Shape | None = None,
+) -> CandidateResult:  # fmt: skip
     return CandidateResult(
         candidate.effect, candidate.where, -np.inf, 1.0, False, reason, None, None,
-        candidate.shapes[0] if candidate.shapes else {}, {}, left, smallest, (),
+        candidate.shapes[0] if candidate.shapes else {}, {}, left, smallest or {}, (), seen_as=seen_as or {},
     )  # fmt: skip
 
 
 def unavailable(candidates: Sequence[Candidate], reason: str) -> tuple[CandidateResult, ...]:
     """The table where nothing could be tested."""
-    return tuple(_untested(c, c.unavailable or reason, 0.0, {}) for c in candidates)
+    return tuple(_untested(c, c.unavailable or reason) for c in candidates)
 
 
 def steps(problem: Problem, ready: Prepared, named: Judged | None, outcome: Outcome) -> tuple[Step, ...]:

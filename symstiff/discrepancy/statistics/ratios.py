@@ -22,7 +22,7 @@ def with_likeliest(noise: Noise, y: Array, X: Array) -> Noise:
     y (M,) by columns X (M, P), in the data's unit; sizes beyond those that are looked at are left.
     """
     basis = column_space(X / noise.spread[:, None])
-    rows = noise.apply(noise.own(-0.5), np.column_stack([y / noise.spread, basis]))
+    rows = noise.apply(noise.own(-0.5), np.column_stack([basis, y / noise.spread]))
     sharings = list(noise.sharings)
     for way in dict.fromkeys(s.way for s in sharings if s.ratio > 0):
         own = [k for k, s in enumerate(sharings) if s.way == way and s.ratio > 0]
@@ -33,13 +33,13 @@ def with_likeliest(noise: Noise, y: Array, X: Array) -> Noise:
 
 
 def _likeliest(noise: Noise, way: str, rows: Array, low: float, high: float) -> float:
-    """Logarithm of a ratio between two at which data and model (M, 1 + P) have the largest restricted likelihood."""
+    """Logarithm of a ratio between two at which model and data (M, P + 1) have the largest restricted likelihood."""
     if high - low < _CLOSE:
         return low
 
     def cost(log_ratio: float) -> float:
         sharing = Sharing(way, float(np.exp(log_ratio)))
-        triangle = np.linalg.qr(noise.apply(noise.shared(sharing, -0.5), np.roll(rows, -1, axis=1)), mode="r")
+        triangle = np.linalg.qr(noise.apply(noise.shared(sharing, -0.5), rows), mode="r")
         size = np.log(np.maximum(np.abs(np.diag(triangle)), TINY))
         freedom = rows.shape[0] - rows.shape[1] + 1
         return float(freedom * size[-1] + size[:-1].sum() + 0.5 * noise.log_determinant(sharing))
