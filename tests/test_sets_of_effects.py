@@ -212,7 +212,7 @@ def test_a_second_effect_is_as_believable_as_the_first_one() -> None:
     """A test sees it and it is more believable than nothing: one effect is no reason for there being no other."""
     bare = arm(40).problem
     a, b = (scaled(bare, law, 1.0) for law in (of_sign(bare, 0), of_branch(bare, 1)))
-    problem = measured(bare, 10.0 * a + np.sqrt(15.0) * b, 8)
+    problem = measured(bare, 10.0 * a + np.sqrt(17.0) * b, 8)
     found = examine(problem, (lawful("first", a), lawful("second", b), *catalogue(bare)), QUICK)
     assert [e.effect for e in found.effects if e.set_number == 0] == ["first", "second"]
 
