@@ -93,6 +93,7 @@ def test_a_named_effect_that_changed_between_files_is_told_with_what_to_do_next(
     assert set(verdict_table(found)["inconstant"][0]["files"]) == {"may.csv", "june.csv"}
 
 
+@pytest.mark.slow
 def test_where_files_differ_too_much_for_a_name_they_are_to_be_diagnosed_each() -> None:
     found = diagnose(Task(load(ROBOT), sessions(0.3, 1.7)))
     assert found.verdict == "unexplained"

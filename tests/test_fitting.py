@@ -71,6 +71,7 @@ def whitened(found: StiffnessModel, table: Measurements, p: np.ndarray) -> np.nd
     return ((table.values - predict(found, table, known))[:, :3] / NOISE).ravel()
 
 
+@pytest.mark.slow
 def test_a_robust_fit_of_a_force_sensors_bias_survives_a_pose_that_was_read_wrong() -> None:
     found = identify(load("ur10"), experiment(bad=5e-3), biased(), robust=True)
     bias = np.array([found.model.values[n] for n in NAMES])
@@ -112,6 +113,7 @@ def test_least_squares_end_where_no_step_fits_better() -> None:
     assert found.fit.s0_squared * found.fit.dof == pytest.approx(there, rel=1e-6)
 
 
+@pytest.mark.slow
 def test_a_fit_that_did_not_settle_says_so(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(fitting, "_ROUNDS", 2)
     found = identify(load("ur10"), experiment(bad=5e-3), biased())

@@ -103,6 +103,7 @@ def turned(rows: np.ndarray, degrees: float) -> np.ndarray:
     return in_tool_axes(rows, np.full((len(rows), 1), -np.radians(degrees)))
 
 
+@pytest.mark.slow
 def test_no_table_is_doubted_for_little_that_the_model_leaves_of_it() -> None:
     """A sensor that is turned and a frame that drifts: a frame turned by 34 degrees would leave 53 % of that, too."""
     hidden = case(25, Options(seed=1699, classes=("two",), shares=(1.0,), lambdas=(60.0,)))

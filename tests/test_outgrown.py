@@ -92,6 +92,7 @@ def longer_session() -> Finding:
     return of_campaign(start(soon), late, kind="absolute")
 
 
+@pytest.mark.slow
 def test_a_drift_that_takes_longer_than_the_model_has_it_is_no_other_effect() -> None:
     """As the model has it, it leaves what another link's growth would account for."""
     found = longer_session()
@@ -376,6 +377,7 @@ def test_a_start_model_with_deviations_and_no_values_is_told_nothing_of() -> Non
     assert since(told, fit(told, campaign(lash())).model) == []
 
 
+@pytest.mark.slow
 def test_an_effect_that_goes_astray_in_its_new_shape_keeps_the_old_one(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:

@@ -72,6 +72,7 @@ def test_a_joint_that_sticks_and_slips_is_no_missing_effect_and_is_told(joint: i
     assert told["std"] == sizes_of(found)[joint]
 
 
+@pytest.mark.slow
 def test_both_joints_are_told_where_both_do() -> None:
     found = diagnose(Task(load(ROBOT), shaken(shaken(measured(poses=24), 1, 8e-5), 2, 1.2e-4, seed=6)))
     assert sizes_of(found) == {1: pytest.approx(8e-5, rel=0.3), 2: pytest.approx(1.2e-4, rel=0.3)}
@@ -101,6 +102,7 @@ def test_a_slide_is_told_in_millimetres() -> None:
     assert "mm (standard deviation)" in str(settling)
 
 
+@pytest.mark.slow
 def test_an_effect_is_named_beside_it_and_noise_and_missed_poses_are_not_taken_for_it() -> None:
     beside = diagnose(Task(load(ROBOT), shaken(measured(HARDENING, poses=14), 1, 4e-5)))
     assert [(e.effect, e.where) for e in beside.effects] == [("nonlinear_stiffness", {"joint": 2})]

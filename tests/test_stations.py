@@ -125,6 +125,7 @@ def test_deflections_have_no_station() -> None:
     assert not table.station.any()
 
 
+@pytest.mark.slow
 def test_a_gap_is_named_from_two_places_of_the_device(tmp_path: Path) -> None:
     table = saved(tmp_path, *sessions())
     found = diagnose(Task(ROBOT, table, "joints"))

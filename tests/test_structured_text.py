@@ -56,6 +56,7 @@ def test_deflections_are_those_of_numpy(robot):
         np.testing.assert_allclose(outputs["dt"], wanted[k], rtol=0, atol=1e-13 * np.abs(wanted[k]).max())
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("robot", ROBOTS)
 def test_commands_are_the_least_joint_motions_that_undo_the_deflection(robot):
     """lstsq knows both: least squares where joints are missing, fewest motions where there are more than six."""

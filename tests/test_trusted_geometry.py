@@ -41,6 +41,7 @@ def left(residual: np.ndarray) -> float:
     return float(np.sqrt(np.mean(residual**2)))
 
 
+@pytest.mark.slow
 def test_what_errors_of_all_frames_would_hide_has_a_value_where_the_geometry_is_right() -> None:
     """Zeros in its place leave several times the noise: the effect's block and all frames would hide a base's."""
     model = grow(complete("ur10"), [EffectInstance("base_compliance", {"link": 0}, {})])
