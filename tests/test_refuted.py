@@ -61,6 +61,7 @@ def test_what_unused_poses_refute_is_not_named(
         "Something is missing, perhaps: nonlinear stiffness at joint 2"
     )
     assert perhaps == (after > 2.1e-5)
+    assert ("What is missing, perhaps: " in words.sentence(found)) == (perhaps and verdict == "named")
     assert ("another effect is in front" in words.sentence(found)) == (verdict != "named")
 
 

@@ -168,7 +168,8 @@ def _goes(before: float, after: float, finding: Finding) -> str:
 
 def _named(finding: Finding) -> str:
     told = _told_apart(finding, lambda some: listed(finding, some))
-    told = f"what is {told}" if told.startswith("missing") else told
+    if told.startswith("missing"):
+        told = f"{what(finding)}{told.removeprefix('missing')}" if _perhaps(finding) else f"what is {told}"
     text = f"{sentence_case(told)}; {gap(finding)}.{as_well(finding)}"
     sets = sorted({e.set_number for e in finding.alternatives})
     others = [[e for e in finding.alternatives if e.set_number == s] for s in sets]
