@@ -83,6 +83,16 @@ def test_a_gear_under_a_biased_sensor_is_found_with_its_size(finding: Finding) -
 
 
 @pytest.mark.slow
+@pytest.mark.parametrize(("poses", "seed"), [(10, 3), (11, 6), (14, 4)])
+def test_looks_go_on_until_the_loads_settle(poses: int, seed: int) -> None:
+    """A bias of a third of the loads moves the gear so far that a second look still has another shape of it."""
+    found = diagnose(Task(load(ROBOT), measured({**HARDENING, "a": 1.5e-3}, BIAS, poses=poses, seed=seed)))
+    assert found.verdict == "named"
+    assert {e.effect for e in found.named} == {"nonlinear_stiffness", "force_sensor_bias"}
+    assert found.rms.after < 1.2 * 0.02e-3
+
+
+@pytest.mark.slow
 def test_without_the_second_look_the_gap_stays_open(
     finding: Finding, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -36,7 +36,7 @@ from symstiff.discrepancy.examine import examine
 from symstiff.discrepancy.findings.doubts import doubted
 from symstiff.discrepancy.findings.finding import Finding, Task
 from symstiff.discrepancy.findings.gross import gross, left_out, nearly_all, remark, unlike
-from symstiff.discrepancy.findings.result import Diagnosis, Found, Name, Quantity
+from symstiff.discrepancy.findings.result import Diagnosis, Found, Name
 from symstiff.discrepancy.findings.used import used
 from symstiff.discrepancy.outgrown import accounts_better, bare_of, outgrown
 from symstiff.discrepancy.problem import Options, key_of
@@ -56,6 +56,8 @@ Tell = Callable[[str], None]
 _WORTH, _FAR = 0.01, 3e-3
 """Load that an effect adds, against the largest, and angle [rad] by which it turns an unloaded arm, from which laws are
 looked at again with it: the square of such an angle shifts a tool by some hundredths of a millimetre."""
+_LOOKS = 2
+"""Times that laws are looked at again under loads that were found."""
 _AGAIN = 2
 """Times that gross errors are left out: one may hide behind others."""
 
@@ -237,30 +239,40 @@ def _diagnosed(
     levers, and is looked at again the same way. The second look stands where it says the same with
     better shapes, does without some of the effects, or where the first did not account for the data; never without
     the effects whose loads it takes for granted, and what stood against their names in the first look still does.
+    Where it moves those loads by as much as is worth a look, a third one is taken under the loads as they are then.
     Candidates ``without`` which the data are to be explained, by their keys, take no part; effects that are ``given``
     belong to every explanation.
     """
     tell("columns")
     assembly = _but(first_assembly(model, table), without)
     found = examine(assembly.problem, assembly.candidates, options, tell, given, doubt)
-    settled = found.verdict == AMBIGUOUS or (found.verdict == NAMED and len(found.leading) == 1)
-    effects = list(zip(_leading(found), (sizes for *_, sizes in found.leading), strict=True))
-    loads = [] if settled else [Name(e.effect, e.where) for e, sizes in effects if _loads(assembly, e, sizes)]
-    if not loads:
-        return assembly, found
-    tell("columns under the loads found")
-    like = found.weights
-    believed = fit(
-        grow(model, [effect for effect, _ in effects]), table, None if like is None else like.alone
-    )
-    under = _but(assemble(model, table, noise=believed.noise, believed=believed.model), without)
-    certain = [*given, *(n for n in loads if n not in given)]
-    again = examine(under.problem, under.candidates, options, tell, certain, like=like)
-    enough = again.verdict == NAMED and not Counter(_names(again)) - Counter(_names(found))
-    accounts = again.verdict in (NAMED, AMBIGUOUS) or again.because.why is Why.AS_WELL
-    stands = enough if found.verdict == NAMED else accounts
-    kept = {named_at(n.effect, n.where) for n in certain} <= set(_names(again))
-    return (under, _no_surer(again, found, loads)) if stands and kept else (assembly, found)
+    best, last, again = (assembly, found), assembly, found
+    certain, values = list(given), dict[str, float]()
+    for _ in range(_LOOKS):
+        loads = _loads_of(last, again, values)
+        if not loads:
+            break
+        tell("columns under the loads found")
+        certain += [n for n in loads if n not in certain]
+        like = found.weights
+        believed = fit(grow(model, _leading(again)), table, None if like is None else like.alone)
+        values = dict(believed.model.values)
+        last = _but(assemble(model, table, noise=believed.noise, believed=believed.model), without)
+        again = examine(last.problem, last.candidates, options, tell, certain, like=like)
+        if not {named_at(n.effect, n.where) for n in certain} <= set(_names(again)):
+            break
+        if _stands(again, best[1]):
+            best = last, _no_surer(again, found, certain)
+        elif best[1].verdict == NAMED:
+            break
+    return best
+
+
+def _stands(again: Diagnosis, found: Diagnosis) -> bool:
+    """Whether a diagnosis under loads that another found takes its place."""
+    if found.verdict == NAMED:
+        return again.verdict == NAMED and not Counter(_names(again)) - Counter(_names(found))
+    return again.verdict in (NAMED, AMBIGUOUS) or again.because.why is Why.AS_WELL
 
 
 def _but(assembly: Assembly, without: Sequence[str]) -> Assembly:
@@ -293,9 +305,24 @@ def _names(found: Diagnosis) -> list[str]:
     return sorted(named_at(name.effect, name.where) for name, _, _ in found.leading)
 
 
-def _loads(assembly: Assembly, effect: EffectInstance, estimates: Mapping[str, Quantity]) -> bool:
-    """Whether an effect of that size adds loads, or moves an unloaded arm, by what is worth a second look."""
-    view, values = assembly.situation.view, {name: e.value for name, e in estimates.items()}
+def _loads_of(assembly: Assembly, found: Diagnosis, taken: Mapping[str, float]) -> list[Name]:
+    """Effects of the leading set that are worth another look, beyond what was ``taken`` for granted of them.
+
+    None where a look has nothing to add: one effect alone, or several sets.
+    """
+    if found.verdict == AMBIGUOUS or (found.verdict == NAMED and len(found.leading) == 1):
+        return []
+    worth = []
+    for effect, (*_, sizes) in zip(_leading(found), found.leading, strict=True):
+        beyond = {name: e.value - taken.get(name, 0.0) for name, e in sizes.items()}
+        if _loads(assembly, effect, beyond):
+            worth.append(Name(effect.effect, effect.where))
+    return worth
+
+
+def _loads(assembly: Assembly, effect: EffectInstance, values: Mapping[str, float]) -> bool:
+    """Whether an effect of that size adds loads, or moves an unloaded arm, by what is worth another look."""
+    view = assembly.situation.view
     if np.max(np.abs(added_loads(view, effect, values))) > _WORTH * np.max(np.abs(view.tau)):
         return True
     off = Laws(view, effect.realise(view.robot).terms, values)(np.zeros_like(view.tau))
