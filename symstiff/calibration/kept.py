@@ -30,7 +30,7 @@ def seen_in(model: StiffnessModel, kind: str) -> tuple[StiffnessModel, list[str]
     are those of the whole load.
     """
     if kind == "absolute":
-        return model.with_effects([_counting(e, 0.0) for e in model.effects]), []
+        return model.with_effects([_counting(e, _within(e, model)) for e in model.effects]), []
     if kind != "deflection":
         return model, []
     unseen = [
@@ -89,8 +89,13 @@ def _bends(term: Term) -> bool:
     return term.factor.has(load) and bool(term.factor.diff(load).has(load))
 
 
+def _within(effect: EffectInstance, model: StiffnessModel) -> float:
+    """The shape's entry ``weights`` of an effect in positions, where the load holds the links' weight."""
+    return find(effect.effect).within if model.robot.has_weights else 0.0
+
+
 def _counting(effect: EffectInstance, weights: float) -> EffectInstance:
-    """The effect with a law that counts the links' weight by itself (1), or leaves it to the load (0)."""
+    """The effect with a law that counts the links' weight by itself (1), or leaves it to the load (0, ``within``)."""
     default = find(effect.effect).weights
     if default is None or ASSUMED.keys() & effect.shape.keys():
         return effect

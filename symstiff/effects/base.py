@@ -240,6 +240,8 @@ class Effect:
     weights: float | None = None
     """The shape's entry ``weights`` where it is left out: 1, its law counts the links' weight by itself, or 0, it takes
     the load as it comes. None: its shapes have no such entry."""
+    within: float = 0.0
+    """That entry in positions of a robot whose file tells masses, where the load holds the links' weight already."""
     unlikely: Callable[[Robot, Where, bool], str] = _not_unlikely
     """Why it is not looked for at one of its places, by what the robot file tells, and by whether the model takes all
     links for rigid; empty where it is."""

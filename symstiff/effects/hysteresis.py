@@ -4,9 +4,11 @@ h is a smooth sign of the load, times |τ/τ₀|^power, or times 1 − (τ/τ₀
 is the one that the experiment adds, or with ``weights`` in the shape the total one, the links' weight included, or
 with ``mass``, ``tapered_mass`` or ``beside_axis`` that of an assumed arm or body where the file tells no masses.
 
-With ``knee`` r the loop closes at the load where it turned, τ_T = turn·τ (Masing's rule): an arm at rest gives way by
+With ``knee`` r the loop closes at the load where it turned, τ_T (Masing's rule): an arm at rest gives way by
 −width/2·τ/(r + |τ|) as the load grows, and on the way back follows the same curve from there, twice as large in both
-directions: width·(τ_T − τ)/(2r + |τ_T − τ|) more.
+directions: width·(τ_T − τ)/(2r + |τ_T − τ|) more. What the experiment adds turned at ``turn`` times its present size,
+the weight does not turn: τ_T = τ_weight + turn·(τ − τ_weight). In positions τ holds the weight, which ``weights = -1``
+tells; deflections are what the loop gives beyond that of the unloaded arm.
 """
 
 from __future__ import annotations
@@ -26,6 +28,7 @@ from symstiff.effects.common import (
     over,
     parameter,
     raised,
+    size,
     smooth_sign,
 )
 from symstiff.robot.schema import Robot
@@ -37,18 +40,21 @@ KNEES = (0.05, 0.15, 0.4, 1.0)
 """Loads, of the largest, at which half of a loop is open."""
 SHARP = 0.002
 """Width of a step that no measured load is near."""
+WITHIN = -1.0
+"""The entry ``weights`` where the load holds the links' weight: in positions of a robot with masses."""
 
 
 def _realise(robot: Robot, where: Where, shape: Shape) -> Realisation:
     j = int(where["joint"])
-    load, width = load_of(j), above_zero(shape, "width", 5.0)
+    load, width, own = load_of(j), above_zero(shape, "width", 5.0), sp.S.Zero
     if shape.get("weights") or ASSUMED.keys() & shape.keys():
-        load = load + own_load(robot, j, shape)
+        own = own_load(robot, j, shape)
+    within = shape.get("weights") == WITHIN
     loop = parameter(NAME, where, "width", angle_unit(robot, j), 0.0, 5e-3, 5e-5)
     if "knee" in shape:
-        return Realisation(
-            (loop,), (Term(loop.name, actuated_joint(j), _masing(load, above_zero(shape, "knee"))),)
-        )
+        law = _masing(load - own if within else load, own, above_zero(shape, "knee"), within)
+        return Realisation((loop,), (Term(loop.name, actuated_joint(j), law),))
+    load = load if within else load + own
     law = -BRANCH * smooth_sign(load, width) / 2
     scale = above_zero(shape, "load", 1.0)
     if shape.get("power"):
@@ -58,11 +64,19 @@ def _realise(robot: Robot, where: Where, shape: Shape) -> Realisation:
     return Realisation((loop,), (Term(loop.name, actuated_joint(j), law),))
 
 
-def _masing(load: sp.Expr, knee: sp.Rational) -> sp.Expr:
-    """−τ_T/(r + |τ_T|)/2 for a loop of unit width, and back from there by (τ_T − τ)/(2r + |τ_T − τ|)."""
-    top = TURN * load
-    back = (TURN - 1) * load
-    return back / (2 * knee + sp.Abs(back)) - top / (2 * (knee + sp.Abs(top)))
+def _masing(added: sp.Expr, own: sp.Expr, knee: sp.Rational, whole: bool) -> sp.Expr:
+    """−τ_T/(r + |τ_T|)/2 for a loop of unit width, and back from there by (τ_T − τ)/(2r + |τ_T − τ|).
+
+    The load is its ``own`` weight and what is ``added``; not the ``whole`` of it: less what the weight does alone.
+    """
+    back = (TURN - 1) * added
+    law = back / (2 * knee + size(back)) + _rest(own + TURN * added, knee)
+    return law if whole or own == 0 else law - _rest(own, knee)
+
+
+def _rest(load: sp.Expr, knee: sp.Rational) -> sp.Expr:
+    """How a loop of unit width begins from rest: −τ/(r + |τ|)/2."""
+    return -load / (2 * (knee + size(load)))
 
 
 def _square(load: sp.Expr, scale: sp.Rational) -> sp.Expr:
@@ -78,6 +92,7 @@ def _shapes(robot: Robot, where: Where, scales: Scales) -> tuple[Shape, ...]:
     narrow = found[: len(POWERS)]
     found.append({"width": float(f"{SHARP * top:.3g}")})
     closed = {"width": widths[0]}
+    within: Shape = {"weights": WITHIN} if scales.kind == "absolute" and robot.has_weights else {}
     if scales.kind == "deflection" and (most := most_weight_load(robot, joint)):
         loop = {**closed, "loop": float(f"{1.05 * (top + most):.3g}")}
         found += [{**s, "weights": 1.0} for s in (*found, loop)]
@@ -85,7 +100,7 @@ def _shapes(robot: Robot, where: Where, scales: Scales) -> tuple[Shape, ...]:
     found += [{"knee": float(f"{f * top:.3g}")} for f in KNEES]
     for arm, most in assumed_arms(robot, joint, scales):
         found += [{**s, **arm} for s in (*narrow, {**closed, "loop": float(f"{1.05 * most:.3g}")})]
-    return tuple(found)
+    return tuple({**s, **within} for s in found)
 
 
 EFFECT = Effect(
@@ -108,5 +123,6 @@ EFFECT = Effect(
     assumed=ASSUMED,
     odds=odds,
     weights=0.0,
+    within=WITHIN,
     moves=lambda robot, shape: {"width": Move(2.7), "loop": Move(1.2), "knee": Move(2.7), **ARM_MOVES},
 )  # fmt: skip

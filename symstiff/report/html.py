@@ -131,8 +131,14 @@ def _facts(finding: Finding) -> list[tuple[str, str]]:
     if held is not None:
         facts.insert(3, ("on held-out poses", _fall(finding, r.held_out_before, r.held_out_after)))
         if r.closure is not None and math.isfinite(r.closure) and finding.named:
-            facts.insert(4, ("gap closed", f"{100 * min(r.closure, 1.0):.0f} %, on held-out poses"))
+            facts.insert(4, ("gap closed", _closed(r.closure)))
     return facts
+
+
+def _closed(share: float) -> str:
+    """The share of the gap that was closed, in words of the report."""
+    below = ": what is left there is less than the noise" if round(100 * share) > 100 else ""
+    return f"{100 * share:.0f} %, on held-out poses{below}"
 
 
 def _fall(finding: Finding, before: float | None, after: float | None) -> str:
