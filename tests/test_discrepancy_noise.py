@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from symstiff.discrepancy.examine import examine
+from symstiff.discrepancy.noise.scales import homogeneity
 from symstiff.discrepancy.problem import Candidate, Options, Parameter, Problem
 from symstiff.discrepancy.statistics.evidence import evidence
 from symstiff.discrepancy.statistics.prepare import noise_told_anew, prepare
@@ -53,6 +54,18 @@ def test_a_robot_that_comes_back_for_every_repeat_or_stays_raises_no_alarm(anew:
     assert np.median([d.noise.approach for d in found]) == pytest.approx(3.0 * SIGMA, rel=0.25)
     assert {d.noise.source for d in found} == {"repeats"}
     assert [d.noise.misstated for d in found].count(True) <= 1
+
+
+@pytest.mark.parametrize("axes", [(0, 1, 2), (0, 1, 2, 3, 4, 5)])
+def test_axes_of_one_noise_are_called_unlike_no_more_often_than_is_said(axes: tuple[int, ...]) -> None:
+    rng = np.random.default_rng(0)
+    axis = np.tile(axes, 60)
+    rows = np.arange(len(axis))
+    problem = Problem(np.zeros(len(axis)), np.zeros((len(axis), 0)), rows, rows, axis, axis)
+    p = np.array([homogeneity(problem, rng.normal(size=len(axis)), len(axis)) for _ in range(1500)])
+    for level in (0.05, 0.01):
+        assert np.mean(p < level) < level + 3.0 * np.sqrt(level / len(p))
+        assert np.mean(p < level) > level / 3.0
 
 
 @pytest.mark.parametrize("size", [0.0, 3.0])

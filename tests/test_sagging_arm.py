@@ -173,3 +173,16 @@ def test_arms_are_tried_for_deflections_where_the_file_tells_no_masses() -> None
     assert shapes(robot, where, Scales("deflection", sizes)) == ({},)
     assert shapes(bare, where, Scales("absolute", sizes)) == ({},)
     assert under_arm(bare, {}) is bare
+
+
+def test_a_gear_that_bends_sags_by_what_its_law_gives_under_the_weight() -> None:
+    """Its law is that of what a load adds to the weight: f(weight + load) - f(weight); the sag is f(weight)."""
+    robot = load("ur10")
+    table = measurements([[0.3, -0.6, 0.9, 0.2, 0.4, 0.0]], [[0.0, 0.0, -50.0, 0.0, 0.0, 0.0]])
+    view = look(robot, table)
+    gear = EffectInstance("nonlinear_stiffness", {"joint": 2}, {"load": 60.0, "power": 3.0}).realise(robot)
+    found = Situation(view, Laws(view, gear.terms, {"nonlinear_stiffness_2_c": 1e-4}))
+    joint = view.index[actuated_joint(2)]
+    weight = (under_weights(view).tau - view.tau)[0, joint]
+    assert abs(weight) > 20.0
+    assert found.sag[0, joint] == pytest.approx(1e-4 * 60.0 * (weight / 60.0) ** 3, rel=1e-9)

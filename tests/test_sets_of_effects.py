@@ -208,6 +208,15 @@ def test_a_given_effect_that_is_not_needed_leaves_the_set() -> None:
     assert [e.effect for e in found.effects] == ["gear"]
 
 
+def test_a_given_effect_that_the_model_absorbs_leaves_the_set() -> None:
+    bare = arm(40).problem
+    gear, absorbed = scaled(bare, of_sign(bare, 0), 1.0), bare.A[:, 0].copy()
+    candidates = (lawful("gear", gear), lawful("absorbed", absorbed), *catalogue(bare))
+    given = [Name("absorbed", candidates[1].where)]
+    found = examine(measured(bare, 15.0 * gear, 4), candidates, QUICK, given=given)
+    assert (found.verdict, [e.effect for e in found.effects]) == ("named", ["gear"])
+
+
 def test_a_second_effect_is_as_believable_as_the_first_one() -> None:
     """A test sees it and it is more believable than nothing: one effect is no reason for there being no other."""
     bare = arm(40).problem

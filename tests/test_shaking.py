@@ -51,6 +51,8 @@ def test_what_moves_all_markers_of_a_reading_is_no_missing_effect(seed: int) -> 
     assert noise.sigma == pytest.approx(SIGMA, rel=0.12)
     assert any("the markers of one reading share" in remark for remark in found.remarks)
     assert verdict_table(found)["noise"]["reading_share"] == noise.reading
+    largest = max(found.steps[-1].strata, key=lambda s: s.degrees_of_freedom)
+    assert largest.ratio == pytest.approx(1.0, abs=0.25)
 
 
 @pytest.mark.slow

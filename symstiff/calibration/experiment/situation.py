@@ -304,7 +304,9 @@ class Situation:
         """(N, V) deflections under the links' known weight that deflections do not show; 0 in absolute data."""
         if self.view.table.kind == "absolute" or not self.view.robot.has_weights:
             return np.zeros_like(self.view.tau)
-        return self.laws(under_weights(self.view).tau - self.view.tau)
+        # laws that bend are those of what a load adds to the weight: without it there is none
+        weight = under_weights(self.view).tau - self.view.tau
+        return np.asarray(self.laws(np.zeros_like(weight)) - self.laws(-weight))
 
     @property
     def bodies(self) -> tuple[Body, ...]:

@@ -282,8 +282,7 @@ def report(
     """
     rows = problem.main
     square, repeats = between
-    alone = 1.0 + _square(noise, noise.reading)  # a row's own variance, by what its reading's rows share
-    whole = float(np.mean(alone[rows]))
+    whole = of_reading(problem, noise)
     source, found, freedom = "residual", scale2 * whole, max(dof - _taken(noise, sharing), 1.0)
     if repeats >= ENOUGH:
         source, found, freedom = "repeats", square / repeats * whole, float(repeats)
@@ -302,11 +301,16 @@ def report(
     common = found / whole * noise.spread**2 * _diagonal(noise, sharing)
     return NoiseReport(
         sigma, told, relative, interval, misstated, freedom, source, by_axis,
-        _homogeneity(problem, residual, dof), growth, by_marker,
+        homogeneity(problem, residual, dof), growth, by_marker,
         float(np.sqrt(np.mean(common[rows]))), approach_p, _mostly(problem, noise, sharing),
         not shares(problem, AXES), {a: float(np.sqrt(np.mean(common[own]))) for a, own in axes},
         reading=_of_axes(problem, noise) / whole, settling=_settling(problem, noise, found / whole),
     )  # fmt: skip
+
+
+def of_reading(problem: Problem, noise: Noise) -> float:
+    """A row's variance with what the rows of its reading share over that without it, mean of the main rows."""
+    return float(np.mean((1.0 + _square(noise, noise.reading))[problem.main]))
 
 
 def _of_axes(problem: Problem, noise: Noise) -> float:
@@ -376,9 +380,9 @@ def _square(noise: Noise, roots: Roots, ratio: float = 1.0, factor: Roots = ()) 
     return out
 
 
-def _homogeneity(problem: Problem, residual: Array, dof: float) -> float:
-    """Bartlett's test over the axes of each kind (translations, rotations), p-value."""
-    p = 1.0
+def homogeneity(problem: Problem, residual: Array, dof: float) -> float:
+    """Bartlett's test over the axes of each kind (translations, rotations): the smaller p-value, by Bonferroni."""
+    found = []
     for kind in (problem.axis < 3, problem.axis >= 3):
         axes = np.unique(problem.axis[kind])
         if len(axes) < 2:
@@ -390,5 +394,5 @@ def _homogeneity(problem: Problem, residual: Array, dof: float) -> float:
             continue
         pooled = float(n @ s2 / n.sum())
         statistic = n.sum() * np.log(pooled) - n @ np.log(s2)
-        p = min(p, float(stats.chi2.sf(statistic, len(axes) - 1)))
-    return p
+        found.append(float(stats.chi2.sf(statistic, len(axes) - 1)))
+    return min(1.0, len(found) * min(found, default=1.0))

@@ -104,8 +104,8 @@ def decide(
 ) -> Outcome:  # fmt: skip
     """Detect, then try sets of one, two and three effects until the leading set is sufficient.
 
-    Candidates that are ``given`` are members of every set that does not turn out to have no need of them; ``parts``
-    are the strata of the start, and ``lack`` tells those that a set leaves.
+    Candidates that are ``given`` and that the model does not absorb are members of every set that does not turn out to
+    have no need of them; ``parts`` are the strata of the start, and ``lack`` tells those that a set leaves.
     """
     shop = Workshop(start, allowed, options, lack, parts)
     distribution = shop.null((), ())
@@ -123,6 +123,7 @@ def decide(
         return Outcome(UNEXPLAINED, Reason(Why.ONE_STRATUM), *tests, None, (), (), ())
     tried: list[Judged] = []
     weighed: list[Proposal] = []
+    given = [member for member in given if np.isfinite(found.score[member])]
     base = together(shop, given)
     bases = [base]
     for size in range(max(len(given), 1), options.max_effects + 1 if seen else 1):

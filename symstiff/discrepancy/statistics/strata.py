@@ -10,7 +10,7 @@ from scipy import stats
 
 from symstiff.arrays import TINY, Array, Index, numbered
 from symstiff.calibration.fits.decomposition import RANK
-from symstiff.discrepancy.noise.scales import NoiseReport
+from symstiff.discrepancy.noise.scales import NoiseReport, of_reading
 from symstiff.discrepancy.problem import Problem
 from symstiff.discrepancy.statistics.scan import Scan, directions
 from symstiff.reduction.svd import svd
@@ -77,7 +77,8 @@ def lack_of_fit(problem: Problem, scan: Scan, report: NoiseReport) -> tuple[Stra
     all_of_it = designs[-1][0] == NONLINEAR and all(name != NONLINEAR for name, *_ in shares.parts)
     rest = (NONLINEAR if all_of_it else "rest", shares.rest, shares.square)
     spread = scan.noise.spread[problem.main]
-    reference = report.sigma**2 / float(np.mean(spread**2))
+    # whitened rows are without what those of their reading share, sigma is with it
+    reference = report.sigma**2 / (float(np.mean(spread**2)) * of_reading(problem, scan.noise))
     return _table([*shares.parts, *([rest] if shares.rest else [])], reference, report.degrees_of_freedom)
 
 
