@@ -15,7 +15,8 @@ pytest.importorskip("blark", reason="blark is missing")
 from symstiff.codegen.functions import Functions
 from symstiff.codegen.options import Options
 from symstiff.codegen.reference import unit_length
-from symstiff.codegen.structured_text import emit_st
+from symstiff.codegen.structured_text import StructuredAlgebra, emit_st
+from symstiff.codegen.text import Text
 from symstiff.compensation import compensate_online
 from symstiff.effects.base import Scales
 from symstiff.effects.instance import EffectInstance
@@ -162,6 +163,22 @@ def test_laws_of_effects_are_written_in_standard_functions(effect):
     for k in range(4):
         found = block(q=q[k], w=w[k])["dt"]
         np.testing.assert_allclose(found, wanted[k], rtol=0, atol=1e-12 * np.abs(wanted[k]).max())
+
+
+@pytest.mark.parametrize(("precision", "tolerance"), [("double", 2e-14), ("float", 4e-6)])
+def test_tanh_of_small_arguments_keeps_its_digits(precision, tolerance):
+    algebra = StructuredAlgebra(single=precision == "float")
+    kind = np.float32 if precision == "float" else np.float64
+    words = {
+        "SEL": lambda second, a, b: b if second else a, "ABS": np.abs, "EXP": np.exp,
+        "LIMIT": lambda low, x, high: min(max(x, low), high),
+    }  # fmt: skip
+    code = algebra.call("tanh", [Text("x")]).code
+    code = re.sub(r"(?:REAL#)?(\d+\.\d+(?:E-?\d+)?)", r"kind(\1)", code)
+    for x in (1e-9, 1e-6, 1e-3, 0.03, 0.0499, 0.0501, 0.3, 2.0, 50.0):
+        for sign in (1.0, -1.0):
+            found = eval(code, {**words, "kind": kind, "x": kind(sign * x)})
+            assert found == pytest.approx(np.tanh(sign * x), rel=tolerance)
 
 
 def test_single_precision_has_no_untyped_literal():

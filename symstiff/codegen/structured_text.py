@@ -11,7 +11,7 @@ import sympy as sp
 
 from symstiff.codegen.emit import base_context, environment
 from symstiff.codegen.reference import LARGEST_CORRECTION, ROUNDED, unit_length
-from symstiff.codegen.text import CAlgebra, Text, context_names
+from symstiff.codegen.text import ATOM, CAlgebra, Text, context_names
 from symstiff.errors import UserError
 from symstiff.symbolic.program import Constant, Let, Program, Statement, evaluate
 
@@ -23,8 +23,8 @@ _CALLS = {
     "sin": "SIN", "cos": "COS", "tan": "TAN", "exp": "EXP", "log": "LN", "sqrt": "SQRT", "Abs": "ABS",
     "atan": "ATAN", "asin": "ASIN", "acos": "ACOS",
 }  # fmt: skip
-
-
+_NEAR, _SERIES = 0.05, (62 / 153, 17 / 42, 2 / 5, 1 / 3)
+"""Up to where tanh is its series, and the ratios of the series' terms, last first: each to the one before it."""
 _MOMENT = {"time": "time_s"}  # TIME is a type of the language
 
 
@@ -59,15 +59,23 @@ class StructuredAlgebra(CAlgebra):
 
     def call(self, function: str, arguments: Sequence[Text]) -> Text:
         """A standard function; what the standard lacks by others. Raises UserError."""
-        x, one, two, zero = arguments[0].code, self.literal(1.0), self.literal(2.0), self.literal(0.0)
+        x, one, zero = arguments[0].inside(ATOM), self.literal(1.0), self.literal(0.0)
         if function == "sign":
             return Text(f"SEL({x} > {zero}, SEL({x} < {zero}, {zero}, -{one}), {one})")
         if function == "tanh":
-            far = self.literal(20.0)
-            return Text(f"({one} - {two} / (EXP({two} * LIMIT(-{far}, {x}, {far})) + {one}))")
+            return Text(self._tanh(x))
         if function not in _CALLS:
             raise UserError(f"target st: the model needs the function {function}: remove st from --targets")
         return Text(f"{_CALLS[function]}({x})")
+
+    def _tanh(self, x: str) -> str:
+        """By EXP, which loses the digits of a small argument: there by its series, to all digits of LREAL."""
+        one, two, far, near = (self.literal(value) for value in (1.0, 2.0, 20.0, _NEAR))
+        series = one
+        for ratio in _SERIES:
+            series = f"({one} - {x} * {x} * {self.literal(ratio)} * {series})"
+        large = f"({one} - {two} / (EXP({two} * LIMIT(-{far}, {x}, {far})) + {one}))"
+        return f"SEL(ABS({x}) < {near}, {large}, {x} * {series})"
 
 
 @dataclass

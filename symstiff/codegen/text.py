@@ -12,7 +12,7 @@ import sympy as sp
 from symstiff.errors import UserError
 from symstiff.symbolic.program import Constant, Let, Program, Statement, evaluate
 
-_SUM, _PRODUCT, _ATOM = 1, 2, 3
+_SUM, _PRODUCT, ATOM = 1, 2, 3
 _DIGITS = 30
 _MOST_SINGLE = float(np.finfo(np.float32).max)
 _FUNCTIONS = {
@@ -26,7 +26,7 @@ class Text:
     """An expression and how tightly it binds."""
 
     code: str
-    precedence: int = _ATOM
+    precedence: int = ATOM
 
     def inside(self, precedence: int) -> str:
         """The code, in parentheses where its context binds tighter."""
@@ -55,7 +55,7 @@ class CAlgebra:
     def number(self, value: sp.Expr) -> Text:
         """A literal."""
         number = float(value)
-        return Text(self.literal(number), _ATOM if number >= 0 else _SUM)
+        return Text(self.literal(number), ATOM if number >= 0 else _SUM)
 
     def constant(self, constant: Constant) -> Text:
         """A literal of the exact value."""
@@ -64,16 +64,16 @@ class CAlgebra:
     def sum(self, terms: Sequence[tuple[int, Text]]) -> Text:
         """Sums and differences; the first term carries the only sign change."""
         (sign, head), *rest = terms
-        alone = _PRODUCT if not rest else _ATOM
+        alone = _PRODUCT if not rest else ATOM
         code = _added(head) if sign > 0 else "-" + head.inside(alone)
         for sign, x in rest:
-            code += f" + {_added(x)}" if sign > 0 else f" - {x.inside(_ATOM)}"
+            code += f" + {_added(x)}" if sign > 0 else f" - {x.inside(ATOM)}"
         return Text(code, _SUM)
 
     def product(self, factors: Sequence[Text]) -> Text:
         """Products."""
         return Text(
-            "*".join(f.inside(_PRODUCT if k == 0 else _ATOM) for k, f in enumerate(factors)), _PRODUCT
+            "*".join(f.inside(_PRODUCT if k == 0 else ATOM) for k, f in enumerate(factors)), _PRODUCT
         )
 
     def power(self, base: Text, exponent: sp.Expr) -> Text:
@@ -82,7 +82,7 @@ class CAlgebra:
         if exponent == sp.Rational(1, 2):
             return Text(f"sqrt{suffix}({base.code})")
         if exponent == -1:
-            return Text(f"{self.literal(1.0)}/{base.inside(_ATOM)}", _PRODUCT)
+            return Text(f"{self.literal(1.0)}/{base.inside(ATOM)}", _PRODUCT)
         if exponent.is_Integer and 1 < exponent <= 4:
             return self.product([base] * int(exponent))
         return Text(f"pow{suffix}({base.code}, {self.literal(float(exponent))})")
@@ -91,7 +91,7 @@ class CAlgebra:
         """A function of the mathematical library; ``sign`` by comparison."""
         inside = ", ".join(a.code for a in arguments)
         if function == "sign":
-            zero, x = self.literal(0.0), arguments[0].inside(_ATOM)
+            zero, x = self.literal(0.0), arguments[0].inside(ATOM)
             one = self.literal(1.0)
             return Text(f"(({x} > {zero}) ? {one} : (({x} < {zero}) ? -{one} : {zero}))")
         return Text(f"{_FUNCTIONS[function]}{'f' if self.single else ''}({inside})")
@@ -99,7 +99,7 @@ class CAlgebra:
 
 def _added(x: Text) -> str:
     """A term of a sum: products in parentheses, as MISRA C rule 12.1 wants them."""
-    return x.code if x.precedence == _SUM else x.inside(_ATOM)
+    return x.code if x.precedence == _SUM else x.inside(ATOM)
 
 
 def c_body(
