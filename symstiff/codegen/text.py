@@ -72,9 +72,7 @@ class CAlgebra:
 
     def product(self, factors: Sequence[Text]) -> Text:
         """Products."""
-        return Text(
-            "*".join(f.inside(_PRODUCT if k == 0 else ATOM) for k, f in enumerate(factors)), _PRODUCT
-        )
+        return Text("*".join(f.inside(_PRODUCT if k == 0 else ATOM) for k, f in enumerate(factors)), _PRODUCT)
 
     def power(self, base: Text, exponent: sp.Expr) -> Text:
         """Small whole powers as products; others by the library."""

@@ -298,7 +298,7 @@ def _as_identified(effect: Found, fitted: JointFit) -> Found:
     model, parameters = fitted.model, dict(effect.parameters)
     for name, e in parameters.items():
         if name in model.deviations:
-            parameters[name] = Quantity(float(model.values[name]), float(model.deviations[name]), e.unit)
+            parameters[name] = e.told(float(model.values[name]), float(model.deviations[name]))
         elif name in fitted.absorbed:
             parameters[name] = Quantity(0.0, float("inf"), e.unit)
     return replace(effect, parameters=parameters)

@@ -92,7 +92,9 @@ def _json(value: Any) -> Any:
 
 def _estimates(parameters: Mapping[str, Quantity]) -> dict[str, Any]:
     return {
-        n: {"value": finite(e.value), "std": finite(e.std), "unit": e.unit} for n, e in parameters.items()
+        n: {"value": finite(e.value), "std": finite(e.std), "unit": e.unit}
+        | ({} if e.across is None else {"across": [finite(x) for x in e.across]})
+        for n, e in parameters.items()
     }
 
 

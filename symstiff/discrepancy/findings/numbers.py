@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 from symstiff.discrepancy.findings.result import Quantity
 from symstiff.display import unit_text
@@ -44,7 +45,9 @@ def decimals_between(first: float, last: float) -> int | None:
 
 
 def quantity(estimate: Quantity) -> str:
-    """A value with its standard deviation and unit: ``(1.44 ± 0.10)·10⁻⁷ rad/(N·m)``."""
+    """A value with its standard deviation and unit: ``(1.44 ± 0.10)·10⁻⁷ rad/(N·m)``; its range in other shapes."""
+    if estimate.across is not None:
+        return f"{quantity(replace(estimate, across=None))}{_across(estimate, *estimate.across)}"
     unit, factor = _SHOWN.get(estimate.unit, (unit_text(estimate.unit), 1.0))
     value, std = factor * estimate.value, factor * estimate.std
     if not math.isfinite(std):
@@ -58,6 +61,17 @@ def quantity(estimate: Quantity) -> str:
     if exponent:
         return f"({text})·10{str(exponent).translate(_SUPER)} {unit}".strip()
     return f"{text} {unit}".strip()
+
+
+def _across(estimate: Quantity, low: float, high: float) -> str:
+    """The range of a size in all shapes that account for the data as well."""
+    factor = _SHOWN.get(estimate.unit, ("", 1.0))[1]
+    least, most = number(factor * low), number(factor * high)
+    if low > estimate.value - estimate.std:
+        told = f"up to {most}"
+    else:
+        told = f"{least} to {most}" if high > estimate.value + estimate.std else f"down to {least}"
+    return f", {told} in other shapes that fit as well"
 
 
 def size_text(estimate: Quantity) -> str:

@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any
+
+import numpy as np
 
 from symstiff.arrays import Array
 from symstiff.discrepancy.noise.scales import Noise, NoiseReport
@@ -23,6 +25,15 @@ class Quantity:
     value: float
     std: float
     unit: str
+    across: tuple[float, float] | None = None
+    """Least and largest value in all shapes that account for the data as well, where these are far apart: ``std`` is
+    that in one shape."""
+    by_shape: float = 0.0
+    """What the shape has in ``std``."""
+
+    def told(self, value: float, std: float) -> Quantity:
+        """With the value and the deviation that it has in its shape."""
+        return replace(self, value=value, std=float(np.hypot(std, self.by_shape)))
 
 
 @dataclass(frozen=True)

@@ -10,6 +10,7 @@ import numpy as np
 from symstiff.arrays import Array
 from symstiff.discrepancy.findings.instead import instead
 from symstiff.discrepancy.findings.result import CandidateResult, Found, Name, Quantity, RivalLaw, Step
+from symstiff.discrepancy.findings.spread import spread
 from symstiff.discrepancy.problem import Candidate, Options, Problem
 from symstiff.discrepancy.reasons import Why
 from symstiff.discrepancy.search.judging import Judged
@@ -85,9 +86,14 @@ def named_effects(problem: Problem, ready: Prepared, outcome: Outcome) -> tuple[
         effects = _fitted(problem, ready, judged.entries)[3]
         for i, (member, entry) in enumerate(zip(judged.members, judged.entries, strict=True)):
             candidate, confused = bank.candidates[member], _confused(ready, entry)
+            shapes = spread(ready.scan, judged.entries, i)
+            sizes = {
+                name: replace(e, across=shapes.sizes, by_shape=shapes.deviation).told(e.value, e.std)
+                for name, e in effects[i][1].items()
+            }
             out.append(
                 Found(
-                    candidate.effect, candidate.where, bank.shape_of(entry), effects[i][1],
+                    candidate.effect, candidate.where, shapes.shape, sizes,
                     judged.p_members[i], float(np.clip(sure[number][member], 0.0, 1.0)),
                     tuple(_name(bank.candidates[c]) for c in confused), number, _twins(bank, entry),
                     instead(ready.scan, judged.entries, i, confused),

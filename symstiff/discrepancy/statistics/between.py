@@ -107,6 +107,42 @@ def moved(scan: Scan, others: tuple[int, ...], entry: int, rows: Index | slice =
     return shape if value > start + WORTH else None
 
 
+@dataclass(frozen=True)
+class Alternative:
+    """A shape of a law that has one size, with what that is then: in its own unit, and how likely it makes the data."""
+
+    shape: Shape
+    value: float
+    std: float
+    likelihood: float
+
+
+def alternatives(scan: Scan, others: tuple[int, ...], entry: int) -> tuple[Alternative, ...]:
+    """An entry's law in its own shape, first, and with each value elsewhere in its profile, beside ``others``.
+
+    None where it has several sizes, or no value that can be moved.
+    """
+    bank = scan.bank
+    candidate, origin = bank.candidates[int(bank.owner[entry])], bank.shape_of(entry)
+    moves = {k: move for k, move in _moves(candidate, origin).items() if not move.around}
+    if int(bank.width[entry]) != 1 or not moves:
+        return ()
+    view = _View.of(scan, others, entry)
+    shapes = [origin, *(s for key, move in moves.items() for s in _along(candidate, origin, key, move))]
+    columns = ((shape, candidate.columns(shape)) for shape in shapes)
+    return tuple(view.alternative(shape, c) for shape, c in columns if np.all(np.isfinite(c)) and np.any(c))
+
+
+def _along(candidate: Candidate, shape: Shape, key: str, move: Move) -> list[Shape]:
+    """The shapes of the profile that differ from one by a value alone, and those half a step beside these and it."""
+    low, high = _within(candidate, shape, key, move)
+    if not np.isfinite(low):
+        return []
+    known = {s[key] for s in candidate.shapes if {**s, key: shape[key]} == dict(shape)} | {shape[key]}
+    values = sorted({move(v, step) for v in known for step in (-0.5, 0.0, 0.5)} - {shape[key]})
+    return [{**shape, key: v} for v in values if low <= v <= high]
+
+
 def _moves(candidate: Candidate, shape: Shape) -> dict[str, Move]:
     return {key: move for key, move in candidate.moves(shape).items() if key in shape}
 
@@ -135,12 +171,32 @@ class _View:
 
     def likelihood(self, columns: Array) -> float:
         """Log likelihood with further columns (M, k) in the model, the scale profiled."""
-        noise, layer = self.scan.noise, self.layer
         if not np.all(np.isfinite(columns)):
             return -np.inf
-        white = noise.apply(layer.whiten, columns / noise.spread[:, None])
-        for known in (layer.basis, self.beside):
+        return self._log_likelihood(self._left_by(column_space(self._white(columns), 1e-7)))
+
+    def alternative(self, shape: Shape, column: Array) -> Alternative:
+        """A law's shape with its column (M, 1)."""
+        white = self._white(column)
+        square = max(float(np.sum(white**2)), TINY)
+        left = self._left_by(white / np.sqrt(square))
+        value = float(np.sum(white * self.layer.y[:, None])) / square
+        return Alternative(
+            shape, value, float(np.sqrt(left / self.scan.freedom / square)), self._log_likelihood(left)
+        )
+
+    def _white(self, columns: Array) -> Array:
+        """Columns (M, k) as the noise whitens them, outside of the model and the other entries."""
+        noise = self.scan.noise
+        white = noise.apply(self.layer.whiten, columns / noise.spread[:, None])
+        for known in (self.layer.basis, self.beside):
             white = white - known @ (known.T @ white)
-        found = np.hstack([self.beside, column_space(white, 1e-7)])
-        left = layer.rss - float(np.sum((found.T @ layer.y) ** 2))
-        return -0.5 * self.scan.freedom * float(np.log(max(left, TINY)))
+        return white
+
+    def _left_by(self, directions: Array) -> float:
+        """Sum of squares that the other entries and further directions (M, k) leave."""
+        found = np.hstack([self.beside, directions])
+        return max(self.layer.rss - float(np.sum((found.T @ self.layer.y) ** 2)), TINY)
+
+    def _log_likelihood(self, left: float) -> float:
+        return -0.5 * self.scan.freedom * float(np.log(left))

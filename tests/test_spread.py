@@ -1,0 +1,83 @@
+"""Sizes of laws whose shape the data hardly tell: the least of them stands, and the others are told."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from symstiff.arrays import Array
+from symstiff.discrepancy.examine import examine
+from symstiff.discrepancy.findings.numbers import quantity
+from symstiff.discrepancy.findings.result import Found, Quantity
+from symstiff.discrepancy.problem import Candidate, Parameter, Problem, Shape
+from symstiff.effects.base import Move
+from tests.test_discrepancy_engine import QUICK, arm, measured, scaled
+
+WIDTHS = (0.04, 0.08, 0.16, 0.32)
+
+
+def step(problem: Problem, at: float, width: float) -> Array:
+    """(M,) what joint 2 adds that turns over at a share of its largest load, to either side, within a width."""
+    assert problem.tau is not None
+    assert problem.J is not None
+    t = problem.tau[:, 1] / np.max(np.abs(problem.tau[:, 1]))
+    return np.asarray(problem.J[:, 1] * np.sign(t) / (1.0 + np.exp((at - np.abs(t)) / width)))
+
+
+def found(at: float, width: float, unit: str = "rad", noncentrality: float = 250.0) -> tuple[Found, float]:
+    """The effect that a diagnosis names, with the size that it was made with."""
+    bare = arm(40).problem
+    signal = step(bare, at, width)
+    made = scaled(bare, signal, noncentrality)
+
+    def columns(shape: Shape) -> Array:
+        return step(bare, at, shape["width"])[:, None]
+
+    candidate = Candidate(
+        "step", {"joint": 2}, (Parameter("gap", unit, 0.0, 1.0),), columns,
+        tuple({"width": w} for w in WIDTHS), moves=lambda shape: {"width": Move(2.0)},
+    )  # fmt: skip
+    finding = examine(measured(bare, made, 2), (candidate,), QUICK)
+    assert finding.verdict == "named"
+    (effect,) = finding.effects
+    return effect, float(np.linalg.norm(made) / np.linalg.norm(signal))
+
+
+def test_of_a_step_whose_foot_alone_is_seen_the_least_gap_stands_and_the_range_is_told() -> None:
+    effect, true = found(1.2, 0.08)
+    size = effect.parameters["gap"]
+    assert size.across is not None
+    low, high = size.across
+    assert low == pytest.approx(size.value, rel=0.5)
+    assert low < true < high
+    assert high > 2.0 * low
+    assert effect.shape["width"] > min(WIDTHS)
+
+
+def test_of_a_step_that_the_loads_run_over_the_size_is_one() -> None:
+    effect, true = found(0.5, 0.08, noncentrality=2000.0)
+    size = effect.parameters["gap"]
+    assert size.across is None
+    assert size.value == pytest.approx(true, abs=4.0 * size.std)
+
+
+def test_a_size_that_is_no_distance_keeps_the_likeliest_shape() -> None:
+    effect, _ = found(1.2, 0.08, unit="rad/(N*m)")
+    distance, _ = found(1.2, 0.08)
+    assert abs(effect.parameters["gap"].value) >= abs(distance.parameters["gap"].value)
+
+
+@pytest.mark.parametrize(
+    ("across", "told"),
+    [
+        ((0.9e-3, 4e-3), "up to 4"),
+        ((0.2e-3, 1.1e-3), "down to 0.2"),
+        ((0.2e-3, 4e-3), "0.2 to 4"),
+    ],
+)
+def test_the_range_is_told_beside_the_size(across: tuple[float, float], told: str) -> None:
+    alone = Quantity(1e-3, 2e-4, "rad")
+    size = replace(alone, across=across)
+    assert quantity(size) == f"{quantity(alone)}, {told} in other shapes that fit as well"
