@@ -10,13 +10,17 @@ import numpy as np
 import pytest
 
 from symstiff.discrepancy.findings.finding import Task
+from symstiff.discrepancy.problem import DeviceLaw, Parameter
 from symstiff.discrepancy.reasons import Why
 from symstiff.discrepancy.search import rivals
 from symstiff.discrepancy.search.verdict import EVEN
 from symstiff.discrepancy.search.workshop import Proposal, Workshop
+from symstiff.discrepancy.statistics.prepare import prepare
 from symstiff.discrepancy.workflow import diagnose
 from symstiff.robot import load
-from tests.diagnosis_data import ROBOT, measured
+from tests.diagnosis_data import ROBOT
+from tests.diagnosis_data import measured as readings
+from tests.test_discrepancy_engine import arm, measured, scaled
 
 
 def shop_of(kept: tuple[int, ...], score: float, shape: bool = False, at: str = "joint 6") -> Workshop:
@@ -24,9 +28,11 @@ def shop_of(kept: tuple[int, ...], score: float, shape: bool = False, at: str = 
     none = np.full(3, -np.inf)
     bank = SimpleNamespace(
         another_shape=lambda law, entry: shape, owner=np.arange(3), place=("joint 2", "joint 3", ""),
+        parameters=lambda entry: (),
         candidates=(*[SimpleNamespace(where={})] * 2, SimpleNamespace(where={"at": at})),
     )  # fmt: skip
     return cast(Workshop, SimpleNamespace(
+        start=SimpleNamespace(bank=bank),
         evidence=lambda entries: SimpleNamespace(score=np.array([8.0, 9.0, 0.0]), best_entry=np.arange(3)),
         own=lambda member, entries: SimpleNamespace(score=8.0 + member),
         score=lambda members, entries, generic: np.where(np.arange(3) == 2, score, none) if members == kept else none,
@@ -86,9 +92,25 @@ def test_the_law_that_a_named_effect_has_is_no_other_thing(
     assert (found.alike is not None) == alike
 
 
+@pytest.mark.parametrize(
+    ("size", "usual", "lost"), [(0.3, 0.02, np.log1p(225.0)), (0.002, 0.02, 0.01), (0.3, 0.0, 0.0)]
+)
+def test_a_correction_of_the_file_that_nobody_would_overlook_is_the_less_likely(
+    size: float, usual: float, lost: float
+) -> None:
+    bare = arm(30).problem
+    column = scaled(bare, np.sin(3.0 * np.arange(bare.rows)), 400.0)[:, None] / size
+    law = DeviceLaw("robot file's joint 2", "correction of d", (Parameter("d", "m", typical=usual),), column)
+    problem = measured(replace(bare, devices=(law,)), size * column[:, 0])
+    scan = prepare(problem, ()).scan
+    place = [dict(scan.bank.candidates[int(c)].where).get("at") for c in scan.bank.owner]
+    found = rivals._unusual(scan, (), place.index("robot file's joint 2"))
+    assert found == pytest.approx(lost, abs=0.25)
+
+
 def test_what_does_as_well_as_a_name_is_told_beside_it_and_lowers_its_confidence() -> None:
     """Friction in the rig, 5 % of the load, under forces of one plane: a joint's hysteresis looks the same."""
-    told = measured(poses=12, levels=(0.3, 0.6, 1.0, 0.6, 0.3), seed=2)
+    told = readings(poses=12, levels=(0.3, 0.6, 1.0, 0.6, 0.3), seed=2)
     branch = np.repeat([1.0, 1.0, 1.0, -1.0, -1.0] * 12, 3)
     found = diagnose(
         Task(load(ROBOT), replace(told, branch=branch, w=told.w / (1.0 - 0.05 * branch)[:, None]))

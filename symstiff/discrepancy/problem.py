@@ -23,7 +23,8 @@ class Parameter:
     low: float = -np.inf
     high: float = np.inf
     typical: float = 0.0
-    """Usual size, for the relative sizes of one effect's parameters; 0 where nothing is known of it."""
+    """Usual size, for the relative sizes of one effect's parameters, and beyond which a law without a name that has no
+    other is the less likely; 0 where nothing is known of it."""
 
 
 @dataclass(frozen=True)

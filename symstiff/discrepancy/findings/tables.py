@@ -11,7 +11,7 @@ from symstiff.arrays import Array
 from symstiff.discrepancy.findings.instead import instead
 from symstiff.discrepancy.findings.result import CandidateResult, Found, Name, Quantity, RivalLaw, Step
 from symstiff.discrepancy.findings.spread import spread
-from symstiff.discrepancy.problem import Candidate, Options, Problem
+from symstiff.discrepancy.problem import Candidate, Options, Parameter, Problem
 from symstiff.discrepancy.reasons import Why
 from symstiff.discrepancy.search.judging import Judged
 from symstiff.discrepancy.search.rivals import Rival
@@ -42,8 +42,9 @@ _NEARLY = 2.0
 """Log evidence by which a law without a name may trail what it describes elsewhere, to be spoken of."""
 _TOLD = 0.2
 """p-value of a candidate up to which is told what it is confused with."""
-_DOUBTS = 2.0
-"""Standard deviations by which a plausible size may be out of its physical range."""
+_DOUBTS, _ABSURD, _NEVER = 2.0, 10.0, 1e3
+"""Standard deviations by which a plausible size may be out of its physical range, times that range at most, and from
+how many on nothing is ever seen of it."""
 _PLAINLY = "in its plainest form the model absorbs it wholly: what is told is of another shape"
 """Why some of what is testable is not in every shape."""
 _LEADERS = 8
@@ -191,7 +192,7 @@ def candidate_table(
             out.append(_untested(candidate, reason))
             continue
         entry = int(outcome.found.best_entry[i])
-        smallest = _estimates(bank, told[i], seen[i].sizes, np.zeros_like(seen[i].sizes))
+        smallest = _smallest(bank, told[i], seen[i].sizes)
         left = share_left(scan, entry)
         if not allowed[i]:
             why = why_untestable(problem, ready, entry)
@@ -224,13 +225,21 @@ def _after(scan: Scan, entries: tuple[int, ...]) -> Scan:
     return replace(scan, layers=tuple(layers), freedom=after.freedom)
 
 
+def _smallest(bank: Bank, entry: int, sizes: Array) -> Mapping[str, Quantity]:
+    """The sizes that would be seen; infinite where they are far beyond what such sizes ever are."""
+    largest = [max(abs(p.low), abs(p.high)) for p in bank.parameters(entry)]
+    possible = sizes <= _NEVER * np.array(largest[: len(sizes)])
+    return _estimates(bank, entry, np.where(possible, sizes, np.inf), np.zeros_like(sizes))
+
+
 def _within(bank: Bank, entry: int, estimates: Mapping[str, Quantity]) -> bool:
-    return all(
-        estimates[p.name].value + _DOUBTS * estimates[p.name].std >= p.low
-        and estimates[p.name].value - _DOUBTS * estimates[p.name].std <= p.high
-        for p in bank.parameters(entry)
-        if p.name in estimates
-    )
+    return all(_plausible(estimates[p.name], p) for p in bank.parameters(entry) if p.name in estimates)
+
+
+def _plausible(found: Quantity, known: Parameter) -> bool:
+    """Whether a size is in its physical range, as far as its deviation tells and no further than sizes ever are."""
+    margin = min(_DOUBTS * found.std, _ABSURD * max(abs(known.low), abs(known.high)))
+    return known.low - margin <= found.value <= known.high + margin
 
 
 def _untested(

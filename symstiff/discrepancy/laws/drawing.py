@@ -13,6 +13,8 @@ from symstiff.effects.base import at_lever
 
 DRAWING = "robot file's"
 _X, _Z = 0, 2
+_USUAL = {"m": 0.02, "rad": 0.02}
+"""What a file's rows are off by, where they are."""
 _ROUNDING = 1e-9
 """Change of the deflections by a radian or a metre, as a share of them, that is none."""
 
@@ -27,7 +29,8 @@ def drawing_laws(situation: Situation) -> Iterator[DeviceLaw]:
         column = _changed(situation, _twist(view, frame, axis, turns=unit == "rad"), first)
         if np.linalg.norm(column) > _ROUNDING * largest:
             title = f"correction of {name} of joint {joint}"
-            yield DeviceLaw(f"{DRAWING} joint {joint}", title, (Parameter(title, unit),), column[:, None])
+            size = Parameter(title, unit, typical=_USUAL[unit])
+            yield DeviceLaw(f"{DRAWING} joint {joint}", title, (size,), column[:, None])
     for name, block in _markers(view, seen[:, 3:]):
         title = f"correction of marker {name}"
         parameters = tuple(Parameter(f"{title}: {axis}", "m") for axis in "xyz")

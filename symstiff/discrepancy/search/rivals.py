@@ -9,6 +9,7 @@ import numpy as np
 
 from symstiff.arrays import TINY, Array
 from symstiff.discrepancy.search.workshop import Proposal, Workshop
+from symstiff.discrepancy.statistics.between import size_of
 from symstiff.discrepancy.statistics.scan import Scan, basis_of
 from symstiff.reduction.svd import svd
 
@@ -93,6 +94,9 @@ def _in_place(
         lead, law = float(score[candidate]), int(found.best_entry[candidate])
         if not lead > -_FAR:
             break
+        lead -= _unusual(shop.start, entries, law)
+        if not lead > -_FAR:
+            continue
         if len(old) == 1 and _its_own(scan, law, old[0]):
             continue
         share, narrow = _inside(scan, law, old)
@@ -105,6 +109,17 @@ def _in_place(
         if not same or lead > _AHEAD:
             others.append(Rival(int(candidate), lead))
     return others, alike
+
+
+def _unusual(scan: Scan, others: tuple[int, ...], law: int) -> float:
+    """Log evidence that a law of one size loses where it is far beyond its usual one, as by a Cauchy prior.
+
+    A robot file is wrong by 300 mm less often than by 30, and is so all the same where the data are sure of it.
+    """
+    usual = [p.typical for p in scan.bank.parameters(law)]
+    if len(usual) != 1 or not usual[0] > 0:
+        return 0.0
+    return float(np.log1p((size_of(scan, others, law) / usual[0]) ** 2))
 
 
 def _its_own(scan: Scan, law: int, entry: int) -> bool:

@@ -133,6 +133,14 @@ def alternatives(scan: Scan, others: tuple[int, ...], entry: int) -> tuple[Alter
     return tuple(view.alternative(shape, c) for shape, c in columns if np.all(np.isfinite(c)) and np.any(c))
 
 
+def size_of(scan: Scan, others: tuple[int, ...], entry: int) -> float:
+    """The size of an entry that has one, beside ``others``, in its own unit."""
+    bank = scan.bank
+    shape = bank.shape_of(entry)
+    column = bank.candidates[int(bank.owner[entry])].columns(shape)
+    return _View.of(scan, others, entry).alternative(shape, column).value
+
+
 def _along(candidate: Candidate, shape: Shape, key: str, move: Move) -> list[Shape]:
     """The shapes of the profile that differ from one by a value alone, and those half a step beside these and it."""
     low, high = _within(candidate, shape, key, move)
