@@ -13,8 +13,8 @@ from pathlib import Path
 import pytest
 from command_line import Run, assert_users_mistake, run_command_line  # noqa: F401
 
-from symstiff.codegen.emit import emit_c
-from symstiff.codegen.footprint import markdown, measure, selftest_on
+from symstiff.codegen.emit import emit_c, environment
+from symstiff.codegen.footprint import markdown, measure, unmeasured
 from symstiff.codegen.footprint_machines import CORTEX_M4F, CORTEX_M7, HOST, Machine
 from symstiff.codegen.footprint_parse import call_graph, instructions_per_call, symbol_sizes, totals
 from symstiff.codegen.functions import Functions
@@ -27,6 +27,25 @@ from symstiff.robot import load
 NAME = "kuka_kr270"
 STRICT = ["-std=c99", "-Wall", "-Wextra", "-Wpedantic", "-Wconversion", "-Wdouble-promotion", "-Werror"]
 VARIANTS = [("double", "unrolled"), ("double", "compact"), ("float", "unrolled"), ("float", "compact")]
+
+
+def selftest_on(machine: Machine, folder: Path, name: str, single: bool, scratch: Path) -> str:
+    """Build the self-test for an emulated board, run it there, return what it prints; RuntimeError if it fails."""
+    context = {
+        "name": name,
+        "real": "float" if single else "double",
+        "single": single,
+        "zero": "0.0f" if single else "0.0",
+    }
+    (scratch / "board_main.c").write_text(
+        environment().get_template("footprint/selftest.c.j2").render(context)
+    )
+    sources = [str(folder / f"{name}.c"), str(folder / f"{name}_selftest.c")]
+    machine.link_board([f"-I{folder}", "board_main.c", *sources], "selftest.elf", scratch)
+    done = machine.run_board(scratch / "selftest.elf")
+    if done.returncode:
+        raise RuntimeError(f"the self-test failed on {machine.name}: {done.stdout}")
+    return done.stdout
 
 
 @pytest.fixture(scope="module")
@@ -107,6 +126,7 @@ def test_footprints_become_a_table_and_leave_out_machines_without_tools(folders,
     monkeypatch.setattr("symstiff.codegen.footprint.MACHINES", (HOST, Machine("z80", "no-such-gcc")))
     found = measure(folders["double", "unrolled"], functions, False)
     assert list(found) == [HOST.name]
+    assert unmeasured({"double": found}) == ["z80 (no-such-gcc)"]
     table = markdown({"double": found})
     assert (
         f"| double | {HOST.name} | `deflection` | {found[HOST.name]['functions']['deflection']['code']} |"

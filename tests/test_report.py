@@ -356,7 +356,7 @@ def test_what_is_sure_is_told_apart_from_what_may_have_no_name(named: Finding) -
     assert headline(partly) == "Missing, but not all of it: nonlinear stiffness at joint 2"
     text = sentence(partly)
     assert text.startswith("What is missing is sure in part: nonlinear stiffness at joint 2 (")
-    assert "confidence 75 %" in text
+    assert "confidence in the name 75 %" in text
     assert (
         "for the rest, payload error (payload) accounts for the data, but a law without a name does so"
         in text

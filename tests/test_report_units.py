@@ -42,10 +42,12 @@ def test_a_residual_is_told_in_the_unit_of_what_was_measured(
 
 def test_the_confidence_of_a_group_is_that_of_its_weakest_member(found: Finding) -> None:
     group = [replace(found.named[0], confidence=c) for c in (0.9, 0.6, 0.97)]
-    assert naming.confidence(found, group) == "confidence 60 %"
+    assert naming.confidence(found, group) == "confidence in the name 60 %"
 
 
-@pytest.mark.parametrize(("least", "told"), [(0.75, "confidence 75 %"), (0.5, "at most an even bet")])
+@pytest.mark.parametrize(
+    ("least", "told"), [(0.75, "confidence in the name 75 %"), (0.5, "at most an even bet")]
+)
 def test_what_is_in_doubt_of_a_set_that_does_not_suffice_is_an_even_bet(
     found: Finding, least: float, told: str
 ) -> None:

@@ -178,8 +178,9 @@ def test_where_no_explanation_is_likely_that_is_told(found: Finding) -> None:
         sets = (replace(lead, confidence=first), replace(other, confidence=second))
         return words.sentence(replace(found, verdict=AMBIGUOUS, effects=sets, alternatives=()))
 
-    assert "backlash at joint 2 (confidence 24 %), or none of these (63 %); with the first" in told(
-        0.13, 0.24
+    assert (
+        "backlash at joint 2 (confidence in the name 24 %), or none of these (63 %); with the first"
+        in told(0.13, 0.24)
     )
     assert "none of these" not in told(0.5, 0.4)
 

@@ -56,7 +56,13 @@ from symstiff.calibration.remarks import (
 )
 from symstiff.calibration.residuals import ResidualTable, places, residual_table, split
 from symstiff.calibration.rows import Equations, context_of, equations, predict
-from symstiff.calibration.tables.checks import check_measured, check_robot, without_copies, without_zeros
+from symstiff.calibration.tables.checks import (
+    check_measured,
+    check_robot,
+    of_units,
+    without_copies,
+    without_zeros,
+)
 from symstiff.calibration.tables.loading import as_loading
 from symstiff.calibration.tables.measurements import Measurements
 from symstiff.calibration.tables.sessions import by_session
@@ -265,7 +271,8 @@ def _from_deflections(
     slides = [i for i, joint in enumerate(robot.joint, start=1) if joint.prismatic]
     unread = [name for k, name in enumerate(("dx", "dy", "dz")) if not train.measured[:, k].any()]
     kept = [] if validation is None else [_left_to_fit(train, validation)]
-    check_determined(fitted.rank, fitted.names, len(e.y), [*hints, *kept, *begin.doubts], slides, unread)
+    doubts = [*of_units(train, robot), *hints, *kept, *begin.doubts]
+    check_determined(fitted.rank, fitted.names, len(e.y), doubts, slides, unread)
     behind = _reduced_to(model, begin.experiment) if physical and reduction is None else reduction
     values, constrained = _values(fitted, behind, physical)
     values |= {n: model.values.get(n, 0.0) for n in held}

@@ -110,7 +110,7 @@ def _report(out: Console, result: Generated) -> None:
 
 def run_footprint(robot: str, loads: str, measure: str, json: str | None) -> None:
     """Measure all variants of precision and layout on every machine that the tools at hand can show."""
-    from symstiff.codegen.footprint import markdown, variants
+    from symstiff.codegen.footprint import markdown, unmeasured, variants
     from symstiff.codegen.functions import Functions
     from symstiff.model import StiffnessModel
     from symstiff.reduction import reduce
@@ -126,3 +126,8 @@ def run_footprint(robot: str, loads: str, measure: str, json: str | None) -> Non
         )
     write_json(json, measured)
     out.print(markdown(measured), markup=False, soft_wrap=True)
+    if lacking := unmeasured(measured):
+        note(
+            out,
+            f"not measured, for want of a tool: {', '.join(lacking)}; arm-none-eabi-gcc and QEMU show the boards",
+        )

@@ -111,23 +111,10 @@ def bench(functions: Functions, single: bool) -> str:
     return str(environment().get_template("footprint/bench.c.j2").render(context))
 
 
-def selftest_on(machine: Machine, folder: Path, name: str, single: bool, scratch: Path) -> str:
-    """Build the self-test for an emulated board, run it there, return what it prints; RuntimeError if it fails."""
-    context = {
-        "name": name,
-        "real": "float" if single else "double",
-        "single": single,
-        "zero": "0.0f" if single else "0.0",
-    }
-    (scratch / "board_main.c").write_text(
-        environment().get_template("footprint/selftest.c.j2").render(context)
-    )
-    sources = [str(folder / f"{name}.c"), str(folder / f"{name}_selftest.c")]
-    machine.link_board([f"-I{folder}", "board_main.c", *sources], "selftest.elf", scratch)
-    done = machine.run_board(scratch / "selftest.elf")
-    if done.returncode:
-        raise RuntimeError(f"the self-test failed on {machine.name}: {done.stdout}")
-    return done.stdout
+def unmeasured(measured: Mapping[str, Mapping[str, Any]]) -> list[str]:
+    """Machines that no variant was measured on, each with the tool that is missing."""
+    seen = {machine for machines in measured.values() for machine in machines}
+    return [f"{m.name} ({m.missing or 'its library'})" for m in MACHINES if m.name not in seen]
 
 
 def markdown(measured: Mapping[str, Mapping[str, Any]]) -> str:

@@ -19,6 +19,8 @@ _FEW = 3
 """Compliances of an effect up to which one of them says how large it is."""
 MANY = 3
 """Places of an effect up to which each is told by itself."""
+_CLEAR = 2.0
+"""Standard deviations from which a size is told from zero."""
 _SIZES = 2
 """Parameters of an effect at most that are told for being determined best."""
 
@@ -112,8 +114,8 @@ def main_parameters(effect: Found) -> str:
 
 
 def _determined(size: Quantity) -> bool:
-    """Whether a size is larger than its deviation."""
-    return size.std <= abs(size.value)
+    """Whether a size is twice its deviation."""
+    return _CLEAR * size.std <= abs(size.value)
 
 
 def _doubt(size: Quantity) -> str:
@@ -135,7 +137,7 @@ def confidence(finding: Finding, group: Sequence[Found]) -> str:
     """The least confidence of a group; what is in doubt of a set that does not suffice is an even bet at most."""
     least = min(e.confidence for e in group)
     bet = finding.verdict == INSUFFICIENT and least <= EVEN
-    return "at most an even bet" if bet else f"confidence {100 * least:.0f} %"
+    return "at most an even bet" if bet else f"confidence in the name {100 * least:.0f} %"
 
 
 def each_told(finding: Finding, group: list[Found]) -> list[str]:

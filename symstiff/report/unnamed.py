@@ -5,6 +5,8 @@ from __future__ import annotations
 import re
 from dataclasses import replace
 
+import numpy as np
+
 from symstiff.discrepancy.findings.finding import Finding
 from symstiff.discrepancy.findings.numbers import number, quantity
 from symstiff.discrepancy.findings.result import Quantity
@@ -28,7 +30,8 @@ def explained(law: FittedLaw | FittedDevice) -> str:
         return text
     if law.explained < _LITTLE and law.deviations:
         text += f": a size of {law.deviations:.2g} standard deviations"
-    return text if law.cross_validated > 0 else f"{text}, and nothing on poses that were left out"
+    elsewhere = f"{100 * law.cross_validated:.0f} %" if law.cross_validated > 0 else "nothing"
+    return f"{text}, and {elsewhere} on poses that were left out"
 
 
 def device_text(law: FittedDevice) -> str:
@@ -48,10 +51,11 @@ def device_text(law: FittedDevice) -> str:
     return f"{told} explains {explained(law)}"
 
 
+_LATE, _IN_ORDER = r"late\(", "late(t, s) following t with the constant s of the rows, in the table's order"
 _WORDS = {
     r"beyond\(": "beyond(t, s) the part of t above s",
     r"creep\(": "creep(t, s) following t from the begin of its pose on with the time constant s of a pose's time",
-    r"late\(": "late(t, s) following t with the time constant s of the session",
+    _LATE: "late(t, s) following t with the time constant s of the session",
     r"\btime\b": "time running from 0 to 1 over the session",
     r"\border\b": "order running from 0 to 1 over the rows of the table",
     r"\bload_case\b": "load_case growing by 1 from the first load of a pose to the last",
@@ -94,5 +98,6 @@ def law_text(finding: Finding, law: FittedLaw, more: str = "") -> str:
         slides = own == "x" or joints[int(own) - 1].prismatic
         what = "the load along the link" if own == "x" else f"τ{own}"
         told.append(f"t{own} = {what}/({number(largest, 4)} {'N' if slides else 'N·m'})")
-    told += [meaning for word, meaning in _WORDS.items() if re.search(word, text)]
+    words = _WORDS if np.all(np.isfinite(finding.table.time)) else {**_WORDS, _LATE: _IN_ORDER}
+    told += [meaning for word, meaning in words.items() if re.search(word, text)]
     return f"({text}{more}) {unit}" + (f" with {listing(told)}" if told else "")

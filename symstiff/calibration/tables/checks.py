@@ -203,7 +203,7 @@ def check_robot(table: Measurements, robot: Robot) -> list[str]:
                 f"{table.place(int(rows[0]))}: robot {robot.name} has no marker {printable(name, SHOWN)!r}: "
                 f"use one of {', '.join(sorted(known))}, or add a [[marker]] to the robot file"
             )
-    return _outside_limits(table, robot) + _tiny_angles(table) + of_units(table, robot) + _half_stated(table)
+    return _outside_limits(table, robot) + of_units(table, robot) + _half_stated(table)
 
 
 def _outside_limits(table: Measurements, robot: Robot) -> list[str]:
@@ -236,7 +236,11 @@ def _tiny_angles(table: Measurements) -> list[str]:
 
 
 def of_units(table: Measurements, robot: Robot) -> list[str]:
-    """Deflections or forces in another unit than the header says: metres under mm, newtons under kN, kN under N."""
+    """Angles, deflections or forces in another unit than the header says: radians under deg, metres under mm."""
+    return [*_tiny_angles(table), *_of_deflections(table, robot)]
+
+
+def _of_deflections(table: Measurements, robot: Robot) -> list[str]:
     loads = np.linalg.norm(table.w, axis=1)  # moments as of a lever of a metre
     loaded = table.w[:, :3].any(axis=1)
     if table.kind != "deflection" or not loaded.any() or not table.measured[loaded, :3].any():
