@@ -13,6 +13,8 @@ def finite(value: float | None) -> float | None:
     return None if value is None or not math.isfinite(value) else float(value)
 
 
+_MOST = 12
+"""Names of a list that is written out."""
 _WRITTEN = {"*": "·", "^2": "²", "^3": "³"}
 
 
@@ -39,9 +41,9 @@ def _cell(tag: str, content: Any) -> str:
     return f'<{tag} style="text-align:{side}">{escape(str(content))}</{tag}>'
 
 
-def shortened(names: Sequence[str], most: int = 12) -> str:
+def shortened(names: Sequence[str]) -> str:
     """Names in a row; of a long list the first three and the last one."""
-    if len(names) <= most:
+    if len(names) <= _MOST:
         return " ".join(names) or "–"
     return f"{' '.join(names[:3])} … {names[-1]}"
 

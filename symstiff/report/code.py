@@ -105,8 +105,14 @@ def _abridged(law: sp.Expr, letters: dict[sp.Expr, sp.Symbol]) -> sp.Expr:
     parts = [_abridged(x, letters) for x in law.args if not _of_joints(x)]
     own = sp.Add(*(x for x in law.args if _of_joints(x))).xreplace(letters)
     if _of_joints(own) and len(own.free_symbols) > 1 and own.count_ops() > _LONG:
-        own = letters.setdefault(own, sp.Symbol("abcdefgh"[len(letters) % 8]))
+        own = letters.setdefault(own, sp.Symbol(_letter(len(letters))))
     return sp.Add(*parts, own, evaluate=False) if parts and own != 0 else sp.Add(*parts, own)
+
+
+def _letter(count: int) -> str:
+    """The next letter, a to h, and from the ninth on with a number."""
+    turn, which = divmod(count, 8)
+    return "abcdefgh"[which] + (str(turn + 1) if turn else "")
 
 
 def _of_joints(x: sp.Expr) -> bool:

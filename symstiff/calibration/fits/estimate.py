@@ -20,6 +20,9 @@ from symstiff.display import finite
 from symstiff.errors import UserError
 from symstiff.reduction.svd import svd
 
+_TOGETHER = 0.95
+"""Correlation from which estimates are said to move together."""
+
 
 @dataclass(frozen=True, eq=False)
 class Estimate:
@@ -62,14 +65,14 @@ class Estimate:
         deviation = np.where(deviation > 0, deviation, 1.0)
         return np.asarray(self.covariance / np.outer(deviation, deviation))
 
-    def correlated(self, at_least: float = 0.95) -> tuple[tuple[str, str, float], ...]:
+    def correlated(self) -> tuple[tuple[str, str, float], ...]:
         """Pairs of parameters whose estimates move together, strongest first."""
         table = self.correlation
         pairs = [
             (self.names[i], self.names[j], float(table[i, j]))
             for i in range(len(self.names))
             for j in range(i)
-            if abs(table[i, j]) >= at_least
+            if abs(table[i, j]) >= _TOGETHER
         ]
         return tuple(sorted(pairs, key=lambda pair: -abs(pair[2])))
 

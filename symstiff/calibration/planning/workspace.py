@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from symstiff.calibration.planning.frames import Geometry, origins
-from symstiff.calibration.planning.parallel import Progress, map_blocks, slices
+from symstiff.calibration.planning.parallel import map_blocks, slices
 from symstiff.calibration.planning.region import Region, allowed
 from symstiff.errors import UserError
 
@@ -67,7 +67,6 @@ def workspace_map(
     region: Region | None = None,
     workers: int = 1,
     cluster: str | None = None,
-    progress: Progress | None = None,
 ) -> WorkspaceMap:
     """Evaluate ``deflection(q, w)`` (N, n), (N, 6) → (N, 6) over a slice, under one wrench ``w`` (6,).
 
@@ -81,7 +80,7 @@ def workspace_map(
     blocks: list[tuple[Any, ...]] = [
         (flat[cut], np.tile(load, (cut.stop - cut.start, 1))) for cut in slices(len(flat), _BLOCK)
     ]
-    parts = map_blocks(deflection, blocks, workers, cluster, progress, "mapping the workspace")
+    parts = map_blocks(deflection, blocks, workers, cluster, None, "mapping the workspace")
     moved = np.concatenate([np.asarray(part, dtype=float) for part in parts])
     moved[~allowed(region or Region(), robot, flat)] = np.nan
     return _map(joints, q, origins(robot, flat)[:, -1], moved, load)

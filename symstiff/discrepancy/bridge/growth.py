@@ -143,7 +143,7 @@ def fit_told(
     without = set() if trusted else set(hidden)
     found = fit(model, table, noise, without)
     while more := implausible(model, _sized(found.model, own)):
-        without |= hidden & set(more) or set(more)
+        without |= (hidden & set(more)) or set(more)
         found = fit(model, table, noise, without)
     determined = hidden - set(found.absorbed)
     return replace(found, leaning=tuple(n for n in model.parameters if n in determined))

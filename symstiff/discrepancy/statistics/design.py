@@ -54,28 +54,27 @@ def share_left(scan: Scan, entry: int) -> float:
     return float(np.max(layer.left2[cols] / np.maximum(layer.length2[cols], TINY)))
 
 
-def needed(scan: Scan, entry: int, threshold: float) -> float:
-    """Noncentrality from which a score exceeds ``threshold`` in 80 % of cases; inf where nothing can be seen."""
+def needed(scan: Scan, entry: int) -> float:
+    """Noncentrality from which a score exceeds zero in 80 % of cases; inf where nothing can be seen."""
     rank = float(scan.best.bases.rank[entry])
     if rank == 0:
         return float("inf")
     prior = float(scan.bank.log_prior[scan.bank.owner[entry]])
     if not scan.bank.sized[entry]:
-        return _needed(threshold, prior, rank, scan.freedom)
+        return _needed(0.0, prior, rank, scan.freedom)
     fewer = min(rank, round(effective_rank(scan, entry), _TENTH))
-    return min(_needed(threshold + np.log(2.0), prior, r, scan.freedom) for r in (rank, fewer))
+    return min(_needed(float(np.log(2.0)), prior, r, scan.freedom) for r in (rank, fewer))
 
 
-def least_sizes(scan: Scan, entry: int, threshold: float, sigma2: float) -> Array:
+def least_sizes(scan: Scan, entry: int, sigma2: float) -> Array:
     """(k,) size of each parameter alone below which the search would not see it in 80 % of cases; inf where never.
 
     A quick bound: at the likeliest shared error, and as if the entry were the candidate's only shape. What is seen
-    (``power.visible``) may have to be larger. ``threshold`` is the score to exceed, ``sigma2`` the whitened residual's
-    mean square.
+    (``power.visible``) may have to be larger. ``sigma2`` is the whitened residual's mean square.
     """
     bank, layer = scan.bank, scan.best
     cols = bank.slice(entry)
-    least = needed(scan, entry, threshold)
+    least = needed(scan, entry)
     if not np.isfinite(least):
         return np.full(int(bank.width[entry]), np.inf)
     left = layer.left2[cols]

@@ -78,7 +78,7 @@ def _believable(ready: Prepared, entry: int, sigma2: float) -> bool:
     bound = np.array([max(abs(p.low), abs(p.high)) for p in parameters])
     if len(bound) != ready.bank.width[entry] or not np.all(np.isfinite(bound)):
         return True
-    return bool(np.any(least_sizes(ready.scan, entry, 0.0, sigma2) < _TIMES * bound))
+    return bool(np.any(least_sizes(ready.scan, entry, sigma2) < _TIMES * bound))
 
 
 def fills_its_stratum(problem: Problem, ready: Prepared, entry: int) -> bool:
