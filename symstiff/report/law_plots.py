@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -20,6 +20,7 @@ from symstiff.effects.places import named
 from symstiff.report.plots import AFTER, LAW, Picture, drawing
 from symstiff.report.tables import rotates, shift, weights
 from symstiff.report.unnamed import law_text
+from symstiff.report.whole_load import WholeLoad, whole_load
 from symstiff.symbolic.algebras import NumpyAlgebra
 from symstiff.symbolic.program import walk
 from symstiff.symbolic.terms import q, tau
@@ -76,13 +77,16 @@ def draw_law(finding: Finding, effect: Found) -> Picture | None:
         return None
     name = finding.assembly.problem.virtual_joints[law.joint]
     most = ", which it moves most," if law.among > 1 else ""
+    robot = finding.assembly.situation.view.robot
+    assert law.formula is not None
+    whole = whole_load(robot, effect, law.formula, points.tau, points.angles)
+    told = "" if whole is None else " Against weight and load, what the law gives under the weight is added."
     caption = (
         f"{_title(effect)}: deflection of {name}{most} that the data ask for (points, ± one standard deviation; "
-        f"the rest of the model taken away), and the fitted law (red).{_of_whole_load(finding, effect)}"
+        f"the rest of the model taken away), and the fitted law (red).{told}{_of_whole_load(finding, effect)}"
     )
-    return Picture(
-        _draw(finding, law, points, f"law {effect.set_number} {effect.effect} {effect.where}"), caption
-    )
+    name = f"law {effect.set_number} {effect.effect} {effect.where}"
+    return Picture(_draw(finding, law, points, name, whole=whole), caption)
 
 
 def _of_whole_load(finding: Finding, effect: Found) -> str:
@@ -207,7 +211,14 @@ class _Panel:
     y_label: str = ""
 
 
-def _draw(finding: Finding, law: _Law, points: _Points, name: str, ratio: bool = False) -> str:
+def _draw(
+    finding: Finding,
+    law: _Law,
+    points: _Points,
+    name: str,
+    ratio: bool = False,
+    whole: WholeLoad | None = None,
+) -> str:
     view, names = finding.assembly.situation.view, finding.assembly.problem.virtual_joints
     unit, factor = ("mrad", 1e3) if rotates(finding, names[law.joint]) else ("µm", 1e6)
     moment, moved = "N·m" if rotates(finding, names[law.driver]) else "N", shift(finding, names[law.joint])
@@ -223,6 +234,7 @@ def _draw(finding: Finding, law: _Law, points: _Points, name: str, ratio: bool =
         by_angle = scale * by_angle[0], by_angle[1]
     q_label = f"q{j} [{'°' if turns else 'm'}]"
     of_load = _Panel(points.tau, f"load τ on {names[law.driver]} [{moment}]", *delta, by_load)
+    of_load = of_load if whole is None else _whole(of_load, whole, factor)
     carries = bool(points.tau.any()) or not len(angle)
     panels = [*([of_load] if carries else []), _Panel(scale * angle, q_label, *delta, by_angle)]
     per_load = _per_load(law, tau(at), q(j), angle, factor)
@@ -243,6 +255,15 @@ def _draw(finding: Finding, law: _Law, points: _Points, name: str, ratio: bool =
             _paint(axes, panel, panel.y_label or ("" if k else f"{moved} of {names[law.joint]} [{unit}]"))
         grid[0].legend(fontsize=8)
     return out[0]
+
+
+def _whole(panel: _Panel, found: WholeLoad, factor: float) -> _Panel:
+    """The panel of the load with the links' weight in it."""
+    start, (grid, along) = factor * found.start, found.curve
+    return replace(
+        panel, x=panel.x + found.weight, label=panel.label.replace("load τ", "weight and load"), y=panel.y + start,
+        law=panel.law + start, curve=(grid, factor * along),
+    )  # fmt: skip
 
 
 def _curve(law: _Law, symbol: sp.Symbol, x: Array, factor: float) -> tuple[Array, Array] | None:

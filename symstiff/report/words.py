@@ -16,6 +16,7 @@ from symstiff.discrepancy.findings.since import worse
 from symstiff.discrepancy.laws.speech import law_at, law_place
 from symstiff.discrepancy.problem import Options
 from symstiff.discrepancy.reasons import Why
+from symstiff.discrepancy.search.proof import FEWEST
 from symstiff.discrepancy.search.rivals import AS_MUCH
 from symstiff.discrepancy.search.verdict import AMBIGUOUS, INSUFFICIENT, NAMED, NOTHING, UNEXPLAINED
 from symstiff.display import listing, sentence_case
@@ -44,7 +45,7 @@ def _nothing_missing(finding: Finding) -> str:
         return "Nothing found missing; what a pose's rows share is more than noise"
     if hiding(finding.table, noise):
         return "Nothing found missing; something may hide in an error that a pose's rows share"
-    if noise.degrees_of_freedom < FEW:
+    if noise.degrees_of_freedom < FEW or finding.assembly.problem.poses < FEWEST:
         return "Nothing found missing, in few data"
     if worse(finding.as_told, finding.rms.after):
         return "Nothing is missing, but values of the start model do not hold any more"
