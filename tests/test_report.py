@@ -296,7 +296,7 @@ def test_a_law_that_explains_little_is_told_with_its_size_in_standard_deviations
         last = replace(unexplained.last, device_law=None, law=replace(law, **changes))
         return sentence(replace(unexplained, last=last))
 
-    little = "explains 2 % of what the model leaves: a size of 4.9 standard deviations (residual"
+    little = "explains 2 % of what the model leaves: a size of 4.9 standard deviations, and "
     assert little in told(explained=0.02, deviations=4.93)
     assert "standard deviations" not in told(explained=0.2, deviations=4.93)
     table = unexplained.assembly.problem

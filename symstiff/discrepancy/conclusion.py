@@ -80,7 +80,7 @@ def finding_of(
     leading = [e for e in last.effects if e.set_number == 0]
     grown = grow(ladder.base, [e.instance for e in leading])
     known = None if last.weights is None else last.weights.alone
-    after = fit_told(grown, table, known, trusted=course.trusted)
+    after = _with_shapes(fit_told(grown, table, known, trusted=course.trusted), leading)
     extent = extent_of(course.assembly.situation.view)
     if strays := [e for e in leading if astray([_as_identified(e, after)], task.robot, extent)]:
         other = without(course, strays) or replace(course, last=_taken_back(last))
@@ -108,6 +108,16 @@ def finding_of(
         counted, tuple(e for e in named if e not in counted),
         _steps(ladder, last, before, [len(h) for h in held]), rms, tuple(remarks), left,
     )  # fmt: skip
+
+
+def _with_shapes(fitted: JointFit, effects: Sequence[Found]) -> JointFit:
+    """The fit whose deviations count what the data leave open of the effects' shapes."""
+    model, sizes = fitted.model, {name: size for e in effects for name, size in e.parameters.items()}
+    wider = {
+        name: float(np.hypot(std, sizes[name].by_shape)) if name in sizes else std
+        for name, std in model.deviations.items()
+    }
+    return replace(fitted, model=model.with_values(model.values, wider))
 
 
 def _effects(course: Course, after: JointFit, unconfirmed: bool) -> tuple[Found, ...]:
@@ -298,7 +308,7 @@ def _as_identified(effect: Found, fitted: JointFit) -> Found:
     model, parameters = fitted.model, dict(effect.parameters)
     for name, e in parameters.items():
         if name in model.deviations:
-            parameters[name] = e.told(float(model.values[name]), float(model.deviations[name]))
+            parameters[name] = replace(e, value=float(model.values[name]), std=float(model.deviations[name]))
         elif name in fitted.absorbed:
             parameters[name] = Quantity(0.0, float("inf"), e.unit)
     return replace(effect, parameters=parameters)

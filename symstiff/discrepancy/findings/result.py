@@ -3,10 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from typing import Any
-
-import numpy as np
 
 from symstiff.arrays import Array
 from symstiff.discrepancy.noise.scales import Noise, NoiseReport
@@ -30,10 +28,6 @@ class Quantity:
     that in one shape."""
     by_shape: float = 0.0
     """What the shape has in ``std``."""
-
-    def told(self, value: float, std: float) -> Quantity:
-        """With the value and the deviation that it has in its shape."""
-        return replace(self, value=value, std=float(np.hypot(std, self.by_shape)))
 
 
 @dataclass(frozen=True)

@@ -10,7 +10,7 @@ import numpy as np
 from symstiff.arrays import Array
 from symstiff.discrepancy.findings.instead import instead
 from symstiff.discrepancy.findings.result import CandidateResult, Found, Name, Quantity, RivalLaw, Step
-from symstiff.discrepancy.findings.spread import spread
+from symstiff.discrepancy.findings.spread import Spread, spread
 from symstiff.discrepancy.problem import Candidate, Options, Parameter, Problem
 from symstiff.discrepancy.reasons import Why
 from symstiff.discrepancy.search.judging import Judged
@@ -88,10 +88,7 @@ def named_effects(problem: Problem, ready: Prepared, outcome: Outcome) -> tuple[
         for i, (member, entry) in enumerate(zip(judged.members, judged.entries, strict=True)):
             candidate, confused = bank.candidates[member], _confused(ready, entry)
             shapes = spread(ready.scan, judged.entries, i)
-            sizes = {
-                name: replace(e, across=shapes.sizes, by_shape=shapes.deviation).told(e.value, e.std)
-                for name, e in effects[i][1].items()
-            }
+            sizes = {name: _counting(size, shapes) for name, size in effects[i][1].items()}
             out.append(
                 Found(
                     candidate.effect, candidate.where, shapes.shape, sizes,
@@ -101,6 +98,12 @@ def named_effects(problem: Problem, ready: Prepared, outcome: Outcome) -> tuple[
                 )
             )  # fmt: skip
     return tuple(out)
+
+
+def _counting(size: Quantity, shapes: Spread) -> Quantity:
+    """A size with what the data leave open of its shape."""
+    std = float(np.hypot(size.std, shapes.deviation))
+    return replace(size, std=std, across=shapes.sizes, by_shape=shapes.deviation)
 
 
 def leading(
