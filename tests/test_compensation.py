@@ -28,6 +28,7 @@ def test_a_command_near_a_singular_pose_stays_as_it_was() -> None:
     np.testing.assert_array_equal(online[0], NEAR)
     assert 0 < np.abs(online[1] - REGULAR).max() < 0.05
     found = compensate(m, q, w)
+    assert not found.remarks
     assert found.solved.tolist() == [False, True]
     np.testing.assert_array_equal(found.q_cmd[0], NEAR)
     np.testing.assert_array_equal(found.after[0], found.before[0])
@@ -58,6 +59,9 @@ def test_a_solution_that_steps_approach_slowly_or_swing_about_is_found() -> None
     found = compensate(soft, q, w)
     assert found.kept.tolist() == ["", "", "", "", "too_far", "singular"]
     assert np.abs(found.q_cmd - q).max() < 0.25
+    (remark,) = found.remarks
+    assert remark.startswith("4 rows beside a singular pose (1, 2, 3, 4): small corrections")
+    assert f"by up to {np.abs(found.q_cmd - q).max():.2g} rad" in remark
     meant, there = forward(soft.robot, q[:4]), forward(soft.robot, found.q_cmd[:4])
     bent = soft.deflection(found.q_cmd[:4], w[:4])
     np.testing.assert_allclose(there[:, :3, 3] + bent[:, :3], meant[:, :3, 3], atol=1e-9)

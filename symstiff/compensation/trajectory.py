@@ -16,6 +16,7 @@ from symstiff.calibration.doubts.soundness import (
 )
 from symstiff.codegen.reference import LARGEST_CORRECTION, ROUNDED, unit_length
 from symstiff.codegen.runtime import Evaluator, for_poses
+from symstiff.display import counted, few
 from symstiff.errors import UserError
 from symstiff.model import StiffnessModel
 from symstiff.symbolic.algebras import context_columns
@@ -31,6 +32,9 @@ _CONVERGED = (
 _SINGULAR = 1e-10
 _SAMPLE = 16  # poses that tell an arm's rank; the largest of their ranks is missed by chance alone
 _ABSURD = 1e6  # rad
+_LEAP, _BESIDE = 0.02, 0.02
+"""Correction of a joint [rad, m] and ratio of the least to the largest singular value that are those beside a singular
+pose."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -39,7 +43,7 @@ class Compensated:
 
     ``kept`` (N,) is empty for a solved row, else "singular", "too_far", "not_converged" or "no_gain": such a row keeps
     its q, and its error is what it was before. ``remarks`` tell loads and joints that the model was not
-    reduced for, and loads under which it does not bend.
+    reduced for, loads under which it does not bend, and rows beside a singular pose.
     """
 
     q_cmd: np.ndarray
@@ -129,7 +133,26 @@ def compensate(
     after[rows] = error(rows)
     kept[_weight(model, after) > _weight(model, before) + _CONVERGED] = "no_gain"
     keep = (kept != "")[:, None]
-    return Compensated(np.where(keep, q, command), before, np.where(keep, before, after), kept, remarks)
+    command = np.where(keep, q, command)
+    remarks = (*remarks, *_beside_singular(model, q, command, rank))
+    return Compensated(command, before, np.where(keep, before, after), kept, remarks)
+
+
+def _beside_singular(model: StiffnessModel, q: np.ndarray, command: np.ndarray, rank: int) -> list[str]:
+    """A remark on rows beside a singular pose whose joints go far for a small correction."""
+    far = np.abs(command - q).max(axis=1, initial=0.0)
+    s = np.linalg.svd(_weighed_jacobian(model, q), compute_uv=False)[:, :rank]
+    rows = np.flatnonzero((far > _LEAP) & (s[:, -1] < _BESIDE * s[:, 0]))
+    if not len(rows):
+        return []
+    joint = int(np.argmax(np.abs(command - q)[rows[np.argmax(far[rows])]])) + 1
+    unit = "m" if model.robot.joint[joint - 1].prismatic else "rad"
+    which = few([str(r + 1) for r in rows], 6)
+    most = f"{far[rows].max():.2g} {unit} (joint {joint})"
+    return [
+        f"{counted(len(rows), 'row')} beside a singular pose ({which}): small corrections of the tool turn joints "
+        f"there by up to {most}, and jump from one pose to the next: lead the path past it, or leave these rows as they are"
+    ]
 
 
 def _small(motion: np.ndarray) -> np.ndarray:
