@@ -49,7 +49,7 @@ def test_a_spoilt_robot_file_is_one_line_and_nothing_is_written(
 
 
 BAD_OPTIONS = [
-    (("inspect", "nowhere.toml"), ("nowhere.toml", "no such robot")),
+    (("inspect", "nowhere.toml"), ("nowhere.toml", "no such robot file")),
     (("inspect", "."), ("is a directory",)),
     (("identify", "planar2r", "d.csv", "-o", "-"), ("-o -: only --json writes to the screen",)),
     (("diagnose", "planar2r", "d.csv", "-o", ""), ("'--output': expected a folder, found no name",)),

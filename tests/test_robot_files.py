@@ -262,7 +262,7 @@ def test_a_place_without_a_robot_is_named(tmp_path: Path) -> None:
             UserError, match=rf"{near}: no such robot: did you mean 'kuka_kr270'\? .* one of "
         ):
             load(near)
-    with pytest.raises(UserError, match=r"missing\.toml: no such robot"):
+    with pytest.raises(UserError, match=r"missing\.toml: no such robot file"):
         load(tmp_path / "missing.toml")
     for name in ("a\0b", "x" * 5000, "\udcff\ud800", "", "ur10/x"):
         with pytest.raises(UserError) as caught:

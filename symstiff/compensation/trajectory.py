@@ -148,10 +148,10 @@ def _beside_singular(model: StiffnessModel, q: np.ndarray, command: np.ndarray, 
     joint = int(np.argmax(np.abs(command - q)[rows[np.argmax(far[rows])]])) + 1
     unit = "m" if model.robot.joint[joint - 1].prismatic else "rad"
     which = few([str(r + 1) for r in rows], 6)
-    most = f"{far[rows].max():.2g} {unit} (joint {joint})"
+    there = f"there by up to {far[rows].max():.2g} {unit} (joint {joint})"
     return [
         f"{counted(len(rows), 'row')} beside a singular pose ({which}): small corrections of the tool turn joints "
-        f"there by up to {most}, and jump from one pose to the next: lead the path past it, or leave these rows as they are"
+        f"{there}, and jump from one pose to the next: lead the path past it, or leave these rows as they are"
     ]
 
 

@@ -58,8 +58,9 @@ def _read(path: Path) -> bytes:
         known = library()
         close = get_close_matches(name[:40].lower(), known, 1)
         hint = f"did you mean {close[0]!r}? Else " if close else ""
+        what = "robot file" if path.suffix else "robot"
         raise UserError(
-            f"{name}: no such robot: {hint}give a path to a robot file, or one of {', '.join(known)}"
+            f"{name}: no such {what}: {hint}give a path to a robot file, or one of {', '.join(known)}"
         ) from error
     except OSError as error:
         raise UserError(f"{name}: cannot read the robot file: {error.strerror}: check the path") from error

@@ -39,7 +39,7 @@ class ActiveBound:
     directions: int
 
     def __str__(self) -> str:
-        return f"{self.label}: at its bound, multiplier {self.multiplier:.3g}"
+        return f"{self.label}: at its bound, where it costs {self.multiplier:.2g} of chi²/2 by its usual size"
 
 
 @dataclass(frozen=True, eq=False)
