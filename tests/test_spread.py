@@ -56,6 +56,19 @@ def test_of_a_step_whose_foot_alone_is_seen_the_least_gap_stands_and_the_range_i
     assert effect.shape["width"] > min(WIDTHS)
 
 
+@pytest.mark.parametrize(("least", "carried"), [(0.02, True), (0.6, False), (0.0, False)])
+def test_that_one_pose_shows_nearly_all_is_told_where_others_could(least: float, carried: bool) -> None:
+    bare = arm(40).problem
+    column = step(bare, 0.5, 0.08) * np.where(bare.pose == 7, 1.0, least)
+    candidate = Candidate("step", {"joint": 2}, (Parameter("gap", "rad"),), lambda shape: column[:, None])
+    finding = examine(measured(bare, scaled(bare, column, 400.0), 2), (candidate,), QUICK)
+    (effect,) = finding.effects
+    assert (effect.carried is not None) == carried
+    if effect.carried is not None:
+        assert effect.carried[0] == 7
+        assert 0.75 < effect.carried[1] <= 1.0
+
+
 def test_of_a_step_that_the_loads_run_over_the_size_is_one() -> None:
     effect, true = found(0.5, 0.08, noncentrality=2000.0)
     size = effect.parameters["gap"]

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -171,7 +171,18 @@ def _of_effects(course: Course, counted: tuple[Found, ...]) -> list[str]:
         name: e for e in reversed(counted) if (name := named_at(e.effect, e.where)) not in joined
     }
     far = out_of_range([*reversed(alone.values())], robot, extent)
-    return [*dict.fromkeys(assumed), *dict.fromkeys(far)]  # several sets may hold one effect
+    seen = _by_one_pose(course.table, alone)
+    return [*dict.fromkeys(assumed), *dict.fromkeys(far), *seen]  # several sets may hold one effect
+
+
+def _by_one_pose(table: Measurements, effects: Mapping[str, Found]) -> list[str]:
+    """Remarks on effects that one pose alone shows."""
+    return [
+        f"{name}: {100 * e.carried[1]:.0f} % of what shows it is in pose {table.labels[e.carried[0]]} alone: measure "
+        "more poses where it would show before relying on its size, and that one again"
+        for name, e in effects.items()
+        if e.carried is not None
+    ]
 
 
 def _without_value(course: Course, after: JointFit, held: Couplings) -> list[str]:

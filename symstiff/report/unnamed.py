@@ -68,7 +68,9 @@ _WORDS = {
 
 
 def _signed(value: float) -> str:
-    return f"{value:+.3g}" if 1e-4 <= abs(value) < 1e3 else f"{'+' if value >= 0 else ''}{number(value)}"
+    return (
+        f"{value:+.3g}" if 1e-4 <= abs(value) < 1e3 else f"{'+' if value >= 0 else '-'}{number(abs(value))}"
+    )
 
 
 def law_in_short(finding: Finding, law: FittedLaw) -> str:

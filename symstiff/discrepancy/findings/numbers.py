@@ -15,13 +15,17 @@ _SUPER = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
 
 
 def number(value: float, digits: int = 3) -> str:
-    """A number with powers of ten as superscripts: ``1.44·10⁻⁷``."""
+    """A number with a minus sign and powers of ten as superscripts: ``−1.44·10⁻⁷``."""
     if not math.isfinite(value):
         return "∞"
-    if value == 0 or 1e-2 <= abs(value) < 1e5:
+    return ("−" if value < 0 else "") + _size(abs(value), digits)
+
+
+def _size(value: float, digits: int) -> str:
+    if value == 0 or 1e-2 <= value < 1e5:
         kept = float(f"{value:.{digits}g}")
-        if abs(kept) < 1e5:
-            return f"{kept:.0f}" if abs(kept) >= 10**digits else f"{value:.{digits}g}"
+        if kept < 1e5:
+            return f"{kept:.0f}" if kept >= 10**digits else f"{value:.{digits}g}"
     mantissa, exponent = f"{value:.{digits - 1}e}".split("e")
     return f"{mantissa}·10{str(int(exponent)).translate(_SUPER)}"
 

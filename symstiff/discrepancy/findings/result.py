@@ -71,6 +71,8 @@ class Found:
     """Other names for the same columns: nothing that can be measured tells them from this one."""
     instead: tuple[Instead, ...] = ()
     """Those of ``confounded_with`` in its place."""
+    carried: tuple[int, float] | None = None
+    """The pose that shows nearly all of it, where one does though others could, with its share of the signal."""
 
     @property
     def instance(self) -> EffectInstance:

@@ -14,6 +14,7 @@ from symstiff.discrepancy.findings.spread import Spread, spread
 from symstiff.discrepancy.problem import Candidate, Options, Parameter, Problem
 from symstiff.discrepancy.reasons import Why
 from symstiff.discrepancy.search.judging import Judged
+from symstiff.discrepancy.search.proof import poses_of_their_own
 from symstiff.discrepancy.search.rivals import Rival
 from symstiff.discrepancy.search.verdict import Outcome
 from symstiff.discrepancy.statistics.bank import Bank
@@ -45,6 +46,8 @@ _TOLD = 0.2
 _DOUBTS, _ABSURD, _NEVER = 2.0, 10.0, 1e3
 """Standard deviations by which a plausible size may be out of its physical range, times that range at most, and from
 how many on nothing is ever seen of it."""
+_CARRIED = 0.75
+"""Share of what is seen of an effect that one pose shows, to be spoken of."""
 _PLAINLY = "in its plainest form the model absorbs it wholly: what is told is of another shape"
 """Why some of what is testable is not in every shape."""
 _LEADERS = 8
@@ -94,10 +97,21 @@ def named_effects(problem: Problem, ready: Prepared, outcome: Outcome) -> tuple[
                     candidate.effect, candidate.where, shapes.shape, sizes,
                     judged.p_members[i], float(np.clip(sure[number][member], 0.0, 1.0)),
                     tuple(_name(bank.candidates[c]) for c in confused), number, _twins(bank, entry),
-                    instead(ready.scan, judged.entries, i, confused),
+                    instead(ready.scan, judged.entries, i, confused), _carried(problem, ready, entry),
                 )
             )  # fmt: skip
     return tuple(out)
+
+
+def _carried(problem: Problem, ready: Prepared, entry: int) -> tuple[int, float] | None:
+    """The pose that shows nearly all of an entry, and its share of the squares; None where none does or could."""
+    if len(poses_of_their_own(problem, ready.bank, [entry])):
+        return None
+    layer = ready.scan.best
+    Q = basis_of(ready.scan, layer, entry)
+    square = np.bincount(problem.pose, (Q @ (Q.T @ layer.y)) ** 2)
+    pose, total = int(np.argmax(square)), float(square.sum())
+    return (pose, float(square[pose]) / total) if square[pose] > _CARRIED * total else None
 
 
 def _counting(size: Quantity, shapes: Spread) -> Quantity:
