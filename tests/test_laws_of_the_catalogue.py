@@ -107,3 +107,25 @@ def test_a_loop_under_the_links_weight_closes_beyond_every_load_that_the_joint_c
     alone = [s["loop"] for s in shapes if "loop" in s and not s.get("weights")]
     # stretched out, upper arm, forearm and wrist load the shoulder by more than 100 N·m
     assert min(counted) > min(alone) + 100.0
+
+
+@pytest.mark.parametrize(
+    "shape",
+    [
+        {"load": 100.0, "power": 3.0},
+        {"load": 100.0, "power": 0.5},
+        {"load": 40.0, "knee": 1.0},
+        {"load": 40.0, "saturation": 1.0},
+    ],
+)
+@pytest.mark.parametrize("size", [1e-5, -1e-5])
+def test_whether_a_gear_hardens_or_softens_is_told_by_its_slopes(
+    shape: dict[str, float], size: float
+) -> None:
+    small, large = (
+        turned("nonlinear_stiffness", shape, {"c": size}, x + 1.0)
+        - turned("nonlinear_stiffness", shape, {"c": size}, x)
+        for x in (2.0, 120.0)
+    )
+    told = "Here it softens." if large > small else "Here it hardens."
+    assert catalogue()["nonlinear_stiffness"].sense(shape, {"nonlinear_stiffness_3_c": size}) == told

@@ -189,6 +189,10 @@ def _like_nothing(robot: Robot, where: Where, shape: Shape) -> str:
     return ""
 
 
+def _no_sense(shape: Shape, sizes: Mapping[str, float]) -> str:
+    return ""
+
+
 def _not_unlikely(robot: Robot, where: Where, rigid: bool) -> str:
     return ""
 
@@ -247,6 +251,8 @@ class Effect:
     links for rigid; empty where it is."""
     alike: Callable[[Robot, Where, Shape], str] = _like_nothing
     """What outside of the catalogue looks like it, where the robot file does not speak for it; empty where nothing."""
+    sense: Callable[[Shape, Mapping[str, float]], str] = _no_sense
+    """Which way it goes, by its shape and its sizes: a sentence behind the description; empty where that says it."""
     levels: Callable[[Sequence[float]], Shape] | None = None
     """The shape that is a compliance of the joint at each of its variable's values, ascending; None: it has none."""
 

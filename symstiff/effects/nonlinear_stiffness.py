@@ -11,6 +11,8 @@ a knee or a saturation far below the largest load is backlash.
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+
 import sympy as sp
 
 from symstiff.effects.arm import (
@@ -118,6 +120,15 @@ def _under(arm: Shape, most: float) -> tuple[Shape, ...]:
     return tuple({**shape, **arm} for shape in found)
 
 
+def _sense(shape: Shape, sizes: Mapping[str, float]) -> str:
+    """A term that grows faster than the load softens the gear, one that grows more slowly hardens it."""
+    signs = {value > 0 for value in sizes.values() if value}
+    slower = "saturation" in shape or float(shape.get("power", 2.0)) < 1.0
+    if len(signs) != 1:
+        return ""
+    return "Here it hardens." if signs == {slower} else "Here it softens."
+
+
 EFFECT = Effect(
     identifier=NAME,
     title="Stiffness of a joint that depends on its load",
@@ -136,5 +147,6 @@ EFFECT = Effect(
     assumed=ASSUMED,
     odds=odds,
     weights=1.0,
+    sense=_sense,
     moves=lambda robot, shape: {"load": Move(1.6), TOWARDS: ARM_MOVES[TOWARDS]},
 )  # fmt: skip

@@ -21,7 +21,7 @@ from symstiff.robot.frozen import FrozenDict, frozen_numbers
 from symstiff.robot.schema import Robot
 
 _ASKED = (
-    "places", "shapes", "realise", "columns", "places_in", "moves", "odds", "unlikely", "alike", "levels",
+    "places", "shapes", "realise", "columns", "places_in", "moves", "odds", "unlikely", "alike", "sense", "levels",
 )  # fmt: skip
 """What an effect is asked."""
 

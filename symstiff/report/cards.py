@@ -11,6 +11,7 @@ from symstiff.discrepancy.findings.finding import Finding
 from symstiff.discrepancy.findings.result import Found
 from symstiff.discrepancy.search.verdict import AMBIGUOUS
 from symstiff.display import few
+from symstiff.effects.base import Effect
 from symstiff.effects.places import named
 from symstiff.effects.registry import catalogue
 from symstiff.report import naming, words
@@ -41,6 +42,12 @@ def cards_of(finding: Finding, effects: Sequence[Found]) -> list[dict[str, Any]]
     return [_card(finding, group) for group in cards]
 
 
+def _described(effect: Effect, group: list[Found]) -> str:
+    """What an effect is, and which way it goes here."""
+    ways = {effect.sense(e.shape, {n: size.value for n, size in e.parameters.items()}) for e in group}
+    return " ".join(filter(None, (effect.description, *(ways if len(ways) == 1 else ()))))
+
+
 def _card(finding: Finding, group: list[Found]) -> dict[str, Any]:
     e = group[0]
     entry = catalogue().get(e.effect)
@@ -51,7 +58,7 @@ def _card(finding: Finding, group: list[Found]) -> dict[str, Any]:
         "set": e.set_number + 1,
         "name": naming.names(group) if len(group) > 1 else named(e.effect, e.where),
         "wide": len(group) > 1,
-        "description": entry.description if entry else "",
+        "description": _described(entry, group) if entry else "",
         "separated_by": entry.separated_by if entry else "",
         "parameters": [(n, numbers.quantity(size)) for n, size in sizes.items() if n not in zero],
         "zero": zero,
