@@ -71,6 +71,7 @@ def test_the_closed_share_of_the_gap_is_counted_from_the_start_model(found: Find
     gap = mm["held_out_before"] - mm["noise"]
     assert told["closure"] == pytest.approx((mm["held_out_before"] - mm["held_out_after"]) / gap)
     assert told["closure"] > 0.97
+    assert told["confirmed"] is True
 
 
 def test_the_remark_says_that_the_complete_model_took_over(found: Finding) -> None:

@@ -32,10 +32,15 @@ from tests.test_unnamed import _diagnosed, hardening
 
 
 def test_what_unused_poses_predict_no_better_is_unconfirmed() -> None:
-    assert Rms(4.0, 3.0, 4.0, 4.1, 3.0).unconfirmed
-    assert not Rms(4.0, 3.0, 4.0, 3.5, 3.0).unconfirmed
-    assert not Rms(4.0, 4.0, 4.0, 4.0, 3.0).unconfirmed
-    assert not Rms(4.0, 3.0, None, None, 3.0).unconfirmed
+    told = {
+        Rms(4.0, 3.0, 4.0, 4.1, 3.0): False,
+        Rms(4.0, 3.0, 4.0, 3.5, 3.0): True,
+        Rms(4.0, 4.0, 4.0, 4.0, 3.0): None,
+        Rms(4.0, 3.0, None, None, 3.0): None,
+    }
+    for rms, confirmed in told.items():
+        assert rms.confirmed is confirmed
+        assert rms.unconfirmed == (confirmed is False)
 
 
 @pytest.mark.slow

@@ -43,6 +43,7 @@ def verdict_table(finding: Finding, decide: Mapping[str, Any] | None = None) -> 
             "noise": _mm(finding.rms.noise),
         },
         "closure": finite(finding.rms.closure),
+        "confirmed": finding.rms.confirmed,
         "p_missing": finite(finding.first.p_missing),
         "p_unnamed": finite(last.p_unnamed),
         "noise": _noise(finding),

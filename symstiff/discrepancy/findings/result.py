@@ -171,11 +171,18 @@ class Rms:
     noise: float
 
     @property
+    def confirmed(self) -> bool | None:
+        """Whether poses that were not used are predicted better with what was found; None where nothing was, or none
+        tells.
+        """
+        if self.held_out_before is None or self.held_out_after is None or self.after == self.before:
+            return None
+        return self.held_out_after < self.held_out_before
+
+    @property
     def unconfirmed(self) -> bool:
         """Whether something was found and poses that were not used are predicted no better with it."""
-        if self.held_out_before is None or self.held_out_after is None or self.after == self.before:
-            return False
-        return self.held_out_after >= self.held_out_before
+        return self.confirmed is False
 
     @property
     def closure(self) -> float | None:
