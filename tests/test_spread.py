@@ -56,6 +56,22 @@ def test_of_a_step_whose_foot_alone_is_seen_the_least_gap_stands_and_the_range_i
     assert effect.shape["width"] > min(WIDTHS)
 
 
+def test_a_profile_whose_shapes_differ_by_what_they_hold_is_walked_along_what_each_holds() -> None:
+    """An arm that weighs nothing, or some mass."""
+    bare = arm(40).problem
+
+    def columns(shape: Shape) -> Array:
+        return step(bare, 0.5, shape.get("mass", 0.08))[:, None]
+
+    candidate = Candidate(
+        "sag", {"joint": 2}, (Parameter("share", "1"),), columns,
+        ({}, {"mass": 0.1}, {"mass": 0.3}), moves=lambda shape: {"mass": Move(2.0)},
+    )  # fmt: skip
+    for width in (0.08, 0.14):
+        problem = measured(bare, scaled(bare, step(bare, 0.5, width), 400.0), 2)
+        assert examine(problem, (candidate,), QUICK).verdict == "named"
+
+
 @pytest.mark.parametrize(("least", "carried"), [(0.02, True), (0.6, False), (0.0, False)])
 def test_that_one_pose_shows_nearly_all_is_told_where_others_could(least: float, carried: bool) -> None:
     bare = arm(40).problem

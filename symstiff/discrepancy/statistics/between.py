@@ -146,7 +146,9 @@ def _along(candidate: Candidate, shape: Shape, key: str, move: Move) -> list[Sha
     low, high = _within(candidate, shape, key, move)
     if not np.isfinite(low):
         return []
-    known = {s[key] for s in candidate.shapes if {**s, key: shape[key]} == dict(shape)} | {shape[key]}
+    known = {s[key] for s in candidate.shapes if key in s and {**s, key: shape[key]} == dict(shape)} | {
+        shape[key]
+    }
     values = sorted({move(v, step) for v in known for step in (-0.5, 0.0, 0.5)} - {shape[key]})
     return [{**shape, key: v} for v in values if low <= v <= high]
 
