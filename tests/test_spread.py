@@ -11,7 +11,9 @@ from symstiff.arrays import Array
 from symstiff.discrepancy.examine import examine
 from symstiff.discrepancy.findings.numbers import quantity
 from symstiff.discrepancy.findings.result import Found, Quantity
+from symstiff.discrepancy.findings.spread import _deviation
 from symstiff.discrepancy.problem import Candidate, Parameter, Problem, Shape
+from symstiff.discrepancy.statistics.between import Alternative
 from symstiff.effects.base import Move
 from tests.test_discrepancy_engine import QUICK, arm, measured, scaled
 
@@ -70,6 +72,15 @@ def test_a_profile_whose_shapes_differ_by_what_they_hold_is_walked_along_what_ea
     for width in (0.08, 0.14):
         problem = measured(bare, scaled(bare, step(bare, 0.5, width), 400.0), 2)
         assert examine(problem, (candidate,), QUICK).verdict == "named"
+
+
+def test_shapes_that_are_likelier_beyond_all_numbers_leave_a_deviation() -> None:
+    """Of what is seen a thousandfold, a shape between two explains more by hundreds."""
+    found = [
+        Alternative({}, value, 1e-6, likelihood) for value, likelihood in ((1e-3, 0.0), (1.1e-3, 2000.0))
+    ]
+    assert _deviation(found, found[0]) == pytest.approx(1e-4)
+    assert _deviation(found, found[1]) == pytest.approx(0.0, abs=1e-12)
 
 
 @pytest.mark.parametrize(("least", "carried"), [(0.02, True), (0.6, False), (0.0, False)])

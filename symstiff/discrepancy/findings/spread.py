@@ -62,12 +62,14 @@ def spread(scan: Scan, entries: Sequence[int], i: int) -> Spread:
     if any(_apart(a, chosen) for a in likely):
         values = [a.value for a in (chosen, *likely)]
         return Spread(chosen.shape, (min(values), max(values)))
-    return Spread(chosen.shape, deviation=_deviation((chosen, *possible), chosen))
+    others = (a for a in possible if a is not chosen)
+    return Spread(chosen.shape, deviation=_deviation((chosen, *others), chosen))
 
 
 def _deviation(possible: Sequence[Alternative], chosen: Alternative) -> float:
     """Root mean square of sizes about the chosen one, by how likely their shapes are."""
-    weight = np.exp([a.likelihood - chosen.likelihood for a in possible])
+    best = max(a.likelihood for a in possible)
+    weight = np.exp([a.likelihood - best for a in possible])
     square = [(a.value - chosen.value) ** 2 for a in possible]
     return float(np.sqrt(weight @ square / weight.sum()))
 
