@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
+from difflib import get_close_matches
 
 _ARGUMENT = re.compile(r"([a-z_]+): ")
 """How a message about an argument begins."""
@@ -28,3 +29,9 @@ def printable(text: str, longest: int = 120) -> str:
     """The text without control characters, and cut where it is long."""
     clean = "".join(c if c.isprintable() else "?" for c in text)
     return clean if len(clean) <= longest else f"{clean[: longest - 3]}..."
+
+
+def did_you_mean(name: str, known: Collection[str]) -> str:
+    """``did you mean 'x'? `` with the nearest of the known names, nothing where none is near."""
+    close = get_close_matches(name[:40].lower(), known, 1)
+    return f"did you mean {close[0]!r}? " if close else ""

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from difflib import get_close_matches
 from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -15,7 +14,7 @@ import numpy.typing as npt
 from symstiff.arguments import A_ROBOT, require, several
 from symstiff.effects.base import EffectParameter, Realisation
 from symstiff.effects.instance import EffectInstance, realise_all
-from symstiff.errors import UserError, printable
+from symstiff.errors import UserError, did_you_mean, printable
 from symstiff.reduction.complete import known_values
 from symstiff.reduction.physical import Parameter, terms_of
 from symstiff.reduction.reduce import Reduction, reduce
@@ -219,9 +218,9 @@ class StiffnessModel:
         values = frozen_numbers(values, what)
         unknown = sorted(set(values).difference(self.parameters, (p.name for p in self.compliances)), key=str)
         if unknown:
-            close = get_close_matches(str(unknown[0])[:40], self.parameters, 1)
-            hint = f": did you mean {close[0]!r}?" if close else ""
-            raise UserError(f"{self.robot.name}: the model has no parameter {str(unknown[0])[:40]!r}{hint}")
+            name = str(unknown[0])[:40]
+            hint = did_you_mean(name, self.parameters) or "see its .parameters"
+            raise UserError(f"{self.robot.name}: the model has no parameter {name!r}: {hint}")
         return values
 
     def deflection(

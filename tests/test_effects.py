@@ -213,6 +213,8 @@ def test_a_place_the_robot_does_not_have_is_refused() -> None:
         EffectInstance("backlash", {"joint": 9}).realise(load("planar2r"))
     with pytest.raises(UserError, match=r"unknown effect.*entry points symstiff\.effects"):
         EffectInstance("slackness", {"joint": 1}).realise(load("planar2r"))
+    with pytest.raises(UserError, match="unknown effect 'backlsh': did you mean 'backlash'"):
+        EffectInstance("backlsh", {"joint": 1}).realise(load("planar2r"))
     with pytest.raises(UserError, match="shape"):
         EffectInstance("nonlinear_stiffness", {"joint": 1}, {"load": 1.0}).realise(load("planar2r"))
 

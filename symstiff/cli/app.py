@@ -63,7 +63,7 @@ def _root(
 
 @app.command(epilog="Example: symstiff robots")
 def robots(json: Json = None) -> None:
-    """List the library of robots with degrees of freedom, reach and source."""
+    """List the library of robots with degrees of freedom and reach; with --json their sources."""
     from symstiff.cli.show import show_robots
 
     show_robots(json)

@@ -24,12 +24,12 @@ def show_robots(json: str | None) -> None:
     from rich.table import Table
 
     table = Table(box=None, pad_edge=False)
-    for column in ("robot", "title", "joints", "reach ≤ [m]", "source"):
+    for column in ("robot", "title", "joints", "reach ≤ [m]"):
         table.add_column(column, justify="right" if column.startswith(("joints", "reach")) else "left")
     rows = []
     for name in library():
         robot = load(name)
-        table.add_row(name, robot.title, f"{robot.dof} {robot.kinds}", f"{robot.reach:.2f}", robot.source)
+        table.add_row(name, robot.title, f"{robot.dof} {robot.kinds}", f"{robot.reach:.2f}")
         rows.append(
             {
                 "robot": name,
@@ -40,7 +40,9 @@ def show_robots(json: str | None) -> None:
             }
         )
     write_json(json, rows)
-    print_table(console(json), table, ["title", "source"])
+    out = console(json)
+    print_table(out, table, ["title"])
+    out.print("sources: symstiff robots --json -")
 
 
 def parse_fixed(text: str | None) -> dict[int, Exact]:

@@ -16,7 +16,7 @@ from symstiff.arguments import require
 from symstiff.effects.base import Effect, Realisation, Shape, Where
 from symstiff.effects.lawful import check_realised
 from symstiff.effects.places import plain
-from symstiff.errors import UserError
+from symstiff.errors import UserError, did_you_mean
 from symstiff.robot.frozen import FrozenDict, frozen_numbers
 from symstiff.robot.schema import Robot
 
@@ -139,7 +139,8 @@ def find(identifier: str) -> Effect:
     """An effect by its identifier. Raises UserError for an unknown one."""
     if identifier not in catalogue():
         raise UserError(
-            f"unknown effect {identifier!r}: known are {', '.join(catalogue())}; one of another package is known "
-            "where that package is installed (entry points symstiff.effects)"
+            f"unknown effect {identifier!r}: {did_you_mean(identifier, catalogue())}known are "
+            f"{', '.join(catalogue())}; one of another package is known where that "
+            "package is installed (entry points symstiff.effects)"
         )
     return catalogue()[identifier]

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import tomllib
 from collections.abc import Callable, Mapping
-from difflib import get_close_matches
 from functools import cache
 from importlib import resources
 from pathlib import Path
@@ -13,7 +12,7 @@ from typing import Any
 from pydantic import ValidationError
 
 from symstiff.arguments import require, require_path
-from symstiff.errors import UserError, printable
+from symstiff.errors import UserError, did_you_mean, printable
 from symstiff.robot.exact import Decimal
 from symstiff.robot.mistakes import explain
 from symstiff.robot.schema import Robot
@@ -56,11 +55,10 @@ def _read(path: Path) -> bytes:
         raise UserError(f"{name}: is a directory: give a robot file (.toml)") from error
     except FileNotFoundError as error:
         known = library()
-        close = get_close_matches(name[:40].lower(), known, 1)
-        hint = f"did you mean {close[0]!r}? Else " if close else ""
         what = "robot file" if path.suffix else "robot"
         raise UserError(
-            f"{name}: no such {what}: {hint}give a path to a robot file, or one of {', '.join(known)}"
+            f"{name}: no such {what}: {did_you_mean(name, known)}give a path to a robot file, or one of "
+            f"{', '.join(known)}"
         ) from error
     except OSError as error:
         raise UserError(f"{name}: cannot read the robot file: {error.strerror}: check the path") from error

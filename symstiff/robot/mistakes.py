@@ -3,12 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from difflib import get_close_matches
 from typing import Any, cast
 
 from pydantic import ValidationError
 
-from symstiff.errors import printable
+from symstiff.errors import did_you_mean, printable
 from symstiff.robot.exact import shown
 from symstiff.robot.schema import KEYS
 
@@ -84,5 +83,4 @@ def _message(details: Mapping[str, Any]) -> str:
 def _unknown(name: str) -> str:
     if name in KEYS:
         return "this key belongs in another table: move it or remove it"
-    close = get_close_matches(name[:40].lower(), KEYS, n=1)
-    return f"unknown key: did you mean {close[0]!r}?" if close else "unknown key: remove it"
+    return f"unknown key: {did_you_mean(name, KEYS) or 'remove it'}".rstrip()

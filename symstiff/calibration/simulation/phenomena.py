@@ -18,7 +18,7 @@ from symstiff.arrays import Array
 from symstiff.calibration.simulation.chain import Chain
 from symstiff.calibration.simulation.equilibrium import Law, States, Torque, Weight, Wrench
 from symstiff.calibration.simulation.forms import Form, form_of_option, form_of_size, formed
-from symstiff.errors import UserError, printable
+from symstiff.errors import UserError, did_you_mean, printable
 
 Reading = Callable[[States, Array, str], Array]
 """``reading(states, values, kind)``: what the device makes of values (M, 6), deflections or absolute."""
@@ -115,8 +115,9 @@ def shape_of(effect: Effect) -> Shape:
     """Find the shape an effect names. Raises UserError with the known names."""
     shapes = [s for (name, _), s in SHAPES.items() if name == effect.effect]
     if not shapes:
-        known = ", ".join(dict.fromkeys(name for name, _ in SHAPES))
-        raise UserError(f"unknown effect {effect.effect!r}: use one of {known}")
+        known = list(dict.fromkeys(name for name, _ in SHAPES))
+        hint = did_you_mean(effect.effect, known)
+        raise UserError(f"unknown effect {effect.effect!r}: {hint}use one of {', '.join(known)}")
     if not effect.shape:
         given = effect.where if isinstance(effect.where, Mapping) else {}
         fits = [s for s in shapes if s.place in given] or [s for s in shapes if _placeless(s)]

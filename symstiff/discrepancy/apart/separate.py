@@ -143,7 +143,7 @@ def _read(path: Path) -> Mapping[str, Any]:
     except OSError as error:
         raise UserError(f"{path}: cannot read the verdict: {error.strerror}: check the path") from error
     except ValueError as error:
-        raise UserError(f"{path}: not a verdict.json: {error}") from error
+        raise UserError(f"{path}: not a verdict.json: no JSON: give the one that diagnose wrote") from error
     if not isinstance(table, dict) or not isinstance(table.get("effects"), list):
         raise UserError(f"{path}: not a verdict.json: it has no list of effects")
     parts = {name: table.get(name) or {} for name in ("decide", "model", "noise")}
