@@ -161,5 +161,5 @@ def _number(expression: sp.Expr) -> sp.Expr:
 
 
 def context_names(program: Program) -> list[str]:
-    """What a program knows of the moment besides joints and wrench: time, temperature, branch."""
+    """What a program knows of the moment besides joints and wrench: time, temperature, branch, turn."""
     return [s.name for v in program.inputs if v.name == "context" for s in v.symbols]

@@ -175,7 +175,7 @@ class _Known:
         )
 
     def _moment(self, name: str) -> Any:
-        """Time, temperature or branch at the points, the same in every program."""
+        """Time, temperature, branch or turn at the points, the same in every program."""
         return self.algebra.random(np.random.default_rng([_SEED, *name.encode()]), self.count)
 
 
