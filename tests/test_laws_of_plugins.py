@@ -27,8 +27,9 @@ Law = Callable[[], sp.Expr]
 
 
 def grown(
-    monkeypatch: pytest.MonkeyPatch, law: sp.Expr, at: VirtualJoint = GEAR, name: str = "tilt_2_c"
-) -> StiffnessModel:
+    monkeypatch: pytest.MonkeyPatch, law: sp.Expr, at: VirtualJoint = GEAR, name: str = "tilt_2_c",
+    robot: str = ROBOT,
+) -> StiffnessModel:  # fmt: skip
     """A model of joints with a law of a plugin."""
     c = EffectParameter(name, "rad/(N*m)", -1e-3, 1e-3, 1e-6)
     effect = Effect(
@@ -37,7 +38,7 @@ def grown(
     )  # fmt: skip
     known = {**catalogue(), "tilt": effect}
     monkeypatch.setattr(registry, "catalogue", lambda: known)
-    model = joints_only(load(ROBOT)).with_effect(EffectInstance("tilt", {"joint": 2}))
+    model = joints_only(load(robot)).with_effect(EffectInstance("tilt", {"joint": 2}))
     return model.with_values(dict.fromkeys(model.parameters, 0.0) | {"c2": 2e-6, name: 3e-6})
 
 
@@ -193,9 +194,18 @@ def test_a_law_that_nothing_can_compute_is_refused(
 def test_a_law_that_is_no_number_under_a_load_is_named_where_code_is_made(
     monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:
-    model = grown(monkeypatch, sp.asin(tau(GEAR) / 10)).with_effect(EffectInstance("backlash", {"joint": 3}))
-    with pytest.raises(UserError, match=r"^the law of tilt at joint 2 gives no finite number under loads"):
-        generate(model, tmp_path / "code")
+    """Also beside an effect that stands for a compliance, which the law alone would have."""
+    law, robot = sp.asin(tau(GEAR) / 10), "kuka_kr270"
+    spring = EffectInstance("gravity_compensator", {"joint": 2}, {"angle_1": -2.0, "angle_2": -1.0})
+    gap = EffectInstance("backlash", {"joint": 3})
+    for model in (
+        grown(monkeypatch, law).with_effect(gap),
+        grown(monkeypatch, law, robot=robot).with_effect(spring),
+    ):
+        with pytest.raises(
+            UserError, match=r"^the law of tilt at joint 2 gives no finite number under loads"
+        ):
+            generate(model, tmp_path / "code")
 
 
 def test_a_factor_may_be_a_plain_number(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -8,6 +8,7 @@ from typing import Literal
 
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
 from symstiff.calibration.doubts.axes import against_loads
 from symstiff.calibration.doubts.slips import Reading, joint_hint, marker_hint
@@ -135,6 +136,21 @@ def test_signs_and_axes_that_are_others_throughout_or_from_a_pose_on_are_asked_a
     found = diagnosed(wrong)
     assert not found.testable
     assert told in found.reason
+
+
+@pytest.mark.parametrize("degrees", [90, -90])
+@pytest.mark.parametrize("axis", ["x", "y", "z"])
+def test_a_quarter_turn_is_told_as_the_turn_that_corrects_it(axis: str, degrees: int) -> None:
+    """An arm whose joints turn about all axes: the planar one's columns tell no signs."""
+    robot, rng = load("ur10"), np.random.default_rng(4)
+    planned = measurements(
+        rng.uniform(-2.0, 2.0, (40, 6)), rng.normal(size=(40, 6)) * [90, 90, 90, 30, 30, 30]
+    )
+    table = simulate(Truth(robot, nominal_truth(robot), noise=Noise((0.002,) * 3)), planned, 3)
+    back = Rotation.from_euler(axis, -degrees, degrees=True)
+    wrong = replace(table, w=np.hstack([back.apply(table.w[:, :3]), back.apply(table.w[:, 3:])]))
+    hint = f"the loads look told in another way: turning them by {degrees} deg about {axis} would"
+    assert any(hint in remark for remark in identify(robot, wrong).remarks)
 
 
 @pytest.mark.parametrize("kind", ["deflection", "absolute"])

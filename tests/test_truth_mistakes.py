@@ -115,6 +115,11 @@ def test_a_mistake_in_a_truth_is_one_line_with_the_file(tmp_path, change, messag
         ),
         ('"link_compliance"\nwhere = {link = 1}\nentries = {}', "entries: expected a table"),
         (
+            '"link_compliance"\nwhere = {link = 1}\nentries = {26 = 1e-7, 62 = 2e-7}',
+            "entry '62': .* row ≤ column",
+        ),
+        ('"wrist_coupling"\nwhere = {joints = [2, 2]}\nc = 1e-7', r"joints = \[2, 2\]: name two joints"),
+        (
             '"link_compliance"\nwhere = {link = 1}\nentries = {11 = [1e-9]}',
             r"entries.11: expected a finite number",
         ),

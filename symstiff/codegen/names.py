@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -65,9 +66,15 @@ def moments(model: StiffnessModel, program: Program) -> list[Moment]:
         default = float(model.rest.get(name, default))
         if name == "time" and default:
             told = f"s, by the clock of the measurements, which began at {default:.15g}"
-        tested = default if name == "branch" else default + 1.0
+        tested = default if name == "branch" else default + _since(default, held.get(name))
         found.append(Moment(name, told, default, tested, held.get(name), _SIZES.get(name)))
     return found
+
+
+def _since(default: float, between: tuple[float, float] | None) -> float:
+    """About the middle of what was measured, from the default on: a power of two, exact in both precisions."""
+    middle = 1.0 if between is None else 0.5 * (between[1] - default)
+    return 2.0 ** round(math.log2(middle)) if middle > 1.0 else 1.0
 
 
 def measured_between(model: StiffnessModel) -> dict[str, tuple[float, float]]:

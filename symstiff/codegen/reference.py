@@ -161,7 +161,8 @@ def _check_finite(model: StiffnessModel, values: Mapping[str, float], found: Seq
     if np.isfinite(_sizes(model, values, found)).all():
         return
     alone = {named(e.effect, e.where): model.with_effects([e]) for e in model.effects}
-    own = {name: {n: values[n] for n in one.parameters} for name, one in alone.items()}
+    # alone, compliances come back that another effect stands for
+    own = {name: {n: values.get(n, 0.0) for n in one.parameters} for name, one in alone.items()}
     wrong = [name for name, one in alone.items() if not np.isfinite(_sizes(one, own[name], found)).all()]
     raise UserError(
         f"the law of {', '.join(wrong) or 'the effects together'} gives no finite number under loads of the self-test "

@@ -173,7 +173,7 @@ def _written(
 ) -> Diagnosis:  # fmt: skip
     scan: Scan = ready.scan
     tell("growth")
-    growth = steps(problem, ready, outcome.admissible[0] if outcome.admissible else None, outcome)
+    growth = steps(problem, ready, outcome.admissible[0] if outcome.admissible else None, allowed, outcome)
     somewhere = outcome.because.why not in (Why.ONE_STRATUM, Why.SIGMA, Why.SETTLES)
     open_end = outcome.verdict == UNEXPLAINED and somewhere
     law = _law(problem, scan, outcome.found, place) if open_end else None

@@ -60,9 +60,9 @@ def check_rank(
         mixed = [name for name, s in zip(parameters, share, strict=True) if s > 1e-6]
         few = f"give {', '.join(f'q{j}' for j in sorted(levels))} more values (--levels), " if levels else ""
         raise UserError(
-            f"no plan tells {_names(mixed)} apart with these loads, points and joints ({int(missing.sum())} "
-            f"combinations stay unknown): {few}reduce the model for this load and measurement first (fewer than "
-            "three points tell no pose: leave --measure out), or measure more points"
+            f"no plan tells {_names(mixed)} apart with these loads, points and joints "
+            f"({counted(int(missing.sum()), 'combination')} unknown): {few}reduce the model for this load and "
+            "measurement first (fewer than three points tell no pose: leave --measure out), or measure more points"
         )
     return np.asarray(1.0 / size)
 

@@ -21,11 +21,11 @@ from symstiff.errors import UserError
 
 
 def block_of(entries: dict[str, float]) -> Array:
-    """Return the symmetric 6×6 compliance with the given entries, keys "11" to "66"."""
+    """Return the symmetric 6×6 compliance with the given entries, keys "11" to "66", row ≤ column."""
     block = np.zeros((6, 6))
     for key, value in entries.items():
-        if len(key) != 2 or not set(key) <= set("123456"):
-            raise UserError(f'entry {key!r}: name it by row and column, "11" to "66"')
+        if len(key) != 2 or not set(key) <= set("123456") or key[0] > key[1]:
+            raise UserError(f'entry {key!r}: name it by row and column, "11" to "66", row ≤ column')
         row, column = int(key[0]) - 1, int(key[1]) - 1
         block[row, column] = block[column, row] = value
     return block

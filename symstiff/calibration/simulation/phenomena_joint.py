@@ -113,9 +113,17 @@ phenomenon("transmission_error", "triangle", "joint", "a", harmonic=10.0, phase=
 )
 
 
+def _coupled(site: Site) -> tuple[int, int]:
+    """Places of two joints. Raises UserError where they are one."""
+    first, second = site.where
+    if first == second:
+        raise UserError(f"joints = [{first}, {second}]: name two joints")
+    return joint_index(first), joint_index(second)
+
+
 @phenomenon("wrist_coupling", "linear", "joints", "c")
 def _coupling(site: Site, p: Values) -> Additions:
-    j, k = (joint_index(joint) for joint in site.where)
+    j, k = _coupled(site)
 
     def law(states: States, tau: Array, theta: Array) -> None:
         theta[:, j] += p["c"] * tau[:, k]
@@ -126,7 +134,7 @@ def _coupling(site: Site, p: Values) -> Additions:
 
 @phenomenon("wrist_coupling", "saturating", "joints", "c", tau0=500.0)
 def _saturating_coupling(site: Site, p: Values) -> Additions:
-    j, k = (joint_index(joint) for joint in site.where)
+    j, k = _coupled(site)
 
     def law(states: States, tau: Array, theta: Array) -> None:
         theta[:, j] += p["c"] * p["tau0"] * np.tanh(tau[:, k] / p["tau0"])

@@ -274,8 +274,12 @@ def unavailable(candidates: Sequence[Candidate], reason: str) -> tuple[Candidate
     return tuple(_untested(c, c.unavailable or reason) for c in candidates)
 
 
-def steps(problem: Problem, ready: Prepared, named: Judged | None, outcome: Outcome) -> tuple[Step, ...]:
+def steps(
+    problem: Problem, ready: Prepared, named: Judged | None, allowed: Array, outcome: Outcome
+) -> tuple[Step, ...]:
     """The growth path: the starting model, then each member of the named set in the order of its strength.
+
+    Of what stands out further, those that the data can test (``allowed``), as the null distribution has it.
 
     All tests and sizes under the shared error that is left at its end: before it, what is missing passes for one. What
     is left is that of models identified by the rows' own noise, whose residuals can be compared: weighed by a shared
@@ -292,7 +296,7 @@ def steps(problem: Problem, ready: Prepared, named: Judged | None, outcome: Outc
         residual = problem.y - _fitted(problem, alone, used)[2]
         found = evidence(scan)
         owners = [int(ready.bank.owner[e]) for e in used]
-        score = np.where(ready.bank.generic, -np.inf, found.score)
+        score = np.where(ready.bank.generic | ~allowed.astype(bool), -np.inf, found.score)
         score[owners] = -np.inf
         best = float(np.max(score, initial=-np.inf))
         further = _name(ready.bank.candidates[int(np.argmax(score))]) if np.isfinite(best) else None
