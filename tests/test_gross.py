@@ -53,6 +53,23 @@ def test_two_readings_are_left_out_though_one_hides_behind_the_other() -> None:
     assert len(found.table) == len(measured()) - 2
 
 
+@pytest.mark.parametrize("hidden", [(), (HARDENING,)])
+def test_a_tenth_of_the_readings_may_be_off_where_they_are_scattered(
+    hidden: tuple[dict[str, object], ...], tmp_path: Path
+) -> None:
+    """They drag the fit, so that few of them stand out at first."""
+    rng = np.random.default_rng(6)
+    rows = np.sort(rng.choice(150, 10, replace=False)).tolist()
+    clean = measured(*hidden)
+    values = np.array(clean.values)
+    values[rows, :3] += rng.choice([-1, 1], (10, 3)) * rng.uniform(12, 40, (10, 1)) * SIGMA
+    found = diagnosed(read_table(saved(replace(clean, values=values), tmp_path / "data.csv")))
+    assert [(e.effect, dict(e.where)) for e in found.named] == [(h["effect"], h["where"]) for h in hidden]
+    assert len(found.table) == 140
+    assert sorted(set(range(2, 152)) - set(found.table.line.tolist())) == [row + 2 for row in rows]
+    assert all("data.csv: lines " in said for said in left_out(found))
+
+
 def test_a_pose_that_is_off_as_a_whole_is_an_effect_and_no_slip() -> None:
     table = measured()
     found = diagnosed(off(table, np.flatnonzero(table.pose == 3).tolist(), 25.0))

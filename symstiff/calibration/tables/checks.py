@@ -215,11 +215,9 @@ def _outside_limits(table: Measurements, robot: Robot) -> list[str]:
         margin = _FAR_OUTSIDE * (high - low)
         rows = np.flatnonzero((table.q[:, k] < low - margin) | (table.q[:, k] > high + margin))
         if rows.size:
-            places = "; ".join(table.place(int(row)) for row in rows[:_SHOWN])
-            more = f" and {rows.size - _SHOWN} more" if rows.size > _SHOWN else ""
             warnings.append(
-                f"q{k + 1} is far outside its limits [{low:g}, {high:g}] at {places}{more}: check its unit, "
-                "sign and zero"
+                f"q{k + 1} is far outside its limits [{low:g}, {high:g}] at {table.places(rows.tolist(), _SHOWN)}: "
+                "check its unit, sign and zero"
             )
     return warnings
 

@@ -158,6 +158,15 @@ class Measurements:
             return f"row {row + 1}"
         return f"{self.files[self.file[row]]}: line {self.line[row]}"
 
+    def places(self, rows: Sequence[int], most: int) -> str:
+        """Say where several rows came from, and how many more there are: ``data.csv: lines 7, 9 and 2 more``."""
+        said: dict[str, list[str]] = {}
+        for row in rows[:most]:
+            kind, _, number = self.place(int(row)).rpartition(" ")
+            said.setdefault(kind, []).append(number)
+        told = (f"{kind}{'s' * (len(numbers) > 1)} {', '.join(numbers)}" for kind, numbers in said.items())
+        return "; ".join(told) + f" and {len(rows) - most} more" * (len(rows) > most)
+
     def frame(self) -> pd.DataFrame:
         """Return the rows as a pandas DataFrame, in the units of the CSV file (rad, mm, N)."""
         import pandas as pd

@@ -8,10 +8,12 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
+from scipy.stats import binom
 
 from symstiff.arrays import Array, Index
 from symstiff.calibration.experiment.current import sigma_of
 from symstiff.calibration.experiment.situation import View
+from symstiff.calibration.fits.decomposition import unit_columns
 from symstiff.calibration.rows import predict
 from symstiff.calibration.tables.measurements import Measurements
 from symstiff.discrepancy.findings.finding import Finding
@@ -30,8 +32,14 @@ FEWEST = 3
 """Readings of a component in a pose from which one is told from the others."""
 _OF_MEDIAN = 0.6745
 """Median of normal noise's size, in standard deviations."""
-MOST = 0.01
-"""Share of the rows that may be gross errors, three at least: more are something else."""
+FEW, MOST = 3, 0.1
+"""Gross errors that need no further proof, and share of the rows that scattered ones may be: more are none."""
+_BY_CHANCE = 0.01
+"""Probability below which so many gross errors at one load or marker are no slips, which come anywhere."""
+_REFITS = 8
+"""Times that the model is fitted without the gross errors that were found: they drag it, and hide one another."""
+_SHOWN = 8
+"""Gross errors whose places are told."""
 _MOSTLY, _NEARLY_ALL = 0.5, 0.9
 """Share of what is left that few poses bring from which they are spoken of, and left out whatever else there is."""
 
@@ -53,33 +61,63 @@ def gross(finding: Finding) -> Index:
     """Rows of the diagnosed table that are gross errors, by what the grown model leaves; none where nothing was fitted.
 
     A pose of which all readings are off is a bad pose, which is an effect of the catalogue, and so is what few readings
-    of a component tell: neither is a gross error.
+    of a component tell: neither is a gross error. More than a few are scattered over loads and markers.
     """
-    last = finding.last
-    none = np.zeros(0, dtype=np.intp)
+    last, rows = finding.last, np.zeros(0, dtype=np.intp)
     if not last.growth or len(last.growth[-1].residual) != len(finding.assembly.problem.y):
-        return none
-    far, stated = _beside(finding)
-    beyond = (far > FAR) & (stated > _BEYOND)
-    pose, rows = finding.table.pose, np.arange(len(finding.table))
-    found = [r for r in np.flatnonzero(beyond) if _alone(far, rows[(pose == pose[r]) & (rows != r)], far[r])]
-    return np.array(found, dtype=np.intp) if len(found) <= max(MOST * len(rows), 3) else none
+        return rows
+    for _ in range(_REFITS):
+        found = _far_off(finding.table, *_beside(finding, rows))
+        if np.array_equal(found, rows):
+            break
+        rows = found
+    few = len(rows) <= max(FEW, 0.01 * len(finding.table))
+    return rows if few or _scattered(finding.table, rows) else rows[:0]
 
 
-def _alone(far: Array, others: Index, size: float) -> bool:
-    return len(others) + 1 >= FEWEST and bool(size > ALONE * np.max(far[others]))
+def _far_off(table: Measurements, far: Array, stated: Array) -> Index:
+    """Rows far beside the middle of their pose and beside all its usual readings, which are more than half of it."""
+    beyond, pose = (far > FAR) & (stated > _BEYOND), table.pose
+    found = []
+    for r in np.flatnonzero(beyond):
+        own = pose == pose[r]
+        usual = far[own & ~beyond]
+        if len(usual) + 1 >= FEWEST and len(usual) > 0.5 * own.sum() and far[r] > ALONE * usual.max():
+            found.append(r)
+    return np.array(found, dtype=np.intp)
 
 
-def _beside(finding: Finding) -> tuple[Array, Array]:
+def _scattered(table: Measurements, rows: Index) -> bool:
+    """Whether rows are a small part of all, and at no load of their poses and no marker more of them than by chance."""
+    return len(rows) <= MOST * len(table) and all(
+        binom.sf(np.sum(part[rows] == k) - 1, len(rows), np.mean(part == k)) * (part.max() + 1) > _BY_CHANCE
+        for part in (_rank(table), table.point)
+        for k in np.unique(part[rows])
+    )
+
+
+def _rank(table: Measurements) -> Index:
+    """(N,) the place of each row's load among those of its pose, by size."""
+    size, rank = np.linalg.norm(table.w, axis=1), np.zeros(len(table), dtype=np.intp)
+    for p in np.unique(table.pose):
+        own = np.flatnonzero(table.pose == p)
+        rank[own] = np.unique(size[own].round(9), return_inverse=True)[1]
+    return rank
+
+
+def _beside(finding: Finding, without: Index) -> tuple[Array, Array]:
     """(N,) how far each row is beside the middle of its pose, by the largest of its components: in usual distances, and
-    in stated standard deviations.
+    in stated standard deviations; by the model as the other rows than those ``without`` have it.
     """
-    residual, lines = finding.last.growth[-1].residual, finding.assembly.problem.lines
+    problem, view = finding.assembly.problem, finding.assembly.situation.view
+    residual = finding.last.growth[-1].residual
+    if len(without):
+        A, kept = unit_columns(problem.A)[0], ~np.isin(view.state, without)
+        residual = residual - A @ np.linalg.lstsq(A[kept], residual[kept], rcond=None)[0]
     apart = np.array(residual)
-    for k in np.unique(lines):
-        own = np.flatnonzero(lines == k)
+    for k in np.unique(problem.lines):
+        own = np.flatnonzero(problem.lines == k)
         apart[own] = residual[own] - np.median(residual[own]) if len(own) >= FEWEST else 0.0
-    view = finding.assembly.situation.view
     return in_usual(view, np.abs(apart)), _in_stated(view, np.abs(apart))
 
 
@@ -110,8 +148,8 @@ def in_usual(view: View, size: Array) -> Array:
 
 def remark(finding: Finding, rows: Index) -> str:
     """That they are left out, where they are and what to do."""
-    far = _beside(finding)[0][rows]
-    places = "; ".join(finding.table.place(int(r)) for r in rows[np.argsort(-far)])
+    far = _beside(finding, rows)[0][rows]
+    places = finding.table.places(rows[np.argsort(-far)].tolist(), _SHOWN)
     if len(rows) == 1:
         return (
             f"a reading lies {far[0]:.0f} times the usual residual beside the others of its pose ({places}): a slip of "

@@ -241,7 +241,7 @@ def _of_rows(view: View, last: Diagnosis) -> list[str]:
         rows = first[:1]  # a shift of its pose that takes a part of it bends all rows there
     if not len(rows) or len(rows) > max(_FEW_ROWS * len(beside), 2):
         return []
-    shown = "; ".join(view.table.place(int(r)) for r in rows[np.argsort(-beside[rows])][:4])
+    shown = view.table.places(rows[np.argsort(-beside[rows])].tolist(), 4)
     return [
         f"{len(rows)} row{'s' * (len(rows) > 1)} lie{'s' * (len(rows) == 1)} {beside.max():.0f} times the usual "
         f"residual off ({shown}): look for slips, or for readings that changed places"
