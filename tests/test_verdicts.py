@@ -61,7 +61,7 @@ def test_what_is_faint_has_to_lead_the_laws_without_a_name_together(
     assert verdict._admissible(faint, QUICK) == told
     if not told:
         found = concluded(faint)
-        assert (found.verdict, found.because.why) == ("unexplained", Why.NOT_ALONE)
+        assert (found.verdict, found.because.why) == ("unexplained", Why.FAINT)
 
 
 @pytest.mark.parametrize(("lead", "told"), [(-0.4, Why.AS_WELL), (-2.0, Why.AHEAD)])
@@ -72,7 +72,7 @@ def test_a_name_is_ahead_of_a_law_without_one_only_by_more_than_what_counts_as_t
     bank = SimpleNamespace(
         twins=lambda entry: (entry,),
         place=("a1.joint",),
-        candidates=[SimpleNamespace(shapes=((),), expected=False)],
+        candidates=[SimpleNamespace(shapes=((),), expected=False, where={"joint": 1})],
     )
     leader = judged(20.0, (lead,), (lead,), bank)
     found = concluded(leader, weighed=[Proposal((0,), (0,), 20.0)])

@@ -25,6 +25,7 @@ class Why(Enum):
     SURE = "it is there, whatever else is missing; for the rest a law without a name does as well as the catalogue"
     """The leader is named as insufficient because only a part of what accounts for the data is sure."""
     NOT_ALONE = "effects of the catalogue account for the data, and a law without a name does so as well"
+    FAINT = "effects of the catalogue account for the data, too faintly to be told from laws without a name"
     """Nothing is named although something suffices."""
     NO_SET = "no set of the catalogue accounts for the data"
     ASTRAY = "what accounts for the data goes far beyond its physical range where all parameters are identified jointly"

@@ -66,7 +66,7 @@ def headline(finding: Finding) -> str:
 def _headline(finding: Finding) -> str:
     if finding.because.why is Why.POSES:
         return f"Something is wrong with {finding.accused}; without that nothing is missing"
-    if finding.because.why is Why.NOT_ALONE:
+    if finding.because.why in (Why.NOT_ALONE, Why.FAINT):
         return "Something is missing, and the data do not tell whether the catalogue has a name for it"
     if finding.because.why is Why.SETTLES:
         return f"{sentence_case(finding.accused)} stops elsewhere at every reading, which no law tells"
@@ -302,9 +302,12 @@ def _leading(finding: Finding) -> list[str]:
     return [named(name.effect, name.where) for name, _, _ in finding.last.leading]
 
 
-def _not_alone(effects: Sequence[str]) -> str:
+def _not_alone(effects: Sequence[str], faint: bool = False) -> str:
     verb = "account" if len(effects) > 1 else "accounts"
-    return f"{', '.join(effects)} {verb} for the data, but a law without a name does so as well"
+    but = (
+        "too faintly to be told from laws without a name" if faint else "a law without a name does so as well"
+    )
+    return f"{', '.join(effects)} {verb} for the data, but {but}"
 
 
 def _further(finding: Finding) -> str:
@@ -344,6 +347,8 @@ def _unexplained(finding: Finding) -> str:
         text += f" as well as a law without a name does, and {' and '.join(nearest)} {come} nearest"
     if finding.because.why is Why.NOT_ALONE:
         text = sentence_case(_not_alone(_leading(finding))) + _told(finding.last.rival)
+    if finding.because.why is Why.FAINT:
+        text = sentence_case(_not_alone(_leading(finding), faint=True))
     text += f"; the evidence is strongest at {law_place(accused)}" if accused else ""
     if finding.last.device_law is not None:
         text += f", where {device_text(finding.last.device_law)}"

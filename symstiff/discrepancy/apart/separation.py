@@ -17,6 +17,8 @@ _GUIDE = 1e-2
 """Weight of the soft fit: it guides the choice as long as the model could still explain anything."""
 _NEVER = 1e-9
 """Share of a signal below which no pose on offer separates it from a rival (one set holds the other)."""
+_HOPELESS = 1.0
+"""D_ij of all poses on offer together below which few of them tell nothing either."""
 
 
 @dataclass(frozen=True)
@@ -112,12 +114,13 @@ def _layout(columns: Hypotheses) -> _Layout:
 
 
 def _separable(total: Array, layout: _Layout) -> list[tuple[int, int]]:
-    """Ordered pairs (i, j) such that all poses together leave something of i's signal outside j."""
+    """Ordered pairs (i, j) such that all poses together leave something of i's signal outside j, above the noise."""
     out = []
     for i in range(layout.signals):
         size = float(total[layout.model + i, layout.model + i])
         for j in range(layout.signals):
-            if i != j and float(_apart(total[None], layout, [(i, j)], _HARD)[0]) > _NEVER * size:
+            least = max(_NEVER * size, _HOPELESS)
+            if i != j and float(_apart(total[None], layout, [(i, j)], _HARD)[0]) > least:
                 out.append((i, j))
     return out
 

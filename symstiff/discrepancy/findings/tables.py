@@ -7,7 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from symstiff.arrays import Array
+from symstiff.arrays import TINY, Array
 from symstiff.discrepancy.findings.instead import instead
 from symstiff.discrepancy.findings.result import CandidateResult, Found, Name, Quantity, RivalLaw, Step
 from symstiff.discrepancy.findings.spread import Spread, spread
@@ -16,7 +16,7 @@ from symstiff.discrepancy.reasons import Why
 from symstiff.discrepancy.search.judging import Judged
 from symstiff.discrepancy.search.proof import poses_of_their_own
 from symstiff.discrepancy.search.rivals import Rival
-from symstiff.discrepancy.search.verdict import Outcome
+from symstiff.discrepancy.search.verdict import Outcome, same_columns
 from symstiff.discrepancy.statistics.bank import Bank
 from symstiff.discrepancy.statistics.design import confusability, share_left
 from symstiff.discrepancy.statistics.evidence import evidence
@@ -151,17 +151,26 @@ def _law(ready: Prepared, law: Rival) -> RivalLaw:
 
 
 def _confidences(outcome: Outcome) -> list[Mapping[int, float]]:
-    """Confidence of every set's members: what all sets share keeps its own, the sets divide the rest by evidence."""
+    """Confidence of every set's members: what all sets share keeps its own, the sets divide the rest by evidence, and
+    names of the same columns theirs evenly.
+    """
     if not outcome.admissible:
         return []
     leader = outcome.admissible[0]
     sure = dict(zip(leader.members, outcome.confidence, strict=True))
-    weight = [float(np.exp(j.score - leader.score)) for j in outcome.admissible]
-    out: list[Mapping[int, float]] = [sure]
-    for judged, w in zip(outcome.admissible[1:], weight[1:], strict=True):
-        own = min((c for m, c in sure.items() if m not in judged.members), default=1.0)
-        share = min(w * own, (1.0 - own) * w / sum(weight[1:]))
-        out.append({m: sure.get(m, share) for m in judged.members})
+    columns = [same_columns(j, j.bank) for j in outcome.admissible]
+    alike = [j for j, c in zip(outcome.admissible, columns, strict=True) if c == columns[0]]
+    names = [len(set(members)) for members in zip(*(j.members for j in alike), strict=True)]
+    own = {m: c / n for j in alike for m, c, n in zip(j.members, outcome.confidence, names, strict=True)}
+    weight = [
+        float(np.exp(j.score - leader.score)) if c != columns[0] else 0.0
+        for j, c in zip(outcome.admissible, columns, strict=True)
+    ]
+    out: list[Mapping[int, float]] = []
+    for judged, w in zip(outcome.admissible, weight, strict=True):
+        most = min((c for m, c in sure.items() if m not in judged.members), default=1.0)
+        share = min(w * most, (1.0 - most) * w / max(sum(weight), TINY))
+        out.append({m: own.get(m, share) for m in judged.members})
     return out
 
 

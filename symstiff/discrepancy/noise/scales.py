@@ -227,7 +227,7 @@ def refine(
     if dof < 1 or not np.any(residual):
         return _noise(problem, told, split), {}, {}
     z = (residual / told) ** 2 * (problem.rows / max(dof, 1.0))
-    z = np.minimum(z, _OUTLYING * np.mean(z))
+    z = np.minimum(z, _OUTLYING * np.mean(z)) / np.mean(z)  # the scale is no part of what differs
     axes, points = np.unique(problem.axis), problem.points
     markers = np.unique(points) if len(np.unique(points)) > 1 else points[:0]
     names = [k for k, v in problem.spread.items() if np.all(v > 0) and np.std(np.log(v)) > _VARIES]

@@ -176,7 +176,7 @@ def _others(shop: Workshop, leader: Judged, bases: list[Proposal], beyond: Beyon
     that together are the same columns are the same way. One law bends to most of two of the same joint, and two bend
     to one whose shape is not at hand: they have to explain clearly more, and to leave nothing unless it is much more.
     """
-    but = _set(leader, shop.start.bank)
+    but = same_columns(leader, shop.start.bank)
     found = [*_joined(shop, leader, beyond), *ranked(shop, bases, beyond, but)[:LEADING]]
     lead = [_lead_of(shop, p, leader) for p in found]
     close = (p for p, by in zip(found, lead, strict=True) if p.score > leader.score + by)
@@ -271,7 +271,7 @@ def _conclude(shop: Workshop, tried: list[Judged], weighed: list[Proposal], test
     if fewer is not None:
         return _insufficient(fewer, Why.PARTLY, tried, tests)
     if good and good[0].score > refused - AS_MUCH:
-        return _named(good, tried, weighed, tests, options)
+        return _named(shop, good, tried, weighed, tests)
     if good and good[0].score > refused - CLOSE:
         return _insufficient(good[0], Why.AS_WELL, tried, tests)
     needed = [j for j in tried if _needs_all(j, options)]
@@ -285,7 +285,8 @@ def _conclude(shop: Workshop, tried: list[Judged], weighed: list[Proposal], test
         if sure is not None:
             believed = tuple(PARTLY for _ in sure.members)
             return Outcome(INSUFFICIENT, Reason(Why.SURE), *tests, enough, (sure,), believed, tuple(tried))
-        return Outcome(UNEXPLAINED, Reason(Why.NOT_ALONE), *tests, enough, (), (), tuple(tried))
+        why = Why.FAINT if enough.rivals.best < -AS_MUCH else Why.NOT_ALONE
+        return Outcome(UNEXPLAINED, Reason(why), *tests, enough, (), (), tuple(tried))
     return Outcome(UNEXPLAINED, Reason(Why.NO_SET), *tests, best, (), (), tuple(tried))
 
 
@@ -311,37 +312,65 @@ def _insufficient(leader: Judged, why: Why, tried: list[Judged], tests: Tests) -
 
 
 def _named(
-    good: list[Judged], tried: list[Judged], weighed: list[Proposal], tests: Tests, options: Options
+    shop: Workshop, good: list[Judged], tried: list[Judged], weighed: list[Proposal], tests: Tests
 ) -> Outcome:
     """The verdict where sets are admissible, ``good``, best first: the leader alone, or several.
 
     A leader alone that is hardly ahead of a law without a name explains no more than that, which is told.
     """
-    leader = good[0]
+    leader, options = good[0], shop.options
     bank = leader.bank
     good = [*good, *sorted((j for j in tried if _nearly(j, options)), key=lambda j: -j.score)]
-    accepted = {_set(j, bank) for j in good}
-    judged = {_set(j, bank) for j in tried}
+    accepted = {same_columns(j, bank) for j in good}
+    judged = {same_columns(j, bank) for j in tried}
     # sets that were not judged (they trail) keep their weight; judged and refused ones lose it
-    rest = [p for p in weighed if _set(p, bank) in accepted or _set(p, bank) not in judged]
-    share = _shares([(_set(p, bank), p.score) for p in rest])
-    own = share[_set(leader, bank)]
+    rest = [p for p in weighed if same_columns(p, bank) in accepted or same_columns(p, bank) not in judged]
+    share = _shares([(same_columns(p, bank), p.score) for p in rest])
+    own = share[same_columns(leader, bank)]
     same_places = [p for p in rest if _places(p, bank.place) == _places(leader, bank.place)]
-    at_best = _shares([(_set(p, bank), p.score + _spared(p, tests[1])) for p in same_places])
+    at_best = _shares([(same_columns(p, bank), p.score + _spared(p, tests[1])) for p in same_places])
     confidence = tuple(
         _calibrated(sum(w for members, w in share.items() if bank.twins(e)[0] in members), leader, p)
         for e, p in zip(leader.entries, leader.p_members, strict=True)
     )
-    first = {_set(j, bank): j for j in reversed(good)}
-    kept = tuple(j for j in good if share[_set(j, bank)] > _LISTED * own and first[_set(j, bank)] is j)
-    ahead = own >= options.name_at and (at_best[_set(leader, bank)] >= _AT_BEST or _without_shape(leader))
+    first = {same_columns(j, bank): j for j in reversed(good)}
+    kept = tuple(
+        j for j in good if share[same_columns(j, bank)] > _LISTED * own and first[same_columns(j, bank)] is j
+    )
+    ahead = own >= options.name_at and (
+        at_best[same_columns(leader, bank)] >= _AT_BEST or _without_shape(leader)
+    )
     verdict = NAMED if ahead or len(kept) < 2 else AMBIGUOUS
     if verdict == NAMED and leader.rivals.best >= -AS_MUCH:
         return replace(
             _insufficient(leader, Why.AS_WELL, tried, tests), confidence=_in_doubt(leader, confidence)
         )
+    others = [j for k in range(len(leader.members)) for j in _other_names(shop, leader, k)]
+    if others:
+        verdict, kept = AMBIGUOUS, (leader, *others, *kept[1:])
     because = Reason(Why.AHEAD if verdict == NAMED else Why.SEVERAL)
     return Outcome(verdict, because, *tests, leader, kept, confidence, tuple(tried))
+
+
+def _other_names(shop: Workshop, judged: Judged, k: int) -> tuple[Judged, ...]:
+    """The set with its k-th member under other names that give the same columns, whatever is measured.
+
+    A joint's law and what is none are two things; names of a base that gives way, or of what weighs at the flange, are
+    names of one.
+    """
+    bank, entry, own = judged.bank, judged.entries[k], judged.members[k]
+    found = []
+    for twin in bank.twins(entry):
+        at_joint = ["joint" in bank.candidates[member].where for member in (own, twin)]
+        if at_joint[0] == at_joint[1]:
+            continue
+        scan, plainest = shop.scan(()), int(bank.first_entry[twin])
+        first, second = (directions(scan, scan.best, [e])[1].size for e in (entry, plainest))
+        if first == second:
+            members = (*judged.members[:k], twin, *judged.members[k + 1 :])
+            entries = (*judged.entries[:k], plainest, *judged.entries[k + 1 :])
+            found.append(replace(judged, members=members, entries=entries))
+    return tuple(found)
 
 
 def _in_doubt(leader: Judged, confidence: Sequence[float]) -> tuple[float, ...]:
@@ -351,7 +380,7 @@ def _in_doubt(leader: Judged, confidence: Sequence[float]) -> tuple[float, ...]:
     return tuple(min(c, m) for c, m in zip(confidence, most, strict=True))
 
 
-def _set(found: Proposal | Judged, bank: Bank) -> frozenset[int]:
+def same_columns(found: Proposal | Judged, bank: Bank) -> frozenset[int]:
     """The members, those whose columns are the same by structure as one."""
     return frozenset(bank.twins(e)[0] for e in found.entries)
 
