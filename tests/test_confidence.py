@@ -12,7 +12,7 @@ import pytest
 from symstiff.discrepancy.problem import Options
 from symstiff.discrepancy.search.rivals import Rival, Rivals
 from symstiff.discrepancy.search.verdict import _named, _nearly, decide
-from symstiff.discrepancy.search.workshop import Proposal
+from symstiff.discrepancy.search.workshop import Proposal, Workshop
 from symstiff.discrepancy.statistics.prepare import prepare
 from tests.test_discrepancy_engine import QUICK, arm, measured, saturating, scaled
 
@@ -25,12 +25,13 @@ def test_a_name_that_hardly_passes_its_test_is_told_with_less_confidence() -> No
     every = np.ones(len(ready.bank.candidates), dtype=bool)
     found = decide(ready.scan, every, QUICK, lambda _: 0.0, (), lambda _: None)
     assert found.chosen is not None
+    shop = Workshop(ready.scan, every, QUICK)
     sure = []
     for p in (0.0, 0.02, 0.1, 0.2, 0.5):
         leader = replace(found.chosen, p_members=(p,))
         alone = Proposal(leader.members, leader.entries, leader.score)
         tests = (found.null, found.found, found.p_named, found.p_unnamed)
-        sure += _named([leader], [leader], [alone], tests, QUICK).confidence
+        sure += _named(shop, [leader], [leader], [alone], tests).confidence
     assert sure[0] > 0.9
     assert np.array(sure) / sure[0] == pytest.approx([1.0, 0.9, 0.5, 0.0, 0.0])
 

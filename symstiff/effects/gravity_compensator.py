@@ -265,7 +265,8 @@ EFFECT = Effect(
     },
     assumed={
         "turned": "its spring pulls as if the anchor were turned by {} rad from where the robot file has it: the "
-        "file's q may have its zero elsewhere, or count the other way"
+        "file's q may have its zero elsewhere, or count the other way. Else it is no spring: look for a gear or a "
+        "bearing that gives way by the joint's angle"
     },
     odds=_odds,
     alike=_alike,

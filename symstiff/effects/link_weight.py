@@ -38,8 +38,8 @@ def _alike(robot: Robot, where: Where, shape: Shape) -> str:
     if robot.gravity_compensator is not None or sum(link.mass for link in robot.links) < _HEAVY:
         return ""
     return (
-        "a gravity compensator, of which the robot file tells nothing, makes a link look lighter: where the robot has "
-        "one, enter its joint under [gravity_compensator] and diagnose again"
+        "where the link looks too light, that may be a gravity compensator of which the robot file tells nothing: "
+        "enter its joint under [gravity_compensator] and diagnose again"
     )
 
 

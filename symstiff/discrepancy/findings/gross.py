@@ -10,7 +10,7 @@ from collections.abc import Sequence
 import numpy as np
 from scipy.stats import binom
 
-from symstiff.arrays import Array, Index
+from symstiff.arrays import Array, Index, numbered
 from symstiff.calibration.experiment.current import sigma_of
 from symstiff.calibration.experiment.situation import View
 from symstiff.calibration.fits.decomposition import unit_columns
@@ -76,13 +76,16 @@ def gross(finding: Finding) -> Index:
 
 
 def _far_off(table: Measurements, far: Array, stated: Array) -> Index:
-    """Rows far beside the middle of their pose and beside all its usual readings, which are more than half of it."""
-    beyond, pose = (far > FAR) & (stated > _BEYOND), table.pose
+    """Rows far beside the middle of their pose, all its usual readings, which are more than half of it, and all others
+    of their load: what bends an arm under a load shows at all markers.
+    """
+    beyond, load = (far > FAR) & (stated > _BEYOND), numbered(*table.w.T)
     found = []
     for r in np.flatnonzero(beyond):
-        own = pose == pose[r]
-        usual = far[own & ~beyond]
-        if len(usual) + 1 >= FEWEST and len(usual) > 0.5 * own.sum() and far[r] > ALONE * usual.max():
+        own = table.pose == table.pose[r]
+        usual = own & ~beyond
+        others = usual | (own & (load == load[r]) & (np.arange(len(far)) != r))
+        if usual.sum() + 1 >= FEWEST and usual.sum() > 0.5 * own.sum() and far[r] > ALONE * far[others].max():
             found.append(r)
     return np.array(found, dtype=np.intp)
 

@@ -199,8 +199,11 @@ def _followed(effect: str, one: Inconstancy) -> str:
             "earlier one (--start model.toml)"
         )
     by = _FOLLOWED.get(one.by) or f"the position of joint {one.by.removeprefix('q')}"
+    runs = f"runs from {one.low:.1f} to {one.high:.1f} of its mean".replace("-", "−")
+    if one.low < -1.0 and one.high > 1.0:  # a mean near zero measures nothing
+        runs = "changes its sign"
     return (
-        f"{effect} has no one size in these data: it runs from {one.low:.1f} to {one.high:.1f} of its mean with {by} "
+        f"{effect} has no one size in these data: it {runs} with {by} "
         f"({p_equals(one.p_value)}): something else may look like it, or its law is only close"
     )
 
