@@ -16,7 +16,8 @@ from symstiff.discrepancy.reasons import Why
 from symstiff.discrepancy.search.judging import Judged
 from symstiff.discrepancy.search.proof import poses_of_their_own
 from symstiff.discrepancy.search.rivals import Rival
-from symstiff.discrepancy.search.verdict import Outcome, same_columns
+from symstiff.discrepancy.search.shares import same_columns
+from symstiff.discrepancy.search.verdict import Outcome
 from symstiff.discrepancy.statistics.bank import Bank
 from symstiff.discrepancy.statistics.design import confusability, share_left
 from symstiff.discrepancy.statistics.evidence import evidence

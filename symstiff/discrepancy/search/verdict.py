@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 from itertools import islice
 
 import numpy as np
-from scipy.special import expit, logsumexp
+from scipy.special import expit
 
 from symstiff.arrays import Array
 from symstiff.discrepancy.problem import Options
@@ -25,8 +25,8 @@ from symstiff.discrepancy.search.proposals import (
     together,
 )
 from symstiff.discrepancy.search.rivals import AS_MUCH
+from symstiff.discrepancy.search.shares import other_names, places, same_columns, shares
 from symstiff.discrepancy.search.workshop import Proposal, Workshop
-from symstiff.discrepancy.statistics.bank import Bank
 from symstiff.discrepancy.statistics.evidence import Evidence
 from symstiff.discrepancy.statistics.null import Null
 from symstiff.discrepancy.statistics.scan import Scan, directions
@@ -325,10 +325,10 @@ def _named(
     judged = {same_columns(j, bank) for j in tried}
     # sets that were not judged (they trail) keep their weight; judged and refused ones lose it
     rest = [p for p in weighed if same_columns(p, bank) in accepted or same_columns(p, bank) not in judged]
-    share = _shares([(same_columns(p, bank), p.score) for p in rest])
+    share = shares([(same_columns(p, bank), p.score) for p in rest])
     own = share[same_columns(leader, bank)]
-    same_places = [p for p in rest if _places(p, bank.place) == _places(leader, bank.place)]
-    at_best = _shares([(same_columns(p, bank), p.score + _spared(p, tests[1])) for p in same_places])
+    same_places = [p for p in rest if places(p, bank.place) == places(leader, bank.place)]
+    at_best = shares([(same_columns(p, bank), p.score + _spared(p, tests[1])) for p in same_places])
     confidence = tuple(
         _calibrated(sum(w for members, w in share.items() if bank.twins(e)[0] in members), leader, p)
         for e, p in zip(leader.entries, leader.p_members, strict=True)
@@ -345,32 +345,11 @@ def _named(
         return replace(
             _insufficient(leader, Why.AS_WELL, tried, tests), confidence=_in_doubt(leader, confidence)
         )
-    others = [j for k in range(len(leader.members)) for j in _other_names(shop, leader, k)]
+    others = [j for k in range(len(leader.members)) for j in other_names(shop, leader, k)]
     if others:
         verdict, kept = AMBIGUOUS, (leader, *others, *kept[1:])
     because = Reason(Why.AHEAD if verdict == NAMED else Why.SEVERAL)
     return Outcome(verdict, because, *tests, leader, kept, confidence, tuple(tried))
-
-
-def _other_names(shop: Workshop, judged: Judged, k: int) -> tuple[Judged, ...]:
-    """The set with its k-th member under other names that give the same columns, whatever is measured.
-
-    A joint's law and what is none are two things; names of a base that gives way, or of what weighs at the flange, are
-    names of one.
-    """
-    bank, entry, own = judged.bank, judged.entries[k], judged.members[k]
-    found = []
-    for twin in bank.twins(entry):
-        at_joint = ["joint" in bank.candidates[member].where for member in (own, twin)]
-        if at_joint[0] == at_joint[1]:
-            continue
-        scan, plainest = shop.scan(()), int(bank.first_entry[twin])
-        first, second = (directions(scan, scan.best, [e])[1].size for e in (entry, plainest))
-        if first == second:
-            members = (*judged.members[:k], twin, *judged.members[k + 1 :])
-            entries = (*judged.entries[:k], plainest, *judged.entries[k + 1 :])
-            found.append(replace(judged, members=members, entries=entries))
-    return tuple(found)
 
 
 def _in_doubt(leader: Judged, confidence: Sequence[float]) -> tuple[float, ...]:
@@ -378,25 +357,6 @@ def _in_doubt(leader: Judged, confidence: Sequence[float]) -> tuple[float, ...]:
     challenged = (c >= -CLOSE for c in leader.rivals.challenge)
     most = (EVEN if doubt else PARTLY for doubt in challenged)
     return tuple(min(c, m) for c, m in zip(confidence, most, strict=True))
-
-
-def same_columns(found: Proposal | Judged, bank: Bank) -> frozenset[int]:
-    """The members, those whose columns are the same by structure as one."""
-    return frozenset(bank.twins(e)[0] for e in found.entries)
-
-
-def _shares(scored: Sequence[tuple[frozenset[int], float]]) -> dict[frozenset[int], float]:
-    """Scores of rival sets as shares of all their evidence."""
-    best: dict[frozenset[int], float] = {}
-    for members, score in scored:
-        best[members] = max(score, best.get(members, -np.inf))
-    total = float(logsumexp(list(best.values())))
-    return {members: float(np.exp(score - total)) for members, score in best.items()}
-
-
-def _places(found: Proposal | Judged, place: Sequence[str]) -> list[str]:
-    """Virtual joints of a set's members, by those of all candidates."""
-    return sorted(place[m] for m in found.members)
 
 
 def _without_shape(judged: Judged) -> bool:
