@@ -147,8 +147,8 @@ def test_a_quarter_turn_is_told_as_the_turn_that_corrects_it(axis: str, degrees:
         rng.uniform(-2.0, 2.0, (40, 6)), rng.normal(size=(40, 6)) * [90, 90, 90, 30, 30, 30]
     )
     table = simulate(Truth(robot, nominal_truth(robot), noise=Noise((0.002,) * 3)), planned, 3)
-    back = Rotation.from_euler(axis, -degrees, degrees=True)
-    wrong = replace(table, w=np.hstack([back.apply(table.w[:, :3]), back.apply(table.w[:, 3:])]))
+    back = Rotation.from_euler(axis, -degrees, degrees=True).as_matrix()
+    wrong = replace(table, w=np.hstack([table.w[:, :3] @ back.T, table.w[:, 3:] @ back.T]))
     hint = f"the loads look told in another way: turning them by {degrees} deg about {axis} would"
     assert any(hint in remark for remark in identify(robot, wrong).remarks)
 
