@@ -117,9 +117,8 @@ def _separable(total: Array, layout: _Layout) -> list[tuple[int, int]]:
     """Ordered pairs (i, j) such that all poses together leave something of i's signal outside j, above the noise."""
     out = []
     for i in range(layout.signals):
-        size = float(total[layout.model + i, layout.model + i])
+        least = max(_NEVER * float(total[layout.model + i, layout.model + i]), _HOPELESS)
         for j in range(layout.signals):
-            least = max(_NEVER * size, _HOPELESS)
             if i != j and float(_apart(total[None], layout, [(i, j)], _HARD)[0]) > least:
                 out.append((i, j))
     return out

@@ -32,8 +32,8 @@ FEWEST = 3
 """Readings of a component in a pose from which one is told from the others."""
 _OF_MEDIAN = 0.6745
 """Median of normal noise's size, in standard deviations."""
-FEW, MOST = 3, 0.1
-"""Gross errors that need no further proof, and share of the rows that scattered ones may be: more are none."""
+FEW, FEW_OF, MOST = 3, 0.01, 0.1
+"""Gross errors that need no further proof, in number or share of the rows, and the share that scattered ones may be."""
 _BY_CHANCE = 0.01
 """Probability below which so many gross errors at one load or marker are no slips, which come anywhere."""
 _REFITS = 8
@@ -71,7 +71,7 @@ def gross(finding: Finding) -> Index:
         if np.array_equal(found, rows):
             break
         rows = found
-    few = len(rows) <= max(FEW, 0.01 * len(finding.table))
+    few = len(rows) <= max(FEW, FEW_OF * len(finding.table))
     return rows if few or _scattered(finding.table, rows) else rows[:0]
 
 
