@@ -54,7 +54,9 @@ def counted(number: int, what: str) -> str:
 
 
 def times(factor: float) -> str:
-    """How many times as large, two decimals; three digits of what is far from one."""
+    """How many times as large, two decimals; three digits of what is far from one, two of what is far below."""
+    if factor < 0.1:
+        return f"{factor:.2g}"
     return f"{factor:.2f}" if factor < 100 else f"{float(f'{factor:.3g}'):.0f}"
 
 

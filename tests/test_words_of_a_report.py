@@ -9,7 +9,8 @@ from typing import Any, cast
 import numpy as np
 import pytest
 
-from symstiff.calibration.simulation import Effect
+from symstiff.calibration.simulation import Effect, Truth
+from symstiff.calibration.tables.measurements import Measurements
 from symstiff.discrepancy.bridge.assemble import assemble
 from symstiff.discrepancy.findings.finding import Finding
 from symstiff.discrepancy.findings.numbers import decimals_between, milli, number, p_equals, quantity
@@ -82,12 +83,33 @@ def test_a_block_of_compliances_is_as_large_as_what_it_moves() -> None:
     ]
     sizes = {n: Quantity(block.get(n.removeprefix("k3_"), 0.0), 1e-9, "rad/N") for n in names}
     effect = Found("link_asymmetry", {"link": 3}, {}, sizes, 0.0, 0.9, ())
-    finding = cast(Finding, SimpleNamespace(
-        assembly=assemble(complete("ur10"), measured(hidden, table), effects=()),
-        added=lambda effect: Finding.added(finding, effect),
-    ))  # fmt: skip
+    finding = _finding(hidden, table)
     assert moved > 5e-6
     assert magnitude(finding, effect) == f"13 compliances that move a reading by up to {milli(moved)} mm"
+
+
+def test_a_size_is_told_with_what_it_moves() -> None:
+    """A compliance in rad/(N m), or a loop that no load opens wholly, says little without; a shift says all."""
+    table, joint, device = design("ur10", "deflection"), {"joint": 2}, {"measurement": "frame"}
+    hidden = truth_of("ur10", Effect("joint_compliance", joint, "linear", {"c": 4e-7}))
+    moved = np.abs(readings(hidden, table) - readings(truth_of("ur10"), table))[:, :3].max()
+    size = {"c2": Quantity(4e-7, 2e-9, "rad/(N*m)")}
+    finding = _finding(hidden, table)
+    said = magnitude(finding, Found("joint_compliance", joint, {}, size, 0.0, 0.9, ()))
+    assert moved > 5e-6
+    assert said == (f"c2 = (4.000 ± 0.020)·10⁻⁷ rad/(N·m), by which readings move by up to {milli(moved)} mm")
+    shift = {"thermal_drift_frame_x": Quantity(6e-5, 5e-6, "m")}
+    drift = Found("thermal_drift", device, {"time": 3600.0}, shift, 0.0, 0.9, ())
+    assert magnitude(finding, drift) == main_parameters(drift)
+
+
+def _finding(hidden: Truth, table: Measurements) -> Finding:
+    """What of a finding tells how large an effect is."""
+    finding = SimpleNamespace(
+        assembly=assemble(complete("ur10"), measured(hidden, table), effects=()),
+        added=lambda effect: Finding.added(cast(Finding, finding), effect),
+    )
+    return cast(Finding, finding)
 
 
 @pytest.mark.parametrize(

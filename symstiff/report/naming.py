@@ -123,14 +123,22 @@ def _doubt(size: Quantity) -> str:
 
 
 def magnitude(finding: Finding, effect: Found) -> str:
-    """How large an effect is: its best determined parameters, of a block of compliances what it moves."""
-    units = {e.unit for e in effect.parameters.values()}
-    moved = np.abs(finding.added(effect)[finding.assembly.problem.axis < 3])
-    if len(effect.parameters) <= _FEW or not moved.size or not all("/N" in u or "/(N" in u for u in units):
-        return main_parameters(effect)
+    """How large an effect is: its best determined parameters and what they move; of a block of compliances that."""
+    told, reach = main_parameters(effect), _reach(finding, effect)
+    units = [e.unit for e in effect.parameters.values()]
+    if not told or not reach or all(u == "m" for u in units):  # a shift tells by itself what it moves
+        return told
+    if len(units) <= _FEW or not all("/N" in u or "/(N" in u for u in units):
+        return f"{told}, by which readings move by up to {reach}"
     known = sum(math.isfinite(e.std) for e in effect.parameters.values())
     verb = "moves" if known == 1 else "move"
-    return f"{counted(known, 'compliance')} that {verb} a reading by up to {milli(float(moved.max()))} mm"
+    return f"{counted(known, 'compliance')} that {verb} a reading by up to {reach}"
+
+
+def _reach(finding: Finding, effect: Found) -> str:
+    """The largest of what an effect adds to a position that was read; nothing where none was."""
+    moved = np.abs(finding.added(effect)[finding.assembly.problem.axis < 3])
+    return f"{milli(float(moved.max()))} mm" if moved.size else ""
 
 
 def confidence(finding: Finding, group: Sequence[Found]) -> str:
