@@ -54,6 +54,20 @@ def test_what_is_to_be_seen_is_looked_for_instead(table: Measurements) -> None:
     assert candidate.counted is None
 
 
+def test_a_shape_too_small_to_be_seen_is_not_looked_for(table: Measurements) -> None:
+    """As of the arm without the weight that would make it visible: what fits there by another size is another thing."""
+    kept = of(
+        assemble(complete("kuka_kr270"), stated(table, noise_for(table, 8.0))), "large_deflection", WHERE
+    )
+    every = of(
+        assemble(complete("kuka_kr270"), stated(table, noise_for(table, 40.0))), "large_deflection", WHERE
+    )
+    assert not kept.unavailable
+    assert {} in every.shapes
+    assert kept.shapes
+    assert {} not in kept.shapes
+
+
 def test_data_without_noise_are_no_reason_to_count_it(table: Measurements) -> None:
     """Deflections that a linear model computed have none of it, whatever noise the table states."""
     computed = assemble(complete("kuka_kr270"), table, effects=())

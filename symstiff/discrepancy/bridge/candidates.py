@@ -34,7 +34,8 @@ from symstiff.symbolic.terms import BRANCH, TEMPERATURE, TIME, TURN, VirtualJoin
 _LEFT = 1e-9
 """Share of a column's squared length below which nothing of it is outside the model."""
 _VISIBLE = 12.0
-"""Noncentrality below which an effect of known size is counted as it is and not looked for: no test would see it."""
+"""Noncentrality below which a shape of known size is not looked for: no test would see it. Where none is, the effect is
+counted as it is."""
 _AT_ONCE = 0.1
 """Share of a session up to which the first reading's time is taken for the time since its start."""
 UNLOADED = 1e-9
@@ -89,10 +90,10 @@ def _candidate(
     )
     if unseen:
         return _unavailable(effect, where, unseen, first)
-    known = _below_noise(columns, members, problem, noise)
-    if known is not None:
+    small, members = _below_noise(columns, members, problem, noise)
+    if not members:
         reason = "its known size is below the noise: it is counted as it is"
-        return replace(_unavailable(effect, where, reason, first), counted=known)
+        return replace(_unavailable(effect, where, reason, first), counted=small)
     kept = tuple(m.shape for m in members)
     return Candidate(
         effect.identifier, where, first, columns, kept, _weights(effect, model.robot, kept),
@@ -249,14 +250,17 @@ def _inside(columns: _Columns, members: Sequence[_Member], basis: Array, view: V
 
 def _below_noise(
     columns: _Columns, members: Sequence[_Member], problem: Problem, noise: Noise | None
-) -> Array | None:
-    """What an effect of known size adds (M,), where too little of it is outside the model to be seen."""
-    known = [m for m in members if m.realised.nominal]
-    if not known or len(known) < len(members):
-        return None
-    signals = [columns(m.shape) @ [m.realised.nominal.get(p.name, 0.0) for p in m.parameters] for m in known]
-    sizes = [_noncentrality(signal, problem, noise) for signal in signals]
-    return np.asarray(signals[0]) if max(sizes) < _VISIBLE else None
+) -> tuple[Array | None, list[_Member]]:
+    """What an effect of known size adds (M,) in its plainest form, and the shapes of which enough is outside the model
+    to be seen: all where a size is not known.
+    """
+    if not all(m.realised.nominal for m in members):
+        return None, list(members)
+    signals = [
+        columns(m.shape) @ [m.realised.nominal.get(p.name, 0.0) for p in m.parameters] for m in members
+    ]
+    shown = (_noncentrality(signal, problem, noise) >= _VISIBLE for signal in signals)
+    return np.asarray(signals[0]), [m for m, one in zip(members, shown, strict=True) if one]
 
 
 def _noncentrality(signal: Array, problem: Problem, noise: Noise | None) -> float:
