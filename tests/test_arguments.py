@@ -211,6 +211,10 @@ BACKLASH = EffectInstance("backlash", {"joint": 1})
         (lambda m: StiffnessModel(m.robot, m.compliances, measure="zz"), "measure: unknown 'zz': use pose"),
         (lambda m: m.with_effect(EffectInstance("backlash", {"joint": 9})), "backlash cannot be at {'joint': 9}"),
         (
+            lambda m: m.with_effect(EffectInstance("hysteresis", {"joint": 1}, {"widht": 5.0})),
+            "hysteresis at {'joint': 1} knows no shape key 'widht': correct or remove it",
+        ),
+        (
             lambda m: m.with_effect(EffectInstance("backlash", {"joint": 1}, {"wdth": 5.0})),
             "backlash at {'joint': 1} knows no shape key 'wdth': correct or remove it",
         ),
@@ -230,6 +234,7 @@ def test_effects_of_a_model(model: StiffnessModel, call: Call, told: str) -> Non
         ({"w": "down"}, "w: expected numbers of shape (3, 6)"),
         ({"values": [["a"] * 6] * 3}, "values: expected numbers of shape (3, 6)"),
         ({"time": [1.0, 2.0]}, "time: expected an array of shape (3,), found (2,)"),
+        ({"branch": [1.0, np.nan, 5.0]}, "branch: expected 1 (up), -1 (down) or NaN, found 5"),
         ({"kind": "zz"}, "kind: expected deflection, absolute, none, found 'zz'"),
         ({"pose": [0, 1, 2], "labels": ["a", "b"]}, "pose: 2 is beyond the 2 names that are given"),
         ({"pose": [0, 1, 1.5]}, "pose: expected whole numbers from 0 on"),

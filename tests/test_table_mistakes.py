@@ -74,6 +74,12 @@ from tests.test_tables import GOOD, TWO, attempt, line_of, refusal, save
         ("q2[rad]", "q3[rad]", 1, "q2"),
         ("q2[rad]", "q1[rad]", 1, "two columns"),
         ("pose,", "name,", 1, "unknown column"),
+        (
+            "pose,",
+            "# 12.3.2026\npose,",
+            1,
+            "unknown column '# 12.3.2026': comments are not read: remove such lines",
+        ),
         ("q1[deg]", "q1(deg)", 1, "unknown column 'q1(deg)': write q1[deg]"),
         ("fx[N]", "fx {kN}", 1, "write fx[kN]"),
         ("fx[N]", "f(x)", 1, "known are"),

@@ -103,7 +103,7 @@ class EffectInstance:
 
 
 class _Read(Mapping[str, float]):
-    """A shape that remembers what was read of it."""
+    """A shape that remembers which of its values were read: who goes through the keys has read none yet."""
 
     def __init__(self, shape: Shape) -> None:
         self._shape, self.keys_read = shape, set[str]()
@@ -113,7 +113,6 @@ class _Read(Mapping[str, float]):
         return self._shape[key]
 
     def __iter__(self) -> Iterator[str]:
-        self.keys_read.update(self._shape)
         return iter(self._shape)
 
     def __len__(self) -> int:

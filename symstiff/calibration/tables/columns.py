@@ -117,6 +117,8 @@ def _quantities(name: str) -> tuple[str, ...] | None:
 
 
 def _suggest(name: str) -> str:
+    if name.startswith("#"):
+        return "comments are not read: remove such lines, the first one names the columns"
     bracketed = _OTHER_BRACKETS.fullmatch(name)
     if bracketed is not None and _quantities(bracketed[1]) is not None:
         return f"write {bracketed[1]}[{printable(bracketed[2], SHOWN)}]"

@@ -199,8 +199,9 @@ def measurements(
     ``q`` is (M, n); without ``pose`` equal rows of ``q`` are one pose, labelled p1, p2, … in order of
     appearance; ``joint_units`` are "rad" where not given. ``w`` (M, 6) in N and N·m acts at the tool centre point, base
     axes; ``values`` and ``sigma`` (M, 6) are in m and rad, NaN for what was not measured, of a ``kind`` "deflection" or
-    "absolute". ``pose`` and ``point`` (M,) count ``labels`` and ``points`` from 0. Raises UserError for other shapes,
-    kinds and numbers.
+    "absolute". ``pose`` and ``point`` (M,) count ``labels`` and ``points`` from 0. Of the others (M,)
+    ``time`` is in s, ``temperature`` in °C, ``branch`` 1 on the way up and -1 down, ``load_step`` and ``repeat`` are
+    numbers; NaN where unknown. Raises UserError for other shapes, kinds and numbers.
     """
     q = np.atleast_2d(reals(q, "q", "(M, n)"))
     if q.ndim != 2:
@@ -223,6 +224,9 @@ def measurements(
         raise UserError(
             f"joint_units: expected rad or m for each of {dof} joints, found {', '.join(units):.40}"
         )
+    branch = _rows(branch, "branch", (rows,), np.nan)
+    if np.any(other := ~np.isnan(branch) & (np.abs(branch) != 1.0)):
+        raise UserError(f"branch: expected 1 (up), -1 (down) or NaN, found {branch[other][0]:g}")
     return Measurements(
         labels=labels,
         pose=pose,
@@ -237,7 +241,7 @@ def measurements(
         time=_rows(time, "time", (rows,), np.nan),
         temperature=_rows(temperature, "temperature", (rows,), np.nan),
         load_step=_rows(load_step, "load_step", (rows,), np.nan),
-        branch=_rows(branch, "branch", (rows,), np.nan),
+        branch=branch,
         repeat=_rows(repeat, "repeat", (rows,), np.nan),
     )
 
