@@ -185,3 +185,14 @@ def test_loads_and_joints_that_the_model_was_not_reduced_for_are_told() -> None:
     loads, joints = found.remarks
     assert "reduced for force loads (fx, fy, fz), and these have mz too" in loads
     assert "reduced for q2 = 0.5 rad, and these poses have other values" in joints
+
+
+@pytest.mark.parametrize(("elbow", "remarks"), [(np.pi / 2, 0), (0.01, 1)])
+def test_a_joint_that_only_turns_the_tool_makes_no_pose_singular(elbow: float, remarks: int) -> None:
+    """As the last one of a SCARA, whose turn counts little where position comes first; a stretched elbow does."""
+    soft = joints_only(load("scara"), "wrench", "pose", {}).with_values({"c1": 1e-7, "c2": 1e-7, "c4": 7e-4})
+    q = np.array([[0.2, elbow, 0.1, 0.5]])
+    found = compensate(soft, q, np.array([[0.0, 0, 0, 0, 0, 40.0]]))
+    assert np.abs(found.q_cmd - q).max() > 0.02
+    assert len(found.remarks) == remarks
+    assert all(remark.startswith("1 row beside a singular pose (1)") for remark in found.remarks)

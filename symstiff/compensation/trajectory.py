@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from symstiff.arguments import A_MODEL, require
+from symstiff.arrays import TINY
 from symstiff.calibration.doubts.soundness import (
     check_bends,
     nothing_bends,
@@ -139,9 +140,15 @@ def compensate(
 
 
 def _beside_singular(model: StiffnessModel, q: np.ndarray, command: np.ndarray, rank: int) -> list[str]:
-    """A remark on rows beside a singular pose whose joints go far for a small correction."""
+    """A remark on rows beside a singular pose whose joints go far for a small correction.
+
+    There joints move the tool nearly alike: each counts as much, a joint that only turns the tool where its position
+    comes first as well.
+    """
     far = np.abs(command - q).max(axis=1, initial=0.0)
-    s = np.linalg.svd(_weighed_jacobian(model, q), compute_uv=False)[:, :rank]
+    J = _weighed_jacobian(model, q)
+    alike = J / np.maximum(np.linalg.norm(J, axis=1, keepdims=True), TINY)
+    s = np.linalg.svd(alike, compute_uv=False)[:, :rank]
     rows = np.flatnonzero((far > _LEAP) & (s[:, -1] < _BESIDE * s[:, 0]))
     if not len(rows):
         return []
