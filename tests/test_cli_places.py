@@ -223,6 +223,27 @@ def test_test_poses_without_a_load_are_refused(run: Run, place: Path) -> None:
         "plan", "scara", "--poses", "40", "--criterion", "test", "--test-poses", "test.csv", "-o", "x.csv"
     )
     assert_users_mistake(done, "the test poses carry no load")
+    (place / "test.csv").write_text("pose,q1[deg],q2[deg],q3[m],q4[deg],fx[N]\na,10,20,0.05,0,9\n")
+    plan = (
+        "plan",
+        "scara",
+        "--poses",
+        "40",
+        "--criterion",
+        "test",
+        "--test-poses",
+        "test.csv",
+        "-o",
+        "x.csv",
+    )
+    done = run(*plan, "--loads", "gravity")
+    assert_users_mistake(
+        done, "test poses: the model is reduced for gravity loads (fz), and these have fx too"
+    )
+    done = run(*plan, "--loads", "force", "--fixed", "q3=0.1")
+    assert_users_mistake(
+        done, "test poses: the model was reduced for q3 = 0.1 m, and these poses have other values"
+    )
 
 
 FALLING = "pose,q1[deg],q2[deg],fz[N],dx[mm],dy[mm],dz[mm]\n" + "".join(

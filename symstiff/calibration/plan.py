@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 
 from symstiff.arguments import A_MODEL, listener, number, require, whole, words
+from symstiff.calibration.doubts.soundness import outside_class, outside_fixed
 from symstiff.calibration.planning import (
     Goal,
     Load,
@@ -70,6 +71,7 @@ def plan(
     load, region, search = load or Load(_load_class(model.loads)), region or Region(), search or Search()
     _check_kinds(load, region, progress, search)
     _check_class(model, load)
+    _check_tests(model, goal)
     deviations = _two(sigma)
     space = Space(
         geometry(model.robot),
@@ -139,6 +141,15 @@ def _check_class(model: StiffnessModel, load: Load) -> None:
             f"the model is reduced for {model.loads} loads and these are of class {wider}: plan with "
             f"Load({model.loads!r}), or reduce the robot with loads={wider!r}"
         )
+
+
+def _check_tests(model: StiffnessModel, goal: Goal) -> None:
+    """Refuse test poses and loads that a model was not reduced for: no plan foretells their errors."""
+    q, w = goal.test_q, goal.test_w
+    if q is None or w is None or (np.shape(q)[1:], np.shape(w)[1:]) != ((model.robot.dof,), (6,)):
+        return  # what evaluates them refuses other shapes
+    if remarks := [*outside_class(w, model.loads), *outside_fixed(q, model)]:
+        raise UserError(f"test poses: {remarks[0]}")
 
 
 def _two(sigma: Any) -> tuple[float, float]:
