@@ -60,7 +60,8 @@ def plan(
     ``load`` is of the model's class, 1 kN, where not given. ``markers`` are measured points (a position
     model without any measures the tool centre point); ``sigma`` the noise of a translation [m] and a rotation
     [rad].
-    ``fixed`` and ``levels`` by joint, 1-based. Raises UserError as ``plan_poses`` does.
+    ``fixed`` and ``levels`` by joint, 1-based. Raises UserError as ``plan_poses`` does, and for
+    loads, test loads and test poses that the model was not reduced for.
     """
     from symstiff.codegen.runtime import for_poses
 
