@@ -17,6 +17,9 @@ from symstiff.symbolic.terms import WRENCH
 
 Context = Mapping[str, npt.ArrayLike]
 """Columns (N,) or numbers by name: ``time`` [s], ``temperature`` [°C], ``branch``, ``turn``."""
+SIZES = {"branch": ("<=", 1.0), "turn": (">=", 1.0)}
+"""What the size of a context's number is where laws know it: beyond, a loop would be wider than it was measured."""
+_ROUNDED = 1e-9
 
 
 def rows(name: str, given: npt.ArrayLike, width: int) -> np.ndarray:
@@ -53,8 +56,22 @@ def moment(program: Program, context: Context | None, n: int) -> dict[str, np.nd
     for vector in program.inputs:
         if vector.name == "context":
             names = [s.name for s in vector.symbols]
-            return {"context": np.stack([context_columns(context, n, name)[name] for name in names], -1)}
+            return {"context": np.stack([_column(context, n, name) for name in names], -1)}
     return {}
+
+
+def _column(context: Context | None, n: int, name: str) -> np.ndarray:
+    """A column (n,) that laws need. Raises UserError also for a size that they do not know, as generated code does."""
+    column = context_columns(context, n, name)[name]
+    compared, bound = SIZES.get(name, (">=", 0.0))
+    beyond = np.abs(column) - bound if compared == "<=" else bound - np.abs(column)
+    if (wrong := beyond > _ROUNDED).any():
+        row = int(np.argmax(wrong))
+        raise UserError(
+            f"context: {name}: row {row} holds {column[row]:g}: its size is {compared} {bound:g} where the law was "
+            "measured"
+        )
+    return column
 
 
 def point(given: Sequence[float]) -> tuple[float, float, float]:

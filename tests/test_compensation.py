@@ -196,3 +196,13 @@ def test_a_joint_that_only_turns_the_tool_makes_no_pose_singular(elbow: float, r
     assert np.abs(found.q_cmd - q).max() > 0.02
     assert len(found.remarks) == remarks
     assert all(remark.startswith("1 row beside a singular pose (1)") for remark in found.remarks)
+
+
+def test_a_time_beyond_what_was_measured_is_told() -> None:
+    drifting = model("planar2r").with_effect(EffectInstance("thermal_drift", {"link": 1}, {"time": 1800.0}))
+    drift = {n: 1e-4 for n in drifting.parameters if n.startswith("thermal")}
+    drifting = drifting.with_values({**drifting.values, **drift})
+    q, w = [[0.1, 1.2]] * 3, [0.0] * 6
+    assert not compensate(drifting, q, w, context={"time": [0.0, 600.0, 1800.0]}).remarks
+    (remark,) = compensate(drifting, q, w, context={"time": [0.0, 600.0, 9000.0]}).remarks
+    assert remark.startswith("1 row at a time beyond what was measured, 0 to 1800 s (first: row 3)")

@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from symstiff.calibration.plan import Goal, Search, plan, workspace_for
 from symstiff.effects.instance import EffectInstance
 from symstiff.errors import UserError
 from symstiff.model import StiffnessModel, joints_only
@@ -61,6 +62,32 @@ def test_a_column_of_another_length_than_the_poses_is_refused() -> None:
         model.deflection(q, w, context={"time": [1.0, 2.0]})
     with pytest.raises(UserError, match="needs the column time"):
         model.observation(q, w)
+
+
+def test_a_branch_beyond_the_loop_is_refused_as_by_generated_code() -> None:
+    loop = small().with_effect(EffectInstance("hysteresis", {"joint": 1}, {"width": 20.0}))
+    curved = small().with_effect(EffectInstance("hysteresis", {"joint": 1}, {"knee": 20.0}))
+    q, w = [[0.1, 0.2]] * 2, [1.0] * 6
+    assert loop.deflection(q, w, context={"branch": [0.5, -1.0]}).shape == (2, 6)
+    for call in (loop.deflection, loop.compile().deflection):
+        with pytest.raises(UserError, match=r"context: branch: row 1 holds 2: its size is <= 1"):
+            call(q, w, context={"branch": [1.0, 2.0]})
+    with pytest.raises(UserError, match=r"context: turn: row 0 holds 0\.5: its size is >= 1"):
+        curved.deflection(q, w, context={"turn": 0.5})
+
+
+def test_maps_and_plans_of_a_model_with_a_clock_take_the_time() -> None:
+    model = small().with_effect(EffectInstance("thermal_drift", {"link": 1}, {"time": 100.0}))
+    model = model.with_values({n: 1e-4 for n in model.parameters if n.startswith("thermal")})
+    early, late = (
+        workspace_for(model, [0] * 6, (1, 2), (3, 3), context={"time": t}).magnitude for t in (10.0, 50.0)
+    )
+    np.testing.assert_allclose(late, 5 * early, rtol=1e-12)
+    chosen = plan(model, Goal(8), search=Search(100), context={"time": 50.0})
+    assert chosen.q.shape == (8, 2)
+    for call in (lambda: workspace_for(model, [0] * 6, (1, 2)), lambda: plan(model, Goal(8))):
+        with pytest.raises(UserError, match=r"give context=\{'time': …\}"):
+            call()
 
 
 def test_values_of_parameters_that_a_model_does_not_have_are_refused() -> None:

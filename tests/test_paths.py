@@ -148,6 +148,9 @@ def test_a_row_without_what_the_model_follows_is_named(run: Run) -> None:
     assert_users_mistake(run(*command), "way.csv: the model needs the column branch: add it")
     Path("way.csv").write_text(f"q1[deg],q2[deg],fx[N],branch,time[s]\n{row},up,\n{row},down,1\n")
     assert run(*command).code == 0  # the time is nothing that it follows
+    Path("way.csv").write_text(f"q1[deg],q2[deg],fx[N],branch\n{row},up\n0,30,0,\n")
+    assert run(*command).code == 0  # an arm that carries nothing has no branch
+    assert Path("m.csv").read_text().splitlines()[2].startswith("0,30,")
 
 
 def test_a_trajectory_without_loads_is_remarked(run: Run) -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -26,6 +27,7 @@ from symstiff.calibration.planning import (
 from symstiff.calibration.planning.parallel import Progress
 from symstiff.errors import UserError
 from symstiff.model import StiffnessModel
+from symstiff.states import Context
 
 __all__ = [
     "Goal",
@@ -54,14 +56,16 @@ def plan(
     levels: Mapping[int, int] | None = None,
     search: Search | None = None,
     progress: Progress | None = None,
+    context: Context | None = None,
 ) -> Plan:
     """Choose poses that identify the parameters of a model.
 
     ``load`` is of the model's class, 1 kN, where not given. ``markers`` are measured points (a position
     model without any measures the tool centre point); ``sigma`` the noise of a translation [m] and a rotation
     [rad].
-    ``fixed`` and ``levels`` by joint, 1-based. Raises UserError as ``plan_poses`` does, and for
-    loads, test loads and test poses that the model was not reduced for.
+    ``fixed`` and ``levels`` by joint, 1-based. ``context`` are the numbers that laws need while the poses are measured,
+    as ``{"time": 600.0}`` [s] for a drift or ``{"branch": 1}`` for a hysteresis. Raises UserError as ``plan_poses``
+    does, for loads, test loads and test poses that the model was not reduced for, and without a number that laws need.
     """
     from symstiff.codegen.runtime import for_poses
 
@@ -83,6 +87,8 @@ def plan(
     )
     # machines of a cluster need not have our compiler, and all blocks come from one arithmetic
     observation = model.observation if search.cluster else for_poses(model, search.candidates).observation
+    if context:
+        observation = partial(observation, context=context)
     return plan_poses(
         space,
         observation,
@@ -103,11 +109,16 @@ def workspace_for(
     at: Mapping[int, float] | None = None,
     region: Region | None = None,
     workers: int = 1,
+    context: Context | None = None,
 ) -> WorkspaceMap:
-    """Map a model's deflection under one wrench ``w`` (6,) over two joints, the others at ``at`` or zero."""
+    """Map a model's deflection under one wrench ``w`` (6,) over two joints, the others at ``at`` or zero.
+
+    ``w`` [N, N·m] at the tool centre point in base axes, ``at`` [rad, m] by joint, 1-based; ``context`` numbers that
+    laws need, as ``{"time": 600.0}`` [s]. Raises UserError for other joints or loads, and without such a number.
+    """
     from symstiff.codegen.runtime import for_poses
 
-    deflection = for_poses(model, counts[0] * counts[1]).deflection
+    deflection = partial(for_poses(model, counts[0] * counts[1]).deflection, context=context)
     return workspace_map(deflection, geometry(model.robot), w, joints, counts, at, region, workers)
 
 

@@ -86,7 +86,7 @@ def run_compensate(model_file: Path, trajectory: Path, output: Path, json: str |
     from symstiff.calibration.remarks import of_sag
     from symstiff.calibration.rows import context_of
     from symstiff.calibration.tables.checks import check_robot
-    from symstiff.calibration.tables.loading import as_loading
+    from symstiff.calibration.tables.loading import as_loading, at_rest
     from symstiff.calibration.tables.rewriting import rewrite_joints
     from symstiff.calibration.tables.table import read_trajectory
     from symstiff.compensation import compensate
@@ -100,7 +100,7 @@ def run_compensate(model_file: Path, trajectory: Path, output: Path, json: str |
     out = console(json)
     warned = check_robot(table, model.robot)
     without = [named(e.effect, e.where) for e in model.effects if e not in model.of_robot().effects]
-    moment = context_of(model.of_robot(), as_loading(table))  # as the model's own tables were read
+    moment = context_of(model.of_robot(), at_rest(as_loading(table)))  # as the model's own tables were read
     with stages(out) as progress:
         progress("compensating")
         found = compensate(model, table.q, table.w, context=moment)

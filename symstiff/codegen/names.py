@@ -10,6 +10,7 @@ import numpy as np
 from symstiff.codegen.text import context_names
 from symstiff.errors import UserError
 from symstiff.model import StiffnessModel
+from symstiff.states import SIZES
 from symstiff.symbolic.program import Program
 from symstiff.symbolic.terms import WRENCH
 
@@ -23,15 +24,16 @@ LOADS_KNOWN = {"wrench": (1, 1, 1, 1, 1, 1), "force": (1, 1, 1, 0, 0, 0), "gravi
 _CONTEXT = {
     "time": ("s, since the start of the measurements", 0.0),
     "temperature": ("degC, as in the measurements' column of that name", 20.0),
-    "branch": ("+1 while the load grows, -1 while it falls, between them inside the loop", 1.0),
+    "branch": (
+        "+1 while the load grows, -1 while it falls, between them inside the loop, 0 while nothing is carried",
+        1.0,
+    ),
     "turn": (
         "a joint's load where it last turned over its present one, 1 while it grows and never less in size; one "
         "number, for loads of all joints that go up and down together",
         1.0,
     ),
 }
-_SIZES = {"branch": ("<=", 1.0), "turn": (">=", 1.0)}
-"""What the size of a context's number is where laws know it: beyond, a loop would be wider than it was measured."""
 _COARSE = 2.0**22
 """Time [s] from which single precision resolves no half second."""
 SUMMARIES = {
@@ -67,7 +69,7 @@ def moments(model: StiffnessModel, program: Program) -> list[Moment]:
         if name == "time" and default:
             told = f"s, by the clock of the measurements, which began at {default:.15g}"
         tested = default if name == "branch" else default + _since(default, held.get(name))
-        found.append(Moment(name, told, default, tested, held.get(name), _SIZES.get(name)))
+        found.append(Moment(name, told, default, tested, held.get(name), SIZES.get(name)))
     return found
 
 

@@ -15,8 +15,10 @@ from symstiff.calibration.doubts.soundness import (
     outside_class,
     outside_fixed,
 )
+from symstiff.codegen.names import measured_between
 from symstiff.codegen.reference import LARGEST_CORRECTION, ROUNDED, unit_length
 from symstiff.codegen.runtime import Evaluator, for_poses
+from symstiff.codegen.text import context_names
 from symstiff.display import counted, few
 from symstiff.errors import UserError
 from symstiff.model import StiffnessModel
@@ -33,6 +35,7 @@ _CONVERGED = (
 _SINGULAR = 1e-10
 _SAMPLE = 16  # poses that tell an arm's rank; the largest of their ranks is missed by chance alone
 _ABSURD = 1e6  # rad
+_UNITS = {"time": "s", "temperature": "°C"}
 _LEAP, _BESIDE = 0.02, 0.02
 """Correction of a joint [rad, m] and ratio of the least to the largest singular value that are those beside a singular
 pose."""
@@ -102,8 +105,13 @@ def compensate(
     check_bends(model)
     model = model.of_robot()
     q, w = model.poses(q, w)
-    remarks = (*outside_class(w, model.loads), *outside_fixed(q, model), *nothing_bends(w, model))
     moment = context_columns(context, len(q))
+    remarks = (
+        *outside_class(w, model.loads),
+        *outside_fixed(q, model),
+        *nothing_bends(w, model),
+        *_unmeasured(model, moment),
+    )
     target = forward(model.robot, q)
     evaluator = for_poses(model, _TYPICAL_ROUNDS * len(q))
     command, kept, moving = q.copy(), np.full(len(q), "not_converged"), np.arange(len(q))
@@ -137,6 +145,21 @@ def compensate(
     command = np.where(keep, q, command)
     remarks = (*remarks, *_beside_singular(model, q, command, rank))
     return Compensated(command, before, np.where(keep, before, after), kept, remarks)
+
+
+def _unmeasured(model: StiffnessModel, moment: Mapping[str, np.ndarray]) -> list[str]:
+    """A remark on times and temperatures that lie beyond those that the laws which follow them were measured at."""
+    held = measured_between(model)
+    found = []
+    for name in [n for n in context_names(model.deflection_program) if n in held and n in moment]:
+        low, high = held[name]
+        beyond = np.flatnonzero((moment[name] < low) | (moment[name] > high))
+        if len(beyond):
+            found.append(
+                f"{counted(len(beyond), 'row')} at a {name} beyond what was measured, {low:.6g} to {high:.6g} "
+                f"{_UNITS[name]} (first: row {beyond[0] + 1}): the law that follows it goes on there as it was fitted"
+            )
+    return found
 
 
 def _beside_singular(model: StiffnessModel, q: np.ndarray, command: np.ndarray, rank: int) -> list[str]:

@@ -168,7 +168,9 @@ def context_columns(context: Mapping[str, Any] | None, n: int, needed: str = "")
             raise UserError(f"context: {name}: expected an array of shape ({n},), found {column.shape}")
         found[name] = np.broadcast_to(column, n)
     if needed and needed not in found:
-        raise UserError(f"the model needs the column {needed}: add it to the table")
+        raise UserError(
+            f"the model needs the column {needed}: add it to the table, or from Python give context={{{needed!r}: …}}"
+        )
     if needed and not (finite := np.isfinite(found[needed])).all():
         row = int(np.argmin(finite))
         raise UserError(f"context: {needed}: row {row} holds what is no finite number: correct it")

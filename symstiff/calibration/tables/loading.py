@@ -31,6 +31,12 @@ def as_loading(table: Measurements) -> Measurements:
     return table if np.array_equal(branch, table.branch, equal_nan=True) else replace(table, branch=branch)
 
 
+def at_rest(table: Measurements) -> Measurements:
+    """The table with the branch 0, inside the loop, of rows that carry nothing and tell none."""
+    free = np.isnan(table.branch) & ~np.any(table.w != 0, axis=1)
+    return replace(table, branch=np.where(free, 0.0, table.branch)) if free.any() else table
+
+
 def load_factor(table: Measurements) -> Array:
     """(N,) every wrench's component along the largest of its pose, as a share of it; N·m count as N."""
     share = np.zeros(len(table))
