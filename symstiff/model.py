@@ -237,8 +237,8 @@ class StiffnessModel:
         first, stand in base axes. ``values`` stand for those of the model, and what they leave out for zero.
         ``context``: columns (N,) or numbers that laws need: ``time`` [s], ``temperature`` [°C], ``branch`` (+1 while
         the load grows, −1 while it falls, 0 while nothing is carried) and ``turn`` (the load where it last turned over
-        the present one, 1 while it grows). A reduced model holds for its class of ``loads`` and ``measure`` alone, and where its ``fixed`` joints
-        stand: what other loads bend is not in it, and nothing here says so.
+        the present one, 1 while it grows). A reduced model holds for its class of ``loads`` and ``measure`` alone, and
+        where its ``fixed`` joints stand: what other loads bend is not in it, and nothing here says so.
         Raises UserError for other shapes, what is no finite number, unknown names in ``values`` and a missing column of
         ``context``.
         """
