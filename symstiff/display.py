@@ -26,19 +26,20 @@ def unit_text(unit: str) -> str:
 
 
 def html_table(
-    columns: Sequence[str], rows: Iterable[Sequence[Any]], caption: str = "", note: str = ""
+    columns: Sequence[str], rows: Iterable[Sequence[Any]], caption: str = "", notes: Sequence[str] = ()
 ) -> str:
-    """An HTML table with a caption above and a note below; text is set left, whole numbers right, all escaped."""
+    """An HTML table with a caption above and notes below; text is set left, whole numbers right, all escaped."""
     head = "".join(_cell("th", c) for c in columns)
     body = "".join("<tr>" + "".join(_cell("td", x) for x in row) + "</tr>" for row in rows)
     above = f"<p><b>{escape(caption)}</b></p>" if caption else ""
-    below = f"<p>{escape(note)}</p>" if note else ""
+    below = "".join(f"<p>{escape(note)}</p>" for note in notes)
     return f"{above}<table><thead><tr>{head}</tr></thead><tbody>{body}</tbody></table>{below}"
 
 
 def _cell(tag: str, content: Any) -> str:
     side = "left" if isinstance(content, str) else "right"
-    return f'<{tag} style="text-align:{side}">{escape(str(content))}</{tag}>'
+    whole = "" if " " in str(content) else ";white-space:nowrap"  # a number is not broken at its minus
+    return f'<{tag} style="text-align:{side}{whole}">{escape(str(content))}</{tag}>'
 
 
 def shortened(names: Sequence[str]) -> str:

@@ -346,9 +346,9 @@ class StiffnessModel:
         return f"StiffnessModel({self.robot.name}{effects}: {len(self.parameters)} parameters)"
 
     def _repr_latex_(self) -> str:
-        from symstiff.symbolic.reading import laws_latex
+        from symstiff.model_reading import model_latex
 
-        return laws_latex(self.terms)
+        return model_latex(self)
 
     def _repr_html_(self) -> str:
         from symstiff.model_reading import model_html

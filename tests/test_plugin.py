@@ -132,7 +132,7 @@ def test_the_grown_model_loads_and_is_identified_again(installed: Path) -> None:
 def test_its_law_stands_in_the_latex_of_the_model(installed: Path) -> None:
     text = load_model(installed / "with" / "model.toml")._repr_latex_()
     assert letter(sp.Symbol("hose_package_1_2_a")) in text
-    assert r"\cos{\left(3 q_{2} \right)}" in text
+    assert r"\cos{\left(3\,q_{2} \right)}" in text
 
 
 def test_c_and_casadi_evaluate_it_and_the_self_test_passed(installed: Path) -> None:

@@ -14,6 +14,8 @@ import sympy as sp
 
 import symstiff
 from symstiff import ElasticChain, StiffnessModel, load, observation_matrix, reduce, virtual_jacobian
+from symstiff.effects.arm import own_load
+from symstiff.effects.instance import EffectInstance
 from symstiff.model import joints_only
 from symstiff.reduction.physical import Parameter
 from symstiff.robot import from_table
@@ -21,7 +23,8 @@ from symstiff.robot.table import to_table
 from symstiff.symbolic.numeric import kinematics
 from symstiff.symbolic.program import Emit, Program, Vector
 from symstiff.symbolic.programs import observation_program
-from symstiff.symbolic.reading import original_terms, written_out
+from symstiff.symbolic.reading import _with_functions, original_terms, written_out
+from symstiff.symbolic.terms import actuated_joint, tau
 from tests.diagnosis_data import HARDENING, ROBOT, measured
 
 ROBOTS = ("planar2r", "scara", "kuka_kr270")
@@ -171,8 +174,76 @@ def test_outputs_in_latex_have_rows_and_columns_from_one():
 
 def test_laws_in_latex_keep_their_indices_apart():
     text = StiffnessModel.of(reduce(load("planar2r"), "force", "position"))._repr_latex_()
-    assert r"\Delta\theta_{\mathrm{link1,3}} &= k_{1,35} \tau_{\mathrm{link1,5}}" in text
+    assert r"\Delta\theta_{\mathrm{link1,3}} &= k_{1,35}\,\tau_{\mathrm{link1,5}}" in text
     assert re.search(r"_\{[^}]* ", text) is None
+
+
+def grown_model() -> StiffnessModel:
+    model = StiffnessModel.of(reduce(load("ur10"), "gravity", "position"))
+    for effect, where, shape in (
+        ("hysteresis", {"joint": 2}, {"width": 5.0, "weights": 1.0}),
+        ("nonlinear_stiffness", {"joint": 2}, {"weights": 1.0}),
+        ("thermal_drift", {"link": 2}, {"time": 1800.0}),
+        ("large_deflection", {"robot": "all"}, {}),
+    ):
+        model = model.with_effect(EffectInstance(effect, where, shape))
+    return model
+
+
+def test_laws_of_a_grown_model_name_effects_and_write_the_links_weight_once_below_them():
+    text = grown_model()._repr_latex_()
+    lines = text.split(r"\\")
+    hysteresis = r"\mathrm{branch}\,\mathrm{hysteresis}_{\mathrm{2,width}}\,\tanh{\left(\frac{f_{1}}{5}"
+    assert sum(hysteresis in line for line in lines) == 1
+    assert r"\mathrm{thermal\ drift}_{\mathrm{2,x}}\,\mathrm{time}}{1800}" in text
+    weight = [line for line in lines if line.startswith("f_{")]
+    assert len(weight) == 1
+    assert weight[0].startswith(r"f_{1}(q) &= - 2.6645\,\sin{\left(q_{2} + q_{3} + q_{4} \right)}")
+    assert lines[-1].startswith(r"\Delta t &\;\text{also by large deflection}")
+
+
+def test_functions_of_a_law_written_out_again_are_the_law():
+    weight = own_load(load("ur10"), 2, {"weights": 1.0})
+    law = sp.tanh(tau(actuated_joint(2)) + weight) * sp.Symbol("branch") - sp.Abs(weight) * weight
+    functions: dict[sp.Expr, sp.Symbol] = {}
+    short = _with_functions(law, functions)
+    assert len(functions) == 1
+    at = {s: 0.3 * k + 0.2 for k, s in enumerate(sorted(law.free_symbols, key=str))}
+    again = short.xreplace({f: known for known, f in functions.items()})
+    assert float((again - law).xreplace(at)) == pytest.approx(0.0, abs=1e-12)
+    assert short.free_symbols.isdisjoint(weight.free_symbols)
+
+
+def test_a_grown_models_table_tells_what_its_shapes_mean_and_what_it_asks():
+    html = grown_model()._repr_html_()
+    assert "hysteresis at joint 2: turning over within ± 5 N·m; links&#x27; weight counted" in html
+    assert "needs branch and time of every row" in html or "needs time and branch of every row" in html
+    assert "nonlinear stiffness at joint 2: of load^3" in html
+    assert ">effect<" not in html
+
+
+def test_results_say_in_a_line_what_they_are(tmp_path):
+    model = StiffnessModel.of(reduce(load("planar2r"), "force", "position"))
+    model = model.with_values(dict.fromkeys(model.parameters, 1e-6))
+    made = symstiff.generate(model, tmp_path / "code", compile_c=False)
+    worst = f"{made.verification.max_relative_error:.1g}"
+    assert repr(made).endswith(
+        f"code': {len(model.parameters)} compliances, not compiled, relative error {worst})"
+    )
+    found = symstiff.compensate(model, [[0.1, 1.2]] * 2, [[10.0, 20, 0, 0, 0, 0], [1e6, 0, 0, 0, 0, 0]])
+    before, after = (
+        1e3 * np.sqrt(np.mean(np.sum(e[:, :3] ** 2, axis=1))) for e in (found.before, found.after)
+    )
+    assert (
+        repr(found) == f"Compensated(2 rows, 1 as they were: {before:.3g} to {after:.3g} mm rms by the model)"
+    )
+    fit = symstiff.identify(load(ROBOT), measured(HARDENING))
+    assert repr(fit.fit).startswith(
+        f"Estimate({len(fit.fit.names)} parameters, {len(fit.fit.residuals)} readings, s0² = "
+    )
+    assert repr(fit.training).startswith("ResidualTable(positional ")
+    truth = symstiff.truth_from_table({"format": 1, "robot": "planar2r", "noise": {"sigma_mm": 0.03}})
+    assert repr(truth) == "Truth(planar2r: noise 0.03 mm)"
 
 
 def test_tables_fits_plans_and_findings_show_a_line_and_a_table():

@@ -27,7 +27,7 @@ def identification_html(result: Identification) -> str:
     ]
     held_out = _left(result.validation) if result.validation is not None else ""
     caption = identification_line(result) + (f"; held-out poses {held_out}" if held_out else "")
-    return html_table(("parameter", "value", "±", "unit"), rows, caption, "; ".join(result.remarks))
+    return html_table(("parameter", "value", "±", "unit"), rows, caption, result.remarks)
 
 
 def _left(residuals: ResidualTable) -> str:

@@ -34,6 +34,14 @@ class ResidualTable:
     after: dict[str, Size]
     geometry: dict[str, Size] | None = None
 
+    def __repr__(self) -> str:
+        sizes = [
+            f"{part} {1e3 * self.before[part].rms:.3f} to {1e3 * self.after[part].rms:.3f} {unit} rms"
+            for part, unit in (("positional", "mm"), ("rotational", "mrad"))
+            if part in self.before
+        ]
+        return f"ResidualTable({', '.join(sizes) or 'nothing'})"
+
     @property
     def compensated(self) -> float:
         """Share of the positional RMS that the model removes (seed: 0.95); nan without positions.

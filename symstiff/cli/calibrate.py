@@ -104,7 +104,7 @@ def run_compensate(model_file: Path, trajectory: Path, output: Path, json: str |
     with stages(out) as progress:
         progress("compensating")
         found = compensate(model, table.q, table.w, context=moment)
-    before, after = (float(np.sqrt((e[:, :3] ** 2).sum(axis=1).mean())) for e in (found.before, found.after))
+    before, after = found.rms
     split = rewrite_joints(cells, table, found.q_cmd, output)
     beyond = _beyond(model, found.q_cmd)
     rms_mm = {"before": 1e3 * before, "after": 1e3 * after}

@@ -36,6 +36,14 @@ class Generated:
     left_out: tuple[EffectInstance, ...] = ()
     """Effects of the model that only the measurement has: no law of the robot."""
 
+    def __repr__(self) -> str:
+        proof = self.verification
+        how = f"compiled by {proof.compiler}" if proof.compiled else "not compiled"
+        worst = "" if proof.max_relative_error is None else f", relative error {proof.max_relative_error:.1g}"
+        return (
+            f"Generated({str(self.folder)!r}: {len(self.manifest['parameters'])} compliances, {how}{worst})"
+        )
+
 
 def generate(
     model: StiffnessModel,

@@ -61,6 +61,17 @@ class Compensated:
         """(N,): which rows have a corrected command."""
         return np.asarray(self.kept == "")
 
+    @property
+    def rms(self) -> tuple[float, float]:
+        """Root mean square of the positional error [m] before and after; NaN of no row."""
+        return _rms(self.before), _rms(self.after)
+
+    def __repr__(self) -> str:
+        before, after = (1e3 * rms for rms in self.rms)
+        kept = int((~self.solved).sum())
+        stayed = f", {kept} as they were" if kept else ""
+        return f"Compensated({counted(len(self.kept), 'row')}{stayed}: {before:.3g} to {after:.3g} mm rms by the model)"
+
 
 def compensate_online(
     model: StiffnessModel, q: np.ndarray, w: np.ndarray, *, context: Mapping[str, np.ndarray] | None = None
@@ -200,6 +211,11 @@ def _swings(step: np.ndarray, last: np.ndarray) -> np.ndarray:
     """Which steps (N, n) undo half of the last one or more: whole steps would swing about the solution, (N, 1)."""
     back = np.sum(step * last, axis=1, keepdims=True)
     return np.asarray(back < -0.5 * np.sum(last**2, axis=1, keepdims=True))
+
+
+def _rms(error: np.ndarray) -> float:
+    """Of the positional parts of errors (N, 6) [m]."""
+    return float(np.sqrt((error[:, :3] ** 2).sum(axis=1).mean())) if len(error) else float("nan")
 
 
 def _weight(model: StiffnessModel, twist: np.ndarray) -> np.ndarray:

@@ -64,8 +64,11 @@ _AGAIN = 2
 
 @one_thread()
 def diagnose(task: Task, tell: Tell | None = None) -> Finding:
-    """Diagnose a table; ``tell`` is told each stage.
+    """Find where a table's measurements and a model disagree, name the missing effects and add them to the model.
 
+    ``tell`` is told each stage. The finding holds the verdict (``finding.verdict``: named, ambiguous, unexplained,
+    nothing_missing …), ``effects`` with sizes and confidence, the grown ``model``, and what is left (``rms`` [m]);
+    ``write_report`` makes the report, verdict.json, model.toml and code of it. Takes some seconds to a minute.
     Raises UserError for data that do not fit the robot or hold nothing measured.
     """
     require(task, Task, "a task", "Task(robot, table) is one")

@@ -43,9 +43,14 @@ class Written:
         return f"Written({str(self.folder)!r}: report.html, verdict.json, model.toml; {self.code})"
 
 
-def write_report(finding: Finding, folder: Path, tell: Callable[[str], None] = lambda stage: None) -> Written:
-    """Write everything that a diagnosis leaves behind. Raises UserError where the place cannot be written."""
+def write_report(finding: Finding, folder: str | Path, tell: Callable[[str], None] | None = None) -> Written:
+    """Write report.html, verdict.json, model.toml and the code of the grown model; whole or not at all.
+
+    ``folder`` is new, or of an earlier diagnosis, whose files are replaced; ``tell`` is told each stage. The result's
+    ``verdict`` holds what verdict.json does. Raises UserError where the place cannot be written.
+    """
     require(finding, Finding, "a finding", "diagnose(Task(robot, table)) gives one")
+    folder, tell = Path(folder), tell or (lambda stage: None)
     with new_folder(folder, DIAGNOSIS) as temporary:
         tell("code")
         code = _code(finding, temporary.resolve() / "code")

@@ -11,7 +11,6 @@ import numpy as np
 from symstiff.discrepancy.findings.finding import Finding
 from symstiff.discrepancy.findings.numbers import milli, quantity
 from symstiff.discrepancy.findings.result import Found, Name, Quantity
-from symstiff.discrepancy.search.verdict import EVEN, INSUFFICIENT
 from symstiff.display import counted, few, listing
 from symstiff.effects.places import DETAILS, named, place, site, spoken
 
@@ -142,9 +141,8 @@ def _reach(finding: Finding, effect: Found) -> str:
 
 
 def confidence(finding: Finding, group: Sequence[Found]) -> str:
-    """The least confidence of a group; what is in doubt of a set that does not suffice is an even bet at most."""
-    least = min(e.confidence for e in group)
-    bet = finding.verdict == INSUFFICIENT and least <= EVEN
+    """The least confidence of a group, in words."""
+    least, bet = finding.confidence(group)
     return "at most an even bet" if bet else f"confidence in the name {100 * least:.0f} %"
 
 

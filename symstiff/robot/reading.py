@@ -27,7 +27,7 @@ def robot_html(robot: Robot) -> str:
         rows.append((i, joint.type, *numbers, _link(joint.link)))
     caption = f"{robot.title or robot.name}: {robot.convention} DH convention"
     note = f"base: {_placement(robot.base)}; tool: {_placement(robot.tool)}. {robot.source}"
-    return html_table(_COLUMNS, rows, caption, note)
+    return html_table(_COLUMNS, rows, caption, [note])
 
 
 def _sum(offset: Exact, variable: str, moves: bool) -> str:

@@ -11,6 +11,10 @@ import sympy as sp
 from symstiff.symbolic.program import Emit, Let, Program
 
 _LINES = 40
+_WORDS = re.compile(r"(?P<words>[a-z]{2,}(_[a-z]{2,})+)_(?P<indices>\d.*)")
+"""An effect's parameter: words, then the place and what it is of."""
+_LONG = 10**5
+"""Denominator from which on a fraction is told as a decimal."""
 
 
 def program_latex(program: Program) -> str:
@@ -31,13 +35,24 @@ def program_latex(program: Program) -> str:
 
 def latex(expression: sp.Expr, names: Mapping[sp.Symbol, str] | None = None) -> str:
     """An expression with the letters of its symbols: those of ``names``, elsewhere those of ``letter``."""
-    return str(
-        sp.latex(expression, symbol_names={s: letter(s) for s in expression.free_symbols} | dict(names or {}))
-    )
+    letters = {s: letter(s) for s in expression.free_symbols} | dict(names or {})
+    return str(sp.latex(expression, symbol_names=letters, mul_symbol=r"\,"))
+
+
+def decimals(expression: sp.Expr) -> sp.Expr:
+    """An expression whose long fractions are decimals of six digits, for eyes."""
+    long = [x for x in expression.atoms(sp.Rational) if x.q > _LONG]
+    return expression.xreplace({x: sp.Float(float(x), 6) for x in long})
 
 
 def letter(symbol: sp.Symbol) -> str:
-    r"""A symbol with its indices apart, words upright: ``k_{1,35}``, ``\tau_{\mathrm{link1,5}}``."""
+    r"""A symbol with its indices apart, words upright: ``k_{1,35}``, ``\tau_{\mathrm{link1,5}}``.
+
+    An effect's parameter is its identifier, with place and name as indices: ``\mathrm{thermal\ drift}_{\mathrm{2,x}}``.
+    """
+    if several := _WORDS.fullmatch(symbol.name):
+        words, indices = several["words"].replace("_", r"\ "), several["indices"].replace("_", ",")
+        return rf"\mathrm{{{words}}}_{{\mathrm{{{indices}}}}}"
     head, below, indices = str(sp.latex(symbol)).partition("_{")
     if head == "dt":
         head = r"\Delta t"

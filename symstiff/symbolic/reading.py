@@ -9,15 +9,19 @@ from collections.abc import Iterable, Sequence
 from itertools import product
 
 import sympy as sp
+from sympy.simplify.fu import TR8
 
 from symstiff.arguments import A_CHAIN, require, several
 from symstiff.display import html_table
 from symstiff.errors import UserError
 from symstiff.symbolic.chain import ElasticChain
-from symstiff.symbolic.latex import aligned, latex
+from symstiff.symbolic.latex import aligned, decimals, latex
 from symstiff.symbolic.program import Let, Program
 from symstiff.symbolic.programs import virtual_jacobian_program
 from symstiff.symbolic.terms import AXES, Term, VirtualJoint, joint_terms, link_terms, tau, w
+
+_READ_AT_ONCE, _EXPANDED = 12, 200
+"""Operations up to which a part of a law stands in it, and up to which sums of angles are tried."""
 
 
 def written_out(program: Program) -> dict[str, sp.Matrix]:
@@ -84,16 +88,61 @@ def original_terms(chain: ElasticChain) -> tuple[Term, ...]:
     return tuple(terms)
 
 
-def laws_latex(terms: Sequence[Term]) -> str:
+def laws_latex(terms: Sequence[Term], lawless: Sequence[str] = ()) -> str:
     """The laws of a model, one line a place: Δθ_v = Σ π·g at virtual joints, ΔW what effects add to the wrench at the
-    tool centre point or on a body, δt what a device adds to the predicted deflection."""
+    tool centre point or on a body, δt what a device adds to the predicted deflection.
+
+    Long sums of joints' sines and cosines, as the links' weight at a joint, are functions f_1, f_2 …, which stand below
+    them; last ``lawless`` effects by name, which add to the deflection without a law at a place.
+    """
     lines: dict[VirtualJoint, sp.Expr] = {}
     for term in terms:
         law = sp.Symbol(term.parameter) * term.factor
         lines[term.at] = lines.get(term.at, 0) + law
     inside = [at for at in lines if at.kind in ("link", "joint")]
     beside = sorted(set(lines) - set(inside))
-    return aligned(rf"{_left_side(at)} &= {latex(lines[at])}" for at in (*inside, *beside))
+    functions: dict[sp.Expr, sp.Symbol] = {}
+    shown = [(_left_side(at), _with_functions(lines[at], functions)) for at in (*inside, *beside)]
+    shown += [(f"{latex(f)}(q)", known) for known, f in functions.items()]
+    equations = [f"{left} &= {latex(decimals(right))}" for left, right in shown]
+    return aligned([*equations, *(rf"\Delta t &\;\text{{also by {name}}}" for name in lawless)])
+
+
+def _with_functions(law: sp.Expr, functions: dict[sp.Expr, sp.Symbol]) -> sp.Expr:
+    """A law whose long sums of joints' sines and cosines are symbols; new ones are added to ``functions``."""
+    if not law.args:
+        return law
+    own = [a for a in law.args if _of_posture(a)] if law.is_Add or law.is_Mul else []
+    rest = [_with_functions(a, functions) for a in law.args if a not in own]
+    known = law.func(*own) if own else None
+    if known is not None and known.count_ops() > _READ_AT_ONCE:
+        own = [_function(_readable(known), functions)]
+    return law.func(*own, *rest)
+
+
+def _function(known: sp.Expr, functions: dict[sp.Expr, sp.Symbol]) -> sp.Expr:
+    """The symbol of an expression, or minus that of its negative."""
+    if (opposite := functions.get(sp.expand(-known))) is not None:
+        return -opposite
+    return functions.setdefault(known, sp.Symbol(f"f_{len(functions) + 1}", real=True))
+
+
+def _of_posture(expression: sp.Expr) -> bool:
+    """Whether an expression is made of numbers and joint variables, their sines and cosines, by sums and products."""
+    parts = expression.atoms(sp.Function) - expression.atoms(sp.sin, sp.cos)
+    return (
+        not parts
+        and all(s.name.startswith("q_") for s in expression.free_symbols)
+        and not any(p.base.free_symbols for p in expression.atoms(sp.Pow))
+    )
+
+
+def _readable(expression: sp.Expr) -> sp.Expr:
+    """With sums of angles for products of their sines and cosines, where that is shorter."""
+    if expression.count_ops() > _EXPANDED:
+        return expression
+    summed = TR8(sp.expand(expression))
+    return min(expression, summed, key=sp.count_ops)
 
 
 def _left_side(at: VirtualJoint) -> str:

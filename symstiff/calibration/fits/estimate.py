@@ -58,6 +58,16 @@ class Estimate:
     freedom: Array
     shared: SharedError | None = None
 
+    def __repr__(self) -> str:
+        from symstiff.display import counted
+
+        found = int(np.isfinite(self.std).sum())
+        some = "" if found == len(self.names) else f", {found} of them determined"
+        left = f"s0² = {self.s0_squared:.3g}" if self.dof else "no degree of freedom left"
+        return (
+            f"Estimate({counted(len(self.names), 'parameter')}{some}, {len(self.residuals)} readings, {left})"
+        )
+
     @property
     def correlation(self) -> Array:
         """(P, P) correlations of the resolved part."""

@@ -21,4 +21,4 @@ def plan_html(plan: Plan) -> str:
     """The deviations that the plan promises."""
     rows = [(name, f"{std:.2g}") for name, std in zip(plan.parameters, plan.std, strict=True)]
     note = f"as good as {plan.over_random:.2f} times as many random poses"
-    return html_table(("parameter", "predicted ±, SI units"), rows, plan_line(plan), note)
+    return html_table(("parameter", "predicted ±, SI units"), rows, plan_line(plan), [note])

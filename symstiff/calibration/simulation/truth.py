@@ -121,6 +121,10 @@ class Truth:
     def __post_init__(self) -> None:
         object.__setattr__(self, "compliance", FrozenDict(self.compliance))
 
+    def __repr__(self) -> str:
+        made_of = "".join(f" + {e.effect}" for e in self.effects)
+        return f"Truth({self.robot.name}{made_of}: noise {max(self.noise.sigma_mm):g} mm)"
+
     def with_effects(self, *effects: Effect) -> Truth:
         """Return the same truth with other effects."""
         return replace(self, effects=effects)

@@ -31,4 +31,4 @@ def measurements_html(table: Measurements) -> str:
         for row in zip(*found.values(), strict=True)
     ]
     more = len(table) - len(shown)
-    return html_table(list(found), shown, measurements_line(table), f"and {more} more" if more else "")
+    return html_table(list(found), shown, measurements_line(table), [f"and {more} more"] if more else [])

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 from symstiff.arrays import Array
@@ -11,6 +12,7 @@ from symstiff.discrepancy.bridge.assemble import Assembly
 from symstiff.discrepancy.bridge.growth import JointFit, contribution
 from symstiff.discrepancy.findings.result import CandidateResult, Diagnosis, Found, Rms
 from symstiff.discrepancy.reasons import Reason, Why
+from symstiff.discrepancy.search.verdict import EVEN, INSUFFICIENT
 from symstiff.discrepancy.statistics.strata import Stratum
 from symstiff.display import of_poses
 from symstiff.effects.instance import EffectInstance
@@ -61,7 +63,13 @@ class Rung:
 
 @dataclass(frozen=True, eq=False)
 class Finding:
-    """Everything that a report of a diagnosis needs."""
+    """What a diagnosis found, and everything that its report needs.
+
+    ``verdict`` and ``reason`` in words; ``effects`` with sizes (SI units) and confidence, ``named`` those of the
+    leading set; ``model`` the grown StiffnessModel; ``rms`` what is left before and after, per coordinate
+    [m; rad where only rotations were read]; ``candidates`` the catalogue with p-values; ``remarks`` sentences for a
+    person.
+    """
 
     task: Task
     table: Measurements
@@ -113,6 +121,14 @@ class Finding:
         """Effects of the start model, as it has them, that the leading set holds in another shape."""
         named = [named_at(e.effect, e.where) for e in self.named]
         return tuple(e for e in self.told.effects if named_at(e.effect, e.where) in named)
+
+    def confidence(self, group: Sequence[Found]) -> tuple[float, bool]:
+        """The least confidence of a group of effects, and whether it is an even bet at most.
+
+        What is in doubt of a set that does not suffice is.
+        """
+        least = min(e.confidence for e in group)
+        return least, self.verdict == INSUFFICIENT and least <= EVEN
 
     @property
     def candidates(self) -> tuple[CandidateResult, ...]:

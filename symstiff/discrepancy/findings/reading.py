@@ -10,6 +10,7 @@ from symstiff.effects.places import named, place, spoken
 
 if TYPE_CHECKING:
     from symstiff.discrepancy.findings.finding import Finding
+    from symstiff.discrepancy.findings.result import Found
 
 
 def finding_line(finding: Finding) -> str:
@@ -29,11 +30,16 @@ def finding_html(finding: Finding) -> str:
             spoken(e.effect),
             place(e.where),
             "; ".join(f"{name} = {quantity(value)}" for name, value in e.parameters.items()),
-            percent(e.confidence),
+            _confidence(finding, e),
         )
         for e in finding.effects
     ]
-    notes = "; ".join(x for x in (finding.reason, *finding.remarks) if x)
+    notes = [x for x in (finding.reason, *finding.remarks) if x]
     return html_table(
         ("set", "effect", "where", "parameters", "confidence"), rows, finding_line(finding), notes
     )
+
+
+def _confidence(finding: Finding, effect: Found) -> str:
+    least, bet = finding.confidence([effect])
+    return f"at most {percent(least)}" if bet else percent(least)
