@@ -19,6 +19,7 @@ from symstiff.discrepancy.workflow import diagnose
 from symstiff.effects import EffectInstance
 from symstiff.errors import UserError
 from symstiff.model import StiffnessModel, joints_only
+from symstiff.reduction import reduce
 from symstiff.robot import load
 
 LINKS = (0, 2, 4)
@@ -50,7 +51,12 @@ def filled(model: StiffnessModel, sigma: float = 0.0) -> tuple[StiffnessModel, M
     """A model with sizes for joints and links, and what the markers do."""
     values = {n: 1e-6 if n[0] == "c" else 2e-8 for n in model.parameters}
     values |= {n: 5e-9 for n in model.parameters if n[0] == "k" and n[-2] != n[-1]}
-    model, table = model.with_values(values), experiment(model)
+    return read(model.with_values(values), sigma)
+
+
+def read(model: StiffnessModel, sigma: float) -> tuple[StiffnessModel, Measurements]:
+    """The model, and what the markers do."""
+    table = experiment(model)
     moved = predict(model, table) + sigma * np.random.default_rng(3).normal(size=(len(table), 6))
     return model, replace(table, values=np.where(table.measured, moved, np.nan))
 
@@ -123,6 +129,31 @@ def test_physical_compliances_need_a_model_that_was_reduced() -> None:
     truth, table = filled(grown("kuka_kr270")[0], 1e-6)
     with pytest.raises(UserError, match=r"physical: no poses and loads tell .* start from complete"):
         identify(load("kuka_kr270"), table, truth, physical=True)
+
+
+def test_compliances_beside_an_effect_are_refitted_under_physical_bounds() -> None:
+    reduced = StiffnessModel.of(reduce(load("planar2r"), "wrench", "pose"))
+    model = reduced.with_effect(EffectInstance("backlash", {"joint": 2}, {"width": 5.0}))
+    size = {
+        n: 1e-4 if n.startswith("backlash") else -1e-7 if n.endswith("_33") else 2e-7
+        for n in model.parameters
+    }
+    truth, table = read(model.with_values(size), 1e-7)
+    free, bounded = (identify(truth.robot, table, model, physical=physical) for physical in (False, True))
+    assert bounded.physical is not None
+    name = next(n for n in model.parameters if n.startswith("backlash"))
+    assert bounded.model.values[name] == pytest.approx(1e-4, rel=0.05)
+    assert free.model.values["k1_33"] < 0
+    assert bounded.model.values["k1_33"] >= -1e-12
+    assert dict(bounded.model.values) == pytest.approx(bounded.physical.to_dict()["parameters"], rel=1e-9)
+
+
+def test_compliances_that_effects_replaced_have_no_physical_bounds() -> None:
+    reduced = StiffnessModel.of(reduce(load("kuka_kr270"), "gravity", "position"))
+    model = reduced.with_effect(EffectInstance("link_compliance", {"link": 3}))
+    truth, table = read(model.with_values(dict.fromkeys(model.parameters, 2e-7)), 1e-7)
+    with pytest.raises(UserError, match="physical: "):
+        identify(truth.robot, table, model, physical=True)
 
 
 @pytest.mark.slow

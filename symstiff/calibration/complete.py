@@ -32,7 +32,10 @@ def reconstruct_model(
     require(result, Identification, "an identification", "identify(robot, table) gives one")
     reduction = result.reduction
     if reduction is None or result.fit.names != reduction.parameters:
-        raise UserError("complete matrices need an identification with --start complete and no added effect")
+        raise UserError(
+            "complete link matrices need an identification from the complete model without effects: "
+            "identify(robot, table)"
+        )
     names = reduction.stages[2].names
     nominal = nominal_truth(result.model.robot)
     values = np.array([result.model.values[n] for n in reduction.parameters])

@@ -34,12 +34,13 @@ from symstiff.calibration.doubts.soundness import (
 )
 from symstiff.calibration.doubts.stations import check_stations
 from symstiff.calibration.experiment.readings import ExperimentClass, experiment_of
-from symstiff.calibration.fits.constrained import ConstrainedEstimate, constrain
+from symstiff.calibration.fits.constrained import ConstrainedEstimate
 from symstiff.calibration.fits.estimate import Estimate
 from symstiff.calibration.fits.robust import RobustEstimate
 from symstiff.calibration.fitting import Fitted, fit_model
 from symstiff.calibration.kept import completed, of_table, on_the_clock, seen_in
 from symstiff.calibration.levels import by_level
+from symstiff.calibration.physical import reduction_of, values_of
 from symstiff.calibration.redundant import redundant
 from symstiff.calibration.remarks import (
     axis_hint,
@@ -71,7 +72,6 @@ from symstiff.effects.registry import find
 from symstiff.errors import UserError, printable
 from symstiff.model import StiffnessModel, joints_only, load_model
 from symstiff.reduction import Reduction, reduce
-from symstiff.reduction.complete import complete_map
 from symstiff.reduction.remarks import reduction_remarks
 from symstiff.reduction.svd import numeric_partition
 from symstiff.robot.schema import Robot
@@ -273,8 +273,8 @@ def _from_deflections(
     kept = [] if validation is None else [_left_to_fit(train, validation)]
     doubts = [*of_units(train, robot), *hints, *kept, *begin.doubts]
     check_determined(fitted.rank, fitted.names, len(e.y), doubts, slides, unread)
-    behind = _reduced_to(model, begin.experiment) if physical and reduction is None else reduction
-    values, constrained = _values(fitted, behind, physical)
+    behind = reduction_of(model, begin.experiment) if physical and reduction is None else reduction
+    values, constrained = values_of(fitted, behind, physical)
     values |= {n: model.values.get(n, 0.0) for n in held}
     model = model.with_values(values, _finite(dict(zip(fitted.names, fitted.std.tolist(), strict=True))))
     training = residual_table(train.values, predict(model, train))
@@ -358,24 +358,6 @@ def data_rank(model: StiffnessModel, table: Measurements) -> int:
     e = equations(model, table)
     found, _ = numeric_partition(e.A, model.parameters, model.parameters)
     return found.rank
-
-
-def _reduced_to(model: StiffnessModel, experiment: ExperimentClass) -> Reduction | None:
-    """The reduction that a start model came from, where it has the parameters of the experiment's and nothing else."""
-    found = reduce(model.robot, model.loads, model.measure, experiment.fixed, points=experiment.points)
-    return found if found.parameters == model.parameters else None
-
-
-def _values(
-    fit: Estimate, reduction: Reduction | None, physical: bool
-) -> tuple[dict[str, float], ConstrainedEstimate | None]:
-    if not physical:
-        return dict(zip(fit.names, fit.values.tolist(), strict=True)), None
-    if reduction is None or fit.names != reduction.parameters:
-        constrained = constrain(fit)
-    else:
-        constrained = constrain(fit, complete_map(reduction), reduction.stages[2].names)
-    return dict(zip(constrained.names, constrained.values.tolist(), strict=True)), constrained
 
 
 def _refuse_for_absolute(given: Mapping[str, bool]) -> None:
