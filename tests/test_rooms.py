@@ -1,6 +1,8 @@
 """The house: data flows left to right, and nothing imports what is to its right, not even inside a function."""
 
 import ast
+import subprocess
+import sys
 from pathlib import Path
 
 import pytest
@@ -17,8 +19,8 @@ INSIDE = {
     "calibration": [
         {"plausible"}, {"tables"}, {"fits"}, {"residuals", "rows"}, {"experiment"}, {"doubts"},
         {"simulation"}, {"planning"},
-        {"absolute", "complete", "counted", "fitting", "foreseen", "identify", "kept", "levels", "plan", "reading",
-         "redundant", "remarks", "seed_tables"},
+        {"absolute", "complete", "counted", "fitting", "foreseen", "identify", "kept", "levels", "physical", "plan",
+         "reading", "redundant", "remarks", "seed_tables"},
     ],
     "discrepancy": [
         {"problem", "reasons"}, {"noise"}, {"laws"}, {"statistics"}, {"search", "bridge"}, {"apart"}, {"findings"},
@@ -76,3 +78,12 @@ def test_every_room_has_its_place_in_the_order() -> None:
 def _names(folder: Path) -> set[str]:
     """Modules and rooms of a folder."""
     return {p.name.removesuffix(".py") for p in folder.iterdir() if not p.name.startswith("_")}
+
+
+def test_commands_on_data_do_without_the_distributions_that_take_long_to_load() -> None:
+    doors = (
+        "symstiff.cli, symstiff.calibration.identify, symstiff.discrepancy.workflow, symstiff.report.folder"
+    )
+    script = f"import sys, {doors}\nprint('scipy.stats' in sys.modules)"
+    done = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=True)
+    assert done.stdout == "False\n"

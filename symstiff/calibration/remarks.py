@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Collection, Mapping, Sequence
 
 import numpy as np
-import scipy.stats
+from scipy.special import chdtr, chdtrc
 
 from symstiff.calibration.absolute import AbsoluteFit
 from symstiff.calibration.doubts.axes import AxisHint, axis_hint_refit
@@ -62,12 +62,12 @@ def fits(fit: Estimate, e: Equations) -> list[str]:
         return remarks
     over = fit.s0_squared if fit.shared is None else fit.shared.variance
     left = f"what is left is {np.sqrt(over):.2g} times the stated sigma"
-    if scipy.stats.chi2.sf(fit.dof * over, fit.dof) < _NO_FIT:
+    if chdtrc(fit.dof, fit.dof * over) < _NO_FIT:
         remarks.append(
             f"{left}, so the model or the stated sigma does not fit these data, and the deviations above, which rest "
             "on it, are too small: symstiff diagnose tells what may be missing"
         )
-    elif over < _SMALL**2 and scipy.stats.chi2.cdf(fit.dof * over, fit.dof) < _NO_FIT:
+    elif over < _SMALL**2 and chdtr(fit.dof, fit.dof * over) < _NO_FIT:
         remarks.append(f"{left}: it is too large, and so are the deviations above, which rest on it")
     return remarks
 

@@ -15,7 +15,7 @@ from symstiff.codegen.runtime import for_poses
 from symstiff.errors import UserError
 from symstiff.model import StiffnessModel
 from symstiff.robot.schema import Robot
-from symstiff.symbolic.numeric import joint_jacobian, kinematics
+from symstiff.symbolic.numeric import forward, joint_jacobian, tool_to_point
 from symstiff.symbolic.passes import context_vector
 from symstiff.symbolic.terms import deflection
 
@@ -82,10 +82,11 @@ def at_points(
 
 def _offsets(model: StiffnessModel, table: Measurements) -> np.ndarray:
     """(M, 3) from the tool centre point to every row's measured point, base axes."""
-    k, found = kinematics(model.robot, table.q), np.zeros((len(table.q), 3))
+    turn, found = forward(model.robot, table.q)[:, :3, :3], np.zeros((len(table.q), 3))
     for index, point in enumerate(table.points):
         if point != "tcp":
-            found[table.point == index] = k.point_offset(model.robot, point)[table.point == index]
+            own = table.point == index
+            found[own] = turn[own] @ tool_to_point(model.robot, point)
     return found
 
 

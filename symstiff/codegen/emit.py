@@ -18,6 +18,7 @@ from symstiff.codegen.names import (
     LOADS_MEANING,
     SUMMARIES,
     check_single,
+    effect_meaning,
     fixed_joints,
     limits,
     moments,
@@ -39,8 +40,6 @@ from symstiff.codegen.reference import (
 )
 from symstiff.codegen.targets import TARGETS
 from symstiff.codegen.text import CAlgebra, c_body, context_names
-from symstiff.effects.registry import find
-from symstiff.model import StiffnessModel
 from symstiff.robot.schema import Robot
 from symstiff.symbolic.algebras import count
 from symstiff.symbolic.passes import parameter_symbol
@@ -101,6 +100,17 @@ def template_context(functions: Functions, options: Options) -> dict[str, Any]:
     literal = CAlgebra(options.single).literal
     context = base_context(functions, options) | batch_context(functions, options)
     return context | _selftest(functions, options) | _example(functions, literal)
+
+
+def deflection_alone(functions: Functions) -> str:
+    """The struct of parameters and the function that evaluates the deflection, as the folder of double precision has
+    them; nothing else is derived."""
+    name, jinja = functions.model.robot.name, environment()
+    context: dict[str, Any] = {"name": name, "upper": name.upper(), "real": "double", "single": False}
+    context |= _parameters(functions, Options(targets=("c",)))
+    core = _function(functions.deflection, functions, context, {})
+    struct = jinja.get_template("c/_struct.j2").render(context)
+    return str(struct + jinja.get_template("c/_core.j2").render(context, f=core))
 
 
 def base_context(functions: Functions, options: Options) -> dict[str, Any]:
@@ -185,25 +195,6 @@ def _numbers(functions: Functions, options: Options) -> dict[str, Any]:
     }
 
 
-def _effect_meaning(model: StiffnessModel, name: str) -> str:
-    """Effect, place, shape and its own part of a parameter, in ASCII."""
-    for effect, realised in zip(model.effects, model.realisations, strict=True):
-        for p in (p for p in realised.parameters if p.name == name):
-            place = ", ".join(f"{k} {v}" for k, v in effect.where.items())
-            told = "".join(f", {phrase}" for phrase in effect.shape_phrases(model.robot))
-            # where masses are known, two laws of a joint may differ by this alone
-            told += (
-                ", links' weight left out"
-                if model.robot.has_weights and effect.shape.get("weights") == 0
-                else ""
-            )
-            own = f": {p.meaning}" if p.meaning else ""
-            text = f"{find(effect.effect).title.lower()} ({place}){told}{own}"
-            text = text.replace("±", "+-").replace("·", "*").replace("°C", "degC")
-            return text.encode("ascii", "replace").decode().replace("*/", "* /")
-    return "parameter of an effect"
-
-
 def _parameters(functions: Functions, options: Options) -> dict[str, Any]:
     """The fields of the struct of parameters: compliances, effects, and what holds at the call."""
     model, literal = functions.model, CAlgebra(options.single).literal
@@ -220,7 +211,7 @@ def _parameters(functions: Functions, options: Options) -> dict[str, Any]:
                 "unit": e.unit,
                 "default": literal(values[e.name]),
                 "typical": literal(float(e.typical)),
-                "meaning": _effect_meaning(model, e.name),
+                "meaning": effect_meaning(model, e.name),
             }
             for e in model.effect_parameters
         ],

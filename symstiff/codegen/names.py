@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from symstiff.codegen.text import context_names
+from symstiff.effects.registry import find
 from symstiff.errors import UserError
 from symstiff.model import StiffnessModel
 from symstiff.states import SIZES
@@ -127,6 +128,25 @@ def limits(model: StiffnessModel) -> list[str]:
             "the compensated joint command takes too, holds only as far as these parameters tell it."
         )
     return found
+
+
+def effect_meaning(model: StiffnessModel, name: str) -> str:
+    """Effect, place, shape and its own part of a parameter, in ASCII."""
+    for effect, realised in zip(model.effects, model.realisations, strict=True):
+        for p in (p for p in realised.parameters if p.name == name):
+            place = ", ".join(f"{k} {v}" for k, v in effect.where.items())
+            told = "".join(f", {phrase}" for phrase in effect.shape_phrases(model.robot))
+            # where masses are known, two laws of a joint may differ by this alone
+            told += (
+                ", links' weight left out"
+                if model.robot.has_weights and effect.shape.get("weights") == 0
+                else ""
+            )
+            own = f": {p.meaning}" if p.meaning else ""
+            text = f"{find(effect.effect).title.lower()} ({place}){told}{own}"
+            text = text.replace("±", "+-").replace("·", "*").replace("°C", "degC")
+            return text.encode("ascii", "replace").decode().replace("*/", "* /")
+    return "parameter of an effect"
 
 
 def check_single(model: StiffnessModel) -> None:

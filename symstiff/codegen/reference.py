@@ -150,8 +150,16 @@ def cases(
         dt = _deflections(model, A, inputs)
         default = _deflections(model, A, inputs | {"p": [mpmath.mpf(x) for x in known.values()]})
         sizes = np.stack([_sizes(model, v, found) for v in (values, known)], axis=1)
+        commands = _commands(found, J, dt, functions)
         return [
-            _case(functions, found[i], [list(x[i]) for x in (dt, A, J, T, C, default)], sizes[i], single)
+            _case(
+                model,
+                found[i],
+                [list(x[i]) for x in (dt, A, J, T, C, default)],
+                commands[i],
+                sizes[i],
+                single,
+            )
             for i in range(len(found))
         ]
 
@@ -171,12 +179,16 @@ def _check_finite(model: StiffnessModel, values: Mapping[str, float], found: Seq
 
 
 def _case(
-    functions: Functions, given: Input, evaluated: Sequence[list[Any]], sizes: np.ndarray, single: bool
+    model: StiffnessModel,
+    given: Input,
+    evaluated: Sequence[list[Any]],
+    command: tuple[list[Any], int | None],
+    sizes: np.ndarray,
+    single: bool,
 ) -> Case:
-    model = functions.model
     (q, w), (dt, A, J, T, C, default) = given, evaluated
     K, condition = _inverse(C, turning_length(model), 1e-4 if single else 1e-8)
-    q_cmd, compensation = _compensated(q, J, dt, unit_length(model), functions.jacobian)
+    q_cmd, compensation = command
     own, by_default = ((float(f"{t:.3g}"), float(f"{r:.3g}")) for t, r in sizes)  # the same on every machine
     return Case(q, w, dt, A, J, T, C, K, condition, q_cmd, compensation, own, default, by_default)
 
@@ -206,27 +218,38 @@ def _sizes(model: StiffnessModel, values: Mapping[str, float], found: Sequence[I
     return sizes
 
 
-def _compensated(
-    q: Sequence[float], J: Sequence[Any], dt: Sequence[Any], unit: float, jacobian: Program
-) -> tuple[list[Any], int | None]:
-    """The joint command, q itself where there is none, and what ``compensate`` returns."""
+def _commands(
+    found: Sequence[Input], J: np.ndarray, dt: np.ndarray, functions: Functions
+) -> list[tuple[list[Any], int | None]]:
+    """For every configuration the joint command, q itself where there is none, and what ``compensate`` returns."""
+    unit = unit_length(functions.model)
+    tried = [_step(one, moved, unit) for one, moved in zip(J, dt, strict=True)]
+    q, steps = (np.array(x, dtype=float) for x in ([q for q, _ in found], [step for step, _ in tried]))
+    halfway = evaluate_numpy(functions.jacobian, q=q - steps / 2)["J"]
+    told = []
+    for k, (step, status) in enumerate(tried):
+        if status == OK:
+            status = _gain(halfway[k], steps[k], np.array(dt[k], dtype=float), unit)
+        moved = step if status != NO_GAIN else [0] * len(step)
+        told.append(([mpmath.mpf(x) - s for x, s in zip(q[k], moved, strict=True)], status))
+    return told
+
+
+def _step(J: Sequence[Any], dt: Sequence[Any], unit: float) -> tuple[list[Any], int | None]:
+    """The step of the joints, zeros where there is none, and OK or why there is none; None where rounding decides."""
+    n = len(J) // 6
     status = _singularity(np.array(J, dtype=float).reshape(6, -1) * np.array([[1.0]] * 3 + [[unit]] * 3))
-    stay = [mpmath.mpf(x) for x in q]
     if status != OK:
-        return stay, status
+        return [mpmath.mpf(0)] * n, status
     step = _solved(J, dt, unit)
     furthest = float(max(map(abs, step))) / LARGEST_CORRECTION
     if furthest > 0.99:
-        return stay, RANGE if furthest > 1.01 else None
-    status = _gain(
-        np.array(q, dtype=float), np.array(step, dtype=float), np.array(dt, dtype=float), unit, jacobian
-    )
-    return [x - s for x, s in zip(stay, step, strict=True)] if status != NO_GAIN else stay, status
+        return [mpmath.mpf(0)] * n, RANGE if furthest > 1.01 else None
+    return step, OK
 
 
-def _gain(q: np.ndarray, step: np.ndarray, dt: np.ndarray, unit: float, jacobian: Program) -> int | None:
-    """NO_GAIN where a step leaves a greater error than dt by the Jacobian half way, None where rounding decides."""
-    J = evaluate_numpy(jacobian, q=q[None] - step / 2)["J"][0]
+def _gain(J: np.ndarray, step: np.ndarray, dt: np.ndarray, unit: float) -> int | None:
+    """NO_GAIN where a step leaves a greater error than dt by J (6, n) half way, None where rounding decides."""
     scale = np.array([1.0, 1.0, 1.0, unit, unit, unit])
     after, before = (float(np.sum((scale * x) ** 2)) for x in (dt - J @ step, dt))
     if after <= (0.5 + ROUNDED / 2) * before:

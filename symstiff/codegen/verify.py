@@ -7,6 +7,7 @@ import re
 import subprocess
 import tempfile
 from collections.abc import Mapping, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -21,6 +22,7 @@ from symstiff.codegen.options import Options
 from symstiff.codegen.reference import Case, cases, plausible_values, tolerance
 from symstiff.codegen.runtime import pointer
 from symstiff.errors import UserError
+from symstiff.threads import in_threads
 
 CONFIGURATIONS = 64
 """Random ones over the joint range at which the bounds of a compiled library are measured; laws of effects add those
@@ -88,21 +90,20 @@ def verify(
         compiler = None
     values = plausible_values(functions.model)
     drawn = CONFIGURATIONS if compiler else 4
-    found = cases(functions, values, drawn, 23, options.single)
-    errors: dict[str, float] = {}
-    if "casadi" in options.targets:
-        errors["casadi"] = _casadi_error(folder, functions, [*found[:4], *found[drawn:]], values)
-        if not errors["casadi"] <= 100 * tolerance(single=False):
-            raise RuntimeError(
-                f"CasADi's functions are wrong by {errors['casadi']:.2g} of their greatest value"
-            )
-    if compiler is None:
-        return Verification(False, reason=reason, errors=errors)
-    with tempfile.TemporaryDirectory() as scratch:
+    with tempfile.TemporaryDirectory() as scratch, ThreadPoolExecutor(1) as beside:
         name = functions.model.robot.name
-        objects = _objects(folder, Path(scratch), options.sources(name), compiler)
-        worst = _run_selftest(folder, Path(scratch), name, compiler, objects)
-        library = _linked(Path(scratch) / f"lib{name}.so", objects, compiler)
+        built = beside.submit(_built, folder, Path(scratch), name, options, compiler) if compiler else None
+        found = cases(functions, values, drawn, 23, options.single)  # while the compiler works
+        errors: dict[str, float] = {}
+        if "casadi" in options.targets:
+            errors["casadi"] = _casadi_error(folder, functions, [*found[:4], *found[drawn:]], values)
+            if not errors["casadi"] <= 100 * tolerance(single=False):
+                raise RuntimeError(
+                    f"CasADi's functions are wrong by {errors['casadi']:.2g} of their greatest value"
+                )
+        if compiler is None or built is None:
+            return Verification(False, reason=reason, errors=errors)
+        library, worst = built.result()
         bounds = c_errors(library, functions, found, values, options.single)
         bounds |= batch_errors(library, functions, found, values, options.single)
     _check_batches(bounds, options.single, compiler)
@@ -115,17 +116,26 @@ def verify(
     return Verification(True, compiler.name, "", worst, len(found), errors, bounds, measured)
 
 
+def _built(
+    folder: Path, scratch: Path, name: str, options: Options, compiler: Compiler
+) -> tuple[Path, float]:
+    """The shared library of the code's sources, and the greatest error of its self-test."""
+    objects = _objects(folder, scratch, options.sources(name), compiler)
+    worst = _run_selftest(folder, scratch, name, compiler, objects)
+    return _linked(scratch / f"lib{name}.so", objects, compiler), worst
+
+
 def _objects(folder: Path, scratch: Path, sources: Sequence[str], compiler: Compiler) -> list[str]:
-    objects = []
-    for source in sources:  # one at a time: zig's compiler writes no more than one object
+    def compiled(source: str) -> str:  # one source a command: zig's compiler writes no more than one object
         target = str(scratch / f"{source}.o")
         done = compiler.run(
             [*STRICT, "-O2", "-fPIC", f"-I{folder}", "-c", str(folder / source), "-o", target]
         )
         if done.returncode != 0:
             raise _refused(compiler, "C", done.stderr)
-        objects.append(target)
-    return objects
+        return target
+
+    return in_threads(compiled, sources)
 
 
 def _run_selftest(

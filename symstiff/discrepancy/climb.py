@@ -11,7 +11,7 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
-from scipy import stats
+from scipy.special import fdtrc
 
 from symstiff.arrays import Index
 from symstiff.calibration.experiment.readings import ExperimentClass
@@ -328,7 +328,7 @@ def _chance(wide: Diagnosis, narrow: Diagnosis, component: Index, readings: int)
     if known <= fewer or freedom <= 0:
         return 1.0
     ratio = (left - less) / (known - fewer) / (less / freedom)
-    return float(stats.f.sf(ratio / worst, known - fewer, freedom))
+    return float(fdtrc(known - fewer, freedom, max(ratio / worst, 0.0)))
 
 
 def _of_links(found: Diagnosis, fitted: StiffnessModel) -> Iterator[Found]:

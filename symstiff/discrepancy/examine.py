@@ -9,7 +9,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import replace
 
 import numpy as np
-from scipy.stats import norm
+from scipy.special import ndtr, ndtri
 
 from symstiff.arrays import TINY, Array
 from symstiff.calibration.fits.decomposition import column_space
@@ -153,8 +153,8 @@ def _as_single(deviations: float, count: int) -> float:
     """Standard deviations of one size that are as rare as these are of the largest of several."""
     if count < 2 or deviations > _FAR:
         return deviations
-    chance = -np.expm1(count * np.log1p(-norm.sf(deviations)))
-    return max(float(norm.isf(chance)), 0.0)
+    chance = -np.expm1(count * np.log1p(-ndtr(-deviations)))
+    return max(float(-ndtri(chance)), 0.0)
 
 
 def against_sigma(outcome: Outcome, report: NoiseReport) -> Outcome:

@@ -216,18 +216,15 @@ class Line:
 
 def core(model: StiffnessModel) -> list[str]:
     """Lines of the C function that evaluates the deflection, and of the parameters' struct."""
-    from symstiff.codegen.emit import base_context, environment
+    from symstiff.codegen.emit import deflection_alone
     from symstiff.codegen.functions import Functions
-    from symstiff.codegen.options import Options
 
-    jinja, context = environment(), base_context(Functions(model), Options(targets=("c",)))
-    header, source = (jinja.get_template(f"c/{name}.j2").render(context) for name in ("header.h", "source.c"))
-    return excerpt(header, source)
+    return excerpt(deflection_alone(Functions(model)))
 
 
-def excerpt(header: str, source: str) -> list[str]:
+def excerpt(emitted: str) -> list[str]:
     """The same lines of emitted C."""
-    return [*_block(header, "typedef struct"), "", *_block(source, "static void deflection_core(")]
+    return [*_block(emitted, "typedef struct"), "", *_block(emitted, "static void deflection_core(")]
 
 
 def _block(text: str, start: str) -> list[str]:

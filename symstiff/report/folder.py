@@ -122,8 +122,8 @@ def _changes(finding: Finding, code: Path) -> list[Line]:
     before, after = finding.told.of_robot(), finding.model.of_robot()
     if before.structure_hash == after.structure_hash:
         return []
-    header, source = ((code / f"{after.robot.name}.{end}").read_text("utf-8") for end in ("h", "c"))
-    return difference(core(before), excerpt(header, source))
+    emitted = "".join((code / f"{after.robot.name}.{end}").read_text("utf-8") for end in ("h", "c"))
+    return difference(core(before), excerpt(emitted))
 
 
 def write_deciding_poses(

@@ -107,6 +107,15 @@ def forward(robot: Robot, q: np.ndarray) -> np.ndarray:
     return evaluate_numpy(_programs(robot)[1], q=q)["T"]
 
 
+@lru_cache(maxsize=256)
+def tool_to_point(robot: Robot, point: str) -> np.ndarray:
+    """Tool centre point to a marker in the tool's own axes (3,) [m], the same at all joints."""
+    still = kinematics(robot, np.zeros((1, robot.dof)))
+    arm: np.ndarray = still.T[0, :3, :3].T @ still.point_offset(robot, point)[0]
+    arm.flags.writeable = False  # every caller has this one
+    return arm
+
+
 @lru_cache(maxsize=32)
 def _programs(robot: Robot) -> tuple[Program, Program, Program]:
     chain = ElasticChain(robot)

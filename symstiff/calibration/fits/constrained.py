@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-import scipy.stats
+from scipy.special import chdtrc, fdtrc
 
 from symstiff.arrays import Array
 from symstiff.calibration.fits.estimate import Estimate
@@ -151,8 +151,8 @@ def _tail(cost: float, directions: int, fit: Estimate) -> float:
     if not directions:
         return 1.0
     if fit.fit_p is None and fit.dof > 0:
-        return float(scipy.stats.f.sf(cost / directions, directions, fit.dof))
-    return float(scipy.stats.chi2.sf(cost, directions))
+        return float(fdtrc(directions, fit.dof, cost / directions))
+    return float(chdtrc(directions, cost))
 
 
 def _sizes(names: Sequence[str], nominal: Mapping[str, float] | None, P: Array, values: Array) -> Array:

@@ -9,7 +9,7 @@ from typing import Any, Literal
 
 import numpy as np
 import numpy.typing as npt
-import scipy.stats
+from scipy.special import chdtrc, ndtri, stdtrit
 
 from symstiff.arrays import Array
 from symstiff.calibration.fits.compact import Compact, checked, compact
@@ -155,7 +155,7 @@ def estimate(
         values=values, std=std, lower=values - half, upper=values + half, covariance=spread.covariance,
         residuals=residuals, whitened=whitened, s0_squared=s0_squared, unit_variance=unit_variance, dof=dof,
         condition=decision.condition, confidence=confidence,
-        fit_p=float(scipy.stats.chi2.sf(total, dof)) if told and dof > 0 else None,
+        fit_p=float(chdtrc(dof, total)) if told and dof > 0 else None,
         rank=decision, combinations=combinations(decision, named, form.scale, values, spread.covariance),
         compact=form, freedom=spread.freedom, shared=spread.shared,
     )  # fmt: skip
@@ -232,7 +232,8 @@ def _with_shared(
 
 def interval_factor(confidence: float, freedom: Array) -> Array:
     """Half widths of two-sided intervals in standard deviations: Student's t, normal for infinite freedom."""
-    factor = scipy.stats.t.ppf(0.5 + confidence / 2, np.where(freedom > 0, freedom, 1.0))
+    above, known = 0.5 + confidence / 2, np.isfinite(freedom) & (freedom > 0)
+    factor = np.where(known, stdtrit(np.where(known, freedom, 1.0), above), ndtri(above))
     return np.asarray(np.where(freedom > 0, factor, math.inf))
 
 

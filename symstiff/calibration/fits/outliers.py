@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-import scipy.stats
+from scipy.special import fdtrc, stdtr
 
 from symstiff.arrays import Array, Index
 from symstiff.calibration.fits.shared import SharedError
@@ -68,7 +68,7 @@ def row_suspects(
     standard = np.where(
         variance > UNTESTABLE, fit.residual / (fit.scale * np.sqrt(np.maximum(variance, UNTESTABLE))), 0.0
     )
-    p = 2.0 * scipy.stats.t.sf(np.abs(standard), dof)
+    p = 2.0 * stdtr(dof, -np.abs(standard))
     found = np.flatnonzero(p < significance / len(Q))
     worst = found[np.argsort(-np.abs(standard[found]), kind="stable")]
     return tuple(
@@ -107,7 +107,7 @@ def pose_suspects(
         block = np.array([rows for rows in members if len(rows) == size])
         among = np.eye(size) if shared is None else shared.among(block) / shared.total
         statistic, free = _pose_statistics(Q[block], fit, block, inverse, spread, among)
-        p = scipy.stats.f.sf(statistic / np.maximum(free, 1), np.maximum(free, 1), dof)
+        p = fdtrc(np.maximum(free, 1), dof, np.maximum(statistic, 0.0) / np.maximum(free, 1))
         for g in np.flatnonzero(p < significance / len(members)):
             index = int(groups[block[g, 0]])
             found.append(

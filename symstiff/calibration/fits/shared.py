@@ -13,7 +13,7 @@ import numpy as np
 import numpy.typing as npt
 import scipy.optimize
 import scipy.sparse
-import scipy.stats
+from scipy.special import chdtrc, gammaln
 
 from symstiff.arrays import TINY, Array, Index, Mask, numbered
 
@@ -275,9 +275,9 @@ def _mixture(statistic: float, count: int) -> float:
 
     As if they were independent; where they are not it is too large rather than too small.
     """
-    weight = scipy.stats.binom.pmf(np.arange(1, count + 1), count, 0.5)
-    tails = scipy.stats.chi2.sf(max(statistic, 0.0), np.arange(1, count + 1))
-    return float(weight @ tails)
+    one = np.arange(1, count + 1)
+    weight = np.exp(gammaln(count + 1) - gammaln(one + 1) - gammaln(count - one + 1) - count * np.log(2.0))
+    return float(weight @ chdtrc(one, max(statistic, 0.0)))
 
 
 @dataclass(frozen=True, eq=False)

@@ -12,7 +12,7 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy import stats
+from scipy.special import fdtrc
 
 from symstiff.arrays import TINY, Array
 from symstiff.calibration.fits.decomposition import unit_columns
@@ -105,7 +105,7 @@ def _test(after: Scan, layer: Layer, modulated: Array, alone: float) -> tuple[fl
         return None
     along = U[:, kept].T @ layer.y
     squares, k = float(along @ along), len(along)
-    p = float(stats.f.sf((squares / k) / max((layer.rss - squares) / freedom, TINY), k, freedom))
+    p = float(fdtrc(k, freedom, (squares / k) / max((layer.rss - squares) / freedom, TINY)))
     gained = max(squares - k * layer.rss / max(after.freedom, 1), 0.0)
     return p, gained / max(gained + alone, TINY), Vt[kept].T @ (along / s[kept])
 

@@ -8,7 +8,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-from scipy.stats import binom
+from scipy.special import bdtrc
 
 from symstiff.arrays import Array, Index, numbered
 from symstiff.calibration.experiment.current import sigma_of
@@ -93,7 +93,8 @@ def _far_off(table: Measurements, far: Array, stated: Array) -> Index:
 def _scattered(table: Measurements, rows: Index) -> bool:
     """Whether rows are a small part of all, and at no load of their poses and no marker more of them than by chance."""
     return len(rows) <= MOST * len(table) and all(
-        binom.sf(np.sum(part[rows] == k) - 1, len(rows), np.mean(part == k)) * (part.max() + 1) > _BY_CHANCE
+        bdtrc(float(np.sum(part[rows] == k) - 1), len(rows), np.mean(part == k)) * (part.max() + 1)
+        > _BY_CHANCE
         for part in (_rank(table), table.point)
         for k in np.unique(part[rows])
     )

@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 
 import numpy as np
-from scipy import stats
+from scipy.special import chdtrc, chdtri
 
 from symstiff.arrays import Array
 from symstiff.discrepancy.noise.blocks import Roots, applied, raised
@@ -337,7 +337,7 @@ def _taken(noise: Noise, sharing: Sharing) -> float:
 
 def _interval(ratio: float, freedom: float) -> tuple[float, float]:
     """Between what a ratio of deviations, known with some degrees of freedom, is in 96 % of cases."""
-    low, high = (np.sqrt(freedom / stats.chi2.ppf(p, freedom)) for p in (0.98, 0.02))
+    low, high = (np.sqrt(freedom / chdtri(freedom, above)) for above in (0.02, 0.98))
     return float(ratio * low), float(ratio * high)
 
 
@@ -394,5 +394,5 @@ def homogeneity(problem: Problem, residual: Array, dof: float) -> float:
             continue
         pooled = float(n @ s2 / n.sum())
         statistic = n.sum() * np.log(pooled) - n @ np.log(s2)
-        found.append(float(stats.chi2.sf(statistic, len(axes) - 1)))
+        found.append(float(chdtrc(len(axes) - 1, max(statistic, 0.0))))
     return min(1.0, len(found) * min(found, default=1.0))

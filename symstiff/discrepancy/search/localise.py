@@ -7,8 +7,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 
 import numpy as np
-from scipy import stats
-from scipy.special import logsumexp
+from scipy.special import fdtrc, logsumexp
 
 from symstiff.arrays import TINY, Array, Index
 from symstiff.calibration.fits.decomposition import RANK, column_space
@@ -164,7 +163,7 @@ def suspects(problem: Problem, basis: Array, left: Array) -> tuple[tuple[int, ..
             break
         after = max(rss - found[worst], TINY) / freedom
         ratio = (found[worst] - gained) / int(own.sum()) / after
-        if stats.f.sf(ratio, int(own.sum()), freedom) * problem.poses > _BEYOND_DOUBT:
+        if fdtrc(int(own.sum()), freedom, max(ratio, 0.0)) * problem.poses > _BEYOND_DOUBT:
             break
         chosen, rows, gained, variance = [*chosen, worst], rows | own, found[worst], after
     return tuple(chosen), 1.0 - variance * max(whole, 1) / max(rss, TINY) if chosen else 0.0

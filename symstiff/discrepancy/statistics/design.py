@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from functools import lru_cache
 
 import numpy as np
-from scipy import optimize, stats
+from scipy import optimize, special
 
 from symstiff.arrays import TINY, Array
 from symstiff.discrepancy.statistics.marginal import log_bayes
@@ -34,7 +34,7 @@ def detectable_noncentrality(score: float, log_prior: float, rank: float, freedo
         return np.inf
     square = optimize.brentq(gap, 1e-9, high) if gap(1e-9) < 0 else 1e-9
     low, top = 0.0, 4.0 * square + 50.0
-    return float(optimize.brentq(lambda lam: stats.ncx2.sf(square, rank, max(lam, 1e-9)) - POWER, low, top))
+    return float(optimize.brentq(lambda lam: 1.0 - special.chndtr(square, rank, lam) - POWER, low, top))
 
 
 def effective_rank(scan: Scan, entry: int) -> float:

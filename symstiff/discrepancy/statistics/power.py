@@ -12,7 +12,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy import stats
+from scipy.special import ndtri
 
 from symstiff.arrays import Array, Index
 from symstiff.discrepancy.statistics.bank import Bank
@@ -21,7 +21,7 @@ from symstiff.discrepancy.statistics.scan import Layer, Scan, back, outside
 
 POWER = 0.8
 """Share of cases in which an effect of the size that is told is seen."""
-_AGAINST = float(stats.norm.ppf(POWER))
+_AGAINST = float(ndtri(POWER))
 _MOST, _STEPS = 300.0, 24
 """Length of a signal, in standard deviations, beyond which none is looked for; halvings of the interval below."""
 VISIBLE = 1e-9

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy import stats
+from scipy.special import chdtrc
 
 from symstiff.arrays import Array, numbered
 from symstiff.calibration.fits.decomposition import column_space
@@ -151,8 +151,7 @@ def _opened(problem: Problem, bank: Bank, noise: noises.Noise, by_way: bool) -> 
     What all load cases of a pose share passes for approach error as long as it is not in the model.
     """
     whole = open_scan(bank, noise, problem.y, problem.A)
-    obvious = _obvious(whole)
-    clean = extend(whole, obvious)
+    obvious, clean = _obvious(whole)
     kept = likely(whole, by_way) | likely(clean, by_way)
     # none may be the likeliest once everything that is missing is in the model
     kept |= np.array([layer.sharing.ratio == 0 for layer in whole.layers])
@@ -166,20 +165,23 @@ def _sharing_none(scan: Scan) -> float:
     ways = len({layer.sharing.way for layer in scan.layers if layer.sharing.ratio > 0})
     if np.max(value) == alone:
         return 1.0
-    return min(1.0, float(0.5 * ways * stats.chi2.sf(2.0 * (np.max(value) - alone), 1)))
+    return min(1.0, float(0.5 * ways * chdtrc(1, 2.0 * (np.max(value) - alone))))
 
 
-def _obvious(scan: Scan) -> tuple[int, ...]:
-    """The few candidates that stand out beyond doubt, named or not, each in its best shape beside those before it."""
+def _obvious(scan: Scan) -> tuple[tuple[int, ...], Scan]:
+    """The few candidates that stand out beyond doubt, named or not, each in its best shape beside those before it, and
+    the scan with them in the model."""
     entries: tuple[int, ...] = ()
+    clean = scan
     for _ in range(_MOST):
-        found = evidence(extend(scan, entries))
+        found = evidence(clean)
         score = np.array(found.score)
         score[scan.bank.owner[list(entries)]] = -np.inf
         if not len(score) or score.max() < _STANDS_OUT:
             break
         entries = (*entries, int(found.best_entry[int(np.argmax(score))]))
-    return entries
+        clean = extend(scan, entries)
+    return entries, clean
 
 
 def _data_residual(scan: Scan) -> Array:

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from scipy import stats
+from scipy.special import fdtrc
 
 from symstiff.arrays import TINY, Array, Index, numbered
 from symstiff.calibration.fits.decomposition import RANK
@@ -184,7 +184,7 @@ def _table(parts: Sequence[tuple[str, int, float]], reference: float, freedom: f
     """The strata by a reference mean square with its degrees of freedom; without p-values where that says nothing."""
     testable = freedom >= 3 and reference > 0
     raw = [
-        float(stats.f.sf(ss / df / reference, df, freedom)) if testable and df > 0 else 1.0
+        float(fdtrc(df, freedom, max(ss / df / reference, 0.0))) if testable and df > 0 else 1.0
         for _, df, ss in parts
     ]
     order = np.argsort(raw)
