@@ -55,7 +55,8 @@ def check_loads(w: Array, place: Callable[[int], str] = lambda row: f"row {row +
     if len(loaded) < len(w):
         rows = np.flatnonzero(sizes == 0)
         warnings.append(
-            f"{len(rows)} of {len(w)} rows carry no load (first: {place(int(rows[0]))}): they show noise only"
+            f"{len(rows)} of {len(w)} rows carry no load (first: {place(int(rows[0]))}): they show noise, "
+            "or what a load before them left"
         )
     singular = np.linalg.svd(loaded, compute_uv=False)
     if len(singular) == 1 or singular[1] < _ONE_WAY * singular[0]:
